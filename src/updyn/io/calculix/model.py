@@ -67,44 +67,11 @@ def read_model(
     ccx: str = "ccx",
     timeout: float = 600.0,
 ) -> Model:
-    """Read a deck of solids by running ``ccx`` on it.
+    """Read a deck of solids in SI by running ``ccx`` on it, once and once more for each material.
 
-    A deck with ``*MATRIX INPUT``, ``*MATRIX GENERATE`` or parts is an Abaqus deck and is read by
+    DOFs are those of the nodes that are neither fixed nor tied, and rotations of the reference
+    nodes of rigid bodies. A deck with ``*MATRIX INPUT``, ``*MATRIX GENERATE`` or parts is read by
     `updyn.io.abaqus.model`.
-
-    Parameters
-    ----------
-    path : path
-        The deck, ``.inp``.
-    unit : {"m", "mm", "in"}
-        Consistent units of the deck by their length: m, N, kg; mm, N, t; in, lbf, lbf s2/in. The
-        model is in SI.
-    ccx : str
-        Name or path of the program.
-    timeout : float
-        Time limit of one run in seconds. There is one run for the deck and one for each material.
-
-    Returns
-    -------
-    Model
-        Groups are the materials, the springs and the point masses, by name. DOFs are those of the
-        nodes that are neither fixed nor tied, and rotations of the reference nodes of rigid bodies.
-        The geometry contains all nodes, with edges and faces of the solids. ``*DAMPING,
-        STRUCTURAL=`` is the loss factor of a material, ALPHA and BETA (of the whole deck) define
-        the viscous damping of each group.
-
-    Raises
-    ------
-    FormatError
-        If a card cannot be read or has no effect on the matrices, or ``ccx`` fails; the message
-        gives file and line, or the message of ``ccx``.
-    OptionError
-        If ``ccx`` is not installed, or the unit is unknown.
-
-    Warns
-    -----
-    UpdynWarning
-        If materials are not plausible for the unit, a material has no density, or no element.
     """
     path = Path(path)
     cards = read_cards(path)
@@ -167,15 +134,7 @@ def read_model(
 def read_parts(
     path: Path, cards: Sequence[KeywordCard]
 ) -> tuple[list[KeywordCard], list[str], KeywordDeck, dict[str, KeywordProperty]]:
-    """Return the cards of the model, the lines of the storing step, the structure and its groups.
-
-    Groups are by name in upper case.
-
-    Raises
-    ------
-    FormatError
-        If a card cannot be read, or a material is missing or not linear.
-    """
+    """Return model cards, lines of the storing step, structure, and groups by upper-case name."""
     model, step = storage_deck(cards)
     check_model(model)
     deck = read_deck(path, model)
@@ -226,13 +185,7 @@ def _lines(model: Sequence[KeywordCard], changed: KeywordProperty | None) -> lis
 
 
 def read_rayleigh(model: Sequence[KeywordCard]) -> tuple[float, float]:
-    """Return ALPHA (1/s) and BETA (s) of the deck; ccx applies them to the whole deck.
-
-    Raises
-    ------
-    FormatError
-        If two cards define them, or one is not a number.
-    """
+    """Return ALPHA (1/s) and BETA (s) of the deck; ccx applies them to the whole deck."""
     found = [c for c in model if c.name == "DAMPING" and {"ALPHA", "BETA"} & set(c.parameters)]
     if len(found) > 1:
         raise found[1].error(
@@ -255,15 +208,8 @@ def _warn(path: Path, message: str) -> None:
 class Rotations:
     """The nodes whose translations are the rotations of rigid bodies.
 
-    Parameters
-    ----------
-    named : tuple of (int, int)
-        ROT NODE and REF NODE of each rigid body that specifies both.
-    unnamed : tuple of int
-        REF NODE of the others, in the order of the deck: ``ccx`` adds a node after the largest one
-        for each.
-    path : Path
-        The deck, for messages.
+    `named` has ROT NODE and REF NODE of each rigid body that specifies both, `unnamed` the REF NODE
+    of the others: ``ccx`` adds a node after the largest one for each, in the order of the deck.
     """
 
     named: tuple[tuple[int, int], ...]
@@ -271,15 +217,7 @@ class Rotations:
     path: Path
 
     def move_rotations(self, dofs: DofSet, deck: KeywordDeck) -> DofSet:
-        """Return the degrees of freedom with rotations at the reference nodes, in the same order.
-
-        `dofs` are those of ``ccx``, all along X, Y and Z.
-
-        Raises
-        ------
-        FormatError
-            If there are additional nodes that do not belong to a rigid body.
-        """
+        """Return the DOFs of ``ccx`` with rotations at the reference nodes, in the same order."""
         added_nodes = np.setdiff1d(dofs.nodes, deck.nodes)
         # C3D8I has three internal generalised displacements, which ccx keeps (with mass) as nodes.
         inner = 0
@@ -333,22 +271,6 @@ def write_properties(
 
     It has to replace their cards in the deck, because CalculiX uses the first of two materials of
     the same name. A deck of Abaqus is handled by `updyn.io.abaqus.model`.
-
-    Parameters
-    ----------
-    changes : mapping of str to mapping of str to float
-        By group: "stiffness" and "mass" are factors on the moduli, spring constants, densities and
-        masses of the deck, "loss_factor" is the new ``*DAMPING, STRUCTURAL=``.
-    deck : path
-        The deck.
-    path : path
-        The file to write.
-
-    Raises
-    ------
-    FormatError
-        If the deck cannot be read, has no such group (with the nearest name) or cannot hold the
-        change.
     """
     deck = Path(deck)
     cards = read_cards(deck)

@@ -42,15 +42,7 @@ _HARMLESS = ("no elastic constants", "no density was assigned", "cannot be inter
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CalculixMatrices:
-    """The matrices written by ``ccx``, in the units of the deck.
-
-    Parameters
-    ----------
-    dofs : DofSet
-        The N degrees of freedom that are neither fixed nor tied to others.
-    stiffness, mass : sparse, shape (N, N)
-        Real and symmetric.
-    """
+    """The matrices written by ``ccx`` in the units of the deck, without fixed and tied DOFs."""
 
     dofs: DofSet
     stiffness: Matrix
@@ -59,17 +51,7 @@ class CalculixMatrices:
 
 @dataclass(frozen=True, slots=True)
 class CalculixProgram:
-    """An installed ``ccx``.
-
-    Parameters
-    ----------
-    executable : str
-        Its path.
-    timeout : float
-        Time limit of one run in seconds.
-    path : Path
-        The deck, for messages.
-    """
+    """An installed ``ccx``; `path` is the deck, for messages."""
 
     executable: str
     timeout: float
@@ -79,12 +61,6 @@ class CalculixProgram:
         """Run a deck whose last step stores the matrices, in a temporary folder.
 
         `remarks` passes the remarks of the program on as a warning.
-
-        Raises
-        ------
-        FormatError
-            If the program fails, exceeds the time limit or does not accept a card; the message
-            quotes it.
         """
         with tempfile.TemporaryDirectory(prefix="updyn-ccx-") as name:
             folder = Path(name)
@@ -155,13 +131,7 @@ class CalculixProgram:
 
 
 def find_program(name: str, timeout: float, path: Path) -> CalculixProgram:
-    """Return the program ``ccx``, by its name or path.
-
-    Raises
-    ------
-    OptionError
-        If it is not installed, or the time limit is not above 0.
-    """
+    """Return the program ``ccx``, by its name or path."""
     if not timeout > 0:
         raise OptionError(f"timeout {timeout!r}; expected seconds above 0")
     found = shutil.which(name)
@@ -274,13 +244,7 @@ _REFUSED = {
 
 
 def check_model(model: Sequence[KeywordCard]) -> None:
-    """Refuse cards that ``ccx`` would ignore or that its matrices would not contain.
-
-    Raises
-    ------
-    FormatError
-        For the first such card, with the reason, or the nearest keyword if it is unknown.
-    """
+    """Refuse cards that ``ccx`` would ignore or that its matrices would not contain."""
     known = (*_STRUCTURE, *LINEAR, *_IDLE)
     below = False  # whether the card follows a *MATERIAL
     for card in model:
@@ -317,13 +281,8 @@ def _check_boundary(card: KeywordCard) -> None:
 def storage_deck(cards: Sequence[KeywordCard]) -> tuple[list[KeywordCard], list[str]]:
     """Return the cards of the model, and the lines of the step in which ``ccx`` writes matrices.
 
-    The step includes the supports of the deck's first ``*FREQUENCY`` step, or of its first step.
-    All other cards of steps (loads, output) are ignored.
-
-    Raises
-    ------
-    FormatError
-        If that step depends on another (preload), or a support is not valid.
+    The step includes the supports of the deck's first ``*FREQUENCY`` step, or of its first step,
+    which must not depend on another (preload). Loads and output are ignored.
     """
     model, steps = split_steps(cards)
     chosen = steps[0] if steps else []
