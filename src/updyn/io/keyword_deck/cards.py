@@ -1,9 +1,8 @@
 """Input decks of the keyword family (CalculiX, Abaqus) as cards, with their files and lines.
 
-A card is a line that starts with ``*``, with parameters separated by commas, and the following data
-lines. ``**`` starts a comment. Case and blanks are ignored, a trailing comma continues a keyword
-line, and ``*INCLUDE, INPUT=file`` is replaced by the content of that file, as is ``INPUT=file`` of
-nodes, elements and sets.
+A card is a line that starts with ``*``, with parameters, and the following data lines. Case and
+blanks are ignored, a trailing comma continues a keyword line, ``**`` starts a comment, and
+``INPUT=file`` of an include, nodes, elements and sets is replaced by the content of the file.
 """
 
 from __future__ import annotations
@@ -39,17 +38,7 @@ _KEYWORDS_WITH_INPUT = ("NODE", "ELEMENT", "NSET", "ELSET", "EQUATION", "BOUNDAR
 
 @dataclass(frozen=True, slots=True)
 class KeywordRow:
-    """A data line.
-
-    Parameters
-    ----------
-    line : int
-        Line number in its file.
-    text : str
-        The text as written.
-    path : Path, optional
-        The file, if it differs from the file of the keyword.
-    """
+    """A data line as written; `path` is its file if it differs from the file of the keyword."""
 
     line: int
     text: str
@@ -68,18 +57,7 @@ class KeywordRow:
 class KeywordCard:
     """A keyword with its parameters and data lines.
 
-    Parameters
-    ----------
-    name : str
-        The keyword in upper case, with single blanks, without the star.
-    parameters : mapping of str to str
-        By name in upper case; the value as written, or an empty text.
-    rows : tuple of KeywordRow
-        The data lines, without comments and empty lines.
-    path : Path
-        The file of the keyword.
-    line : int
-        The line of the keyword.
+    Names are in upper case; the value of a parameter is as written, or an empty text.
     """
 
     name: str
@@ -124,24 +102,7 @@ class KeywordCard:
 
 
 def read_cards(path: str | Path) -> list[KeywordCard]:
-    """Read a deck and all files that it includes.
-
-    Parameters
-    ----------
-    path : path
-        The deck. Names of included files are relative to its folder.
-
-    Returns
-    -------
-    list of KeywordCard
-        In order.
-
-    Raises
-    ------
-    FormatError
-        If a file is missing, includes itself or is not a text, or data precede the first keyword;
-        the message gives file and line.
-    """
+    """Read a deck and all files that it includes, relative to its folder."""
     path = Path(path)
     inclusions = Inclusions()
     return _group_lines(_lines(path, _source(path), path.parent, (), inclusions), path)
@@ -150,10 +111,7 @@ def read_cards(path: str | Path) -> list[KeywordCard]:
 def _lines(
     path: Path, lines: list[str], folder: Path, within: tuple[Path, ...], inclusions: Inclusions
 ) -> Iterator[tuple[Path, int, str]]:
-    """Yield file, line number and text of every line except comments.
-
-    Included files are inserted, and continued keyword lines are joined.
-    """
+    """Yield file, line number and text of every line except comments, with included files."""
     joined = ""
     start = 0
     for at, line in enumerate(lines, 1):
@@ -277,11 +235,7 @@ def _parameters(text: str) -> dict[str, str]:
 def parse_number_field(text: str, card: KeywordCard, row: KeywordRow) -> float:
     """Return a number of a data line, ``1.5``, ``2.1E11`` or ``2.1D11``.
 
-    Raises
-    ------
-    FormatError
-        If it is not a finite number, or is longer than the twenty characters that the programs
-        read.
+    Numbers longer than the twenty characters that the programs read are refused.
     """
     if len(text) > FIELD_WIDTH:
         raise card.error(

@@ -25,26 +25,8 @@ def write_changes(
 ) -> None:
     """Write the cards of the changed parts, with their old values as comments.
 
-    Parameters
-    ----------
-    changes : mapping of str to mapping of str to float
-        By group: factors "stiffness", "mass", "viscous", and the value "loss_factor".
-    parts : mapping of str to KeywordProperty
-        Properties of the deck, by name in upper case.
-    deck : Path
-        The deck, for messages and for the heading.
-    path : Path
-        The file to write.
-    own_rayleigh : bool
-        Whether ALPHA and BETA belong to a material; otherwise a factor on viscous damping is
-        refused.
-    remarks : sequence of str
-        Further lines of the heading.
-
-    Raises
-    ------
-    FormatError
-        If a group or a quantity is missing, or a number is not valid.
+    `own_rayleigh` is whether ALPHA and BETA belong to a material; otherwise a factor on viscous
+    damping is refused. `remarks` are further lines of the heading.
     """
     check_changes(changes, deck)
     lines: list[str] = []

@@ -42,14 +42,7 @@ def distinct(numbers: _Numbers) -> _Numbers:
 
 
 class Sets:
-    """Sets by name, in the order of the deck.
-
-    Parameters
-    ----------
-    known : ndarray of int, optional
-        Numbers of all nodes or elements of the deck; GENERATE selects only from these. None selects
-        every number in the range.
-    """
+    """Sets by name, in the order of the deck; GENERATE selects only from the numbers `known`."""
 
     def __init__(self, known: _Numbers | None = None) -> None:
         self._known = None if known is None else distinct(known)
@@ -84,18 +77,10 @@ class Sets:
             )
 
     def add_card(self, card: KeywordCard) -> KeywordCard:
-        """Add the set of an ``*NSET`` or ``*ELSET`` card, which may refer to previous sets.
+        """Add a set, which may refer to previous sets, and return an equivalent card.
 
-        Returns
-        -------
-        KeywordCard
-            An equivalent card that programs read in limited time: GENERATE ends at the last
-            existing number, and repeated members are removed.
-
-        Raises
-        ------
-        FormatError
-            If a line is not valid, refers to a missing set, or adds too many members.
+        In this card GENERATE ends at the last existing number, and repeated members are removed, so
+        that programs read it in limited time.
         """
         card.check_parameters(card.name, "GENERATE", "UNSORTED", "INTERNAL")
         name = card.require(card.name)

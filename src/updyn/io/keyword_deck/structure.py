@@ -1,8 +1,8 @@
 """The structure in a deck of CalculiX or Abaqus: nodes, elements, sets, sections, properties.
 
 Decks have to be flat, as for CalculiX; the parts and instances of Abaqus are not expanded. Only the
-cards before the first ``*STEP`` are read. Properties are the scalable quantities: materials,
-springs and point masses, each a group of the model.
+cards before the first ``*STEP`` are read. Properties are materials, springs and point masses, each
+a group of the model.
 """
 
 from __future__ import annotations
@@ -61,19 +61,7 @@ POINTS = {"SPRING1": 1, "SPRING2": 2, "SPRINGA": 2, "MASS": 1}
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ElementCard:
-    """The elements of one ``*ELEMENT`` card.
-
-    Parameters
-    ----------
-    type : str
-        Element type in upper case.
-    numbers : ndarray of int, shape (n,)
-        Element numbers.
-    nodes : ndarray of int, shape (n, k)
-        Node numbers.
-    card : KeywordCard
-        Their card.
-    """
+    """The elements of one ``*ELEMENT`` card; `nodes` are node numbers, shape (n, k)."""
 
     type: str
     numbers: NDArray[np.int64]
@@ -83,17 +71,7 @@ class ElementCard:
 
 @dataclass(frozen=True, slots=True)
 class SolidSection:
-    """A section: the material of an element set.
-
-    Parameters
-    ----------
-    elset : str
-        Element set, in upper case.
-    material : str
-        Material, in upper case.
-    card : KeywordCard
-        Its card.
-    """
+    """A section: the material of an element set."""
 
     elset: str
     material: str
@@ -104,23 +82,8 @@ class SolidSection:
 class KeywordDeck:
     """The structure in a deck. Names are in upper case; lengths are in the unit of the deck.
 
-    Parameters
-    ----------
-    path : Path
-        The deck.
-    nodes : ndarray of int, shape (n,)
-        Node numbers.
-    xyz : ndarray of float, shape (n, 3)
-        Positions, in the unit of length of the deck.
-    elements : tuple of ElementCard
-        The elements by card.
-    nsets, elsets : mapping of str to ndarray of int
-        Members of each set, ascending.
-    sections : tuple of SolidSection
-        The solid sections.
-    cards : tuple of KeywordCard
-        The cards of the model; cards of sets as `updyn.io.keyword_deck.sets.Sets.add_card` returns
-        them.
+    `cards` are those of the model; cards of sets are as `updyn.io.keyword_deck.sets.Sets.add_card`
+    returns them.
     """
 
     path: Path
@@ -161,25 +124,7 @@ def read_heading(model: Sequence[KeywordCard]) -> str:
 
 
 def read_deck(path: str | Path, model: Sequence[KeywordCard]) -> KeywordDeck:
-    """Read nodes, elements, sets and solid sections.
-
-    Parameters
-    ----------
-    path : path
-        The deck, for messages.
-    model : sequence of KeywordCard
-        The cards before the first step; other cards are ignored.
-
-    Returns
-    -------
-    KeywordDeck
-
-    Raises
-    ------
-    FormatError
-        If a number cannot be read, a card refers to a missing node, element or set, an element type
-        is not supported, or an element has no section or two.
-    """
+    """Read nodes, elements, sets and solid sections from the cards before the first step."""
     path = Path(path)
     nodes = [read_nodes(card) for card in model if card.name == "NODE"]
     if not nodes:
@@ -224,13 +169,7 @@ def nodes_by_shape(deck: KeywordDeck) -> list[tuple[Shape, NDArray[np.int64]]]:
 
 # -- cards --------------------------------------------------------------------------------------
 def read_nodes(card: KeywordCard) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Return the numbers and positions of a ``*NODE`` card, in the unit of length of the deck.
-
-    Raises
-    ------
-    FormatError
-        If a line is not valid, or the positions are in a local system.
-    """
+    """Return the numbers and positions of a ``*NODE`` card, in the unit of length of the deck."""
     card.check_parameters("NSET")
     numbers = np.zeros(len(card.rows), dtype=np.int64)
     places = np.zeros((len(card.rows), 3))
@@ -395,21 +334,11 @@ _MODULI = {
 
 @dataclass(frozen=True, slots=True)
 class KeywordProperty:
-    """A material, or the springs or masses of an element set.
+    """A material, or the springs or masses of an element set, with its consecutive cards.
 
-    Parameters
-    ----------
-    name : str
-        Name of the material or of the element set, as written.
-    kind : {"material", "spring", "mass"}
-        Kind of property.
-    at : int
-        Position of its first card among those of the model.
-    cards : tuple of KeywordCard
-        Its consecutive cards.
-    start : int
-        For a spring: the first line with spring constants, counted from 0; the lines before it are
-        its directions.
+    `kind` is "material", "spring" or "mass"; `at` is the position of the first card among those of
+    the model; `start` is the first line with spring constants, counted from 0 (the lines before it
+    are directions).
     """
 
     name: str
@@ -449,10 +378,7 @@ class KeywordProperty:
         return next(iter(self.values(what)), None)
 
     def scale_cards(self, stiffness: float = 1.0, mass: float = 1.0) -> tuple[KeywordCard, ...]:
-        """Return the cards with all moduli and densities multiplied by factors.
-
-        Numbers with factor 1 are kept as written.
-        """
+        """Return the cards with all moduli and densities multiplied by factors."""
         out = {id(card): card for card in self.cards}
         for what, factor in (("stiffness", stiffness), ("mass", mass)):
             if factor == 1.0:
@@ -532,25 +458,9 @@ def read_properties(
 ) -> dict[str, KeywordProperty]:
     """Return the materials, springs and point masses of a deck, by name in upper case, in order.
 
-    Parameters
-    ----------
-    model : sequence of KeywordCard
-        The cards before the first step.
-    springs_between : mapping of str to str, optional
-        Element type by element set in upper case. Springs of type SPRINGA have no line of
-        directions; if the type is unknown, a first line of integers is read as directions.
-    own_rayleigh : bool
-        Whether ALPHA and BETA of ``*DAMPING`` belong to the preceding material (Abaqus), or to the
-        whole deck (CalculiX).
-
-    Returns
-    -------
-    dict of str to KeywordProperty
-
-    Raises
-    ------
-    FormatError
-        If a name occurs twice.
+    Springs of type SPRINGA have no line of directions; without their type in `springs_between` (by
+    element set), a first line of integers is read as directions. `own_rayleigh` is whether ALPHA
+    and BETA belong to the preceding material (Abaqus), or to the whole deck (CalculiX).
     """
     out: dict[str, KeywordProperty] = {}
     for at, card in enumerate(model):
