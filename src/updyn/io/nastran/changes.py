@@ -18,15 +18,7 @@ _WIDTH = 16
 
 @dataclass(frozen=True, slots=True)
 class Revision:
-    """The changes of a deck.
-
-    Parameters
-    ----------
-    replaced : dict of NastranCard to NastranCard
-        Cards of the deck, and their replacements.
-    added : list of NastranCard
-        New cards: copies of materials that several groups share.
-    """
+    """The changes of a deck; `added` are copies of materials that several groups share."""
 
     replaced: dict[NastranCard, NastranCard] = field(default_factory=dict)
     added: list[NastranCard] = field(default_factory=list)
@@ -47,28 +39,10 @@ class _Change:
 
 
 def revise(deck: NastranDeck, changes: Mapping[str, Mapping[str, float]]) -> Revision:
-    """Return the changed cards.
+    """Return the changed cards; a material that other groups use too is copied.
 
-    Parameters
-    ----------
-    deck : NastranDeck
-        The deck.
-    changes : mapping of str to mapping of str to float
-        By group: ``stiffness``, ``mass`` and ``viscous`` are factors on the values of the deck,
-        ``loss_factor`` is the new value, which includes PARAM,G of the deck.
-
-    Returns
-    -------
-    Revision
-        A material that other groups use too is copied under a new number, and the property refers
-        to the copy.
-
-    Raises
-    ------
-    FormatError
-        If a group does not exist or lacks the property to change, or a change is not valid.
-    ModelError
-        If a loss factor is below PARAM,G, which applies to all groups.
+    `changes` are factors, except the new ``loss_factor``, which includes PARAM,G of the deck; a
+    `ModelError` is raised if it is below PARAM,G.
     """
     check_changes(changes, deck.path)
     users = _users(deck)
@@ -101,13 +75,7 @@ def revise(deck: NastranDeck, changes: Mapping[str, Mapping[str, float]]) -> Rev
 
 
 def group_loss_factor(deck: NastranDeck, name: str) -> float:
-    """Return the structural loss factor of a group: GE of its card or materials, plus PARAM,G.
-
-    Raises
-    ------
-    FormatError
-        If its cards give several values.
-    """
+    """Return the structural loss factor of a group: GE of its card or materials, plus PARAM,G."""
     card = deck.group(name)
     holders = [card]
     if card.name != "PCOMP":

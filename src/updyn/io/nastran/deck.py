@@ -1,8 +1,7 @@
 """A Nastran deck: its cards by kind with checked references, its groups and its geometry.
 
-The tables define the elements, their properties and materials, and the fields that hold stiffness
-and mass. Fields are counted from 0 after the name of the card: field 2 of the manuals is 0 (MSC
-Nastran Quick Reference Guide, bulk data entries).
+The tables define the fields that hold stiffness and mass. Fields are counted from 0 after the name
+of the card: field 2 of the manuals is 0 (MSC Nastran Quick Reference Guide, bulk data entries).
 """
 
 from __future__ import annotations
@@ -56,17 +55,9 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True)
 class NastranElement:
-    """Layout of an element card.
+    """Layout of an element card: fields of its grids, and property cards of its second field.
 
-    Parameters
-    ----------
-    nodes : tuple of int
-        Fields of its grids, in order.
-    properties : tuple of str
-        Property cards that its second field may refer to; empty if the element holds its properties
-        itself.
-    shape : Shape, optional
-        Shape in drawings.
+    `properties` is empty if the element holds its properties itself.
     """
 
     nodes: tuple[int, ...]
@@ -136,17 +127,7 @@ _SECTIONS = {
 
 @dataclass(frozen=True, slots=True)
 class Values:
-    """Fields of a card that hold stiffness, mass and damping.
-
-    Parameters
-    ----------
-    stiffness, mass : tuple of int
-        Fields to multiply by the factor of stiffness or mass.
-    loss : tuple of int
-        Fields of the loss factor GE.
-    viscous : tuple of int
-        Fields to multiply by the factor of viscous damping.
-    """
+    """Fields of a card that hold stiffness, mass, loss factor GE and viscous damping."""
 
     stiffness: tuple[int, ...] = ()
     mass: tuple[int, ...] = ()
@@ -205,13 +186,7 @@ def _check_length(card: NastranCard) -> None:
 
 
 def values(card: NastranCard) -> Values:
-    """Return the fields of a property or material card that hold stiffness, mass and loss factor.
-
-    Raises
-    ------
-    FormatError
-        If the section of a PBARL or PBEAML is unknown, or a PBUSH holds unsupported values.
-    """
+    """Return the fields of a property or material card that hold stiffness, mass and damping."""
     if card.name == "PBARL":
         return Values((), (8 + _section_fields(card),))
     if card.name == "PBEAML":
@@ -300,14 +275,8 @@ _DOUBLE = {"PELAS": 4, "PDAMP": 2, "PMASS": 2, "CORD1R": 4, "CORD1C": 4, "CORD1S
 class NastranDeck:
     """A deck whose cards are consistent.
 
-    Parameters
-    ----------
-    path : Path
-        The main file.
-    case : tuple of NastranLine
-        Executive and case control.
-    cards : tuple of NastranCard
-        Bulk data in order, without the cards that change neither stiffness nor mass.
+    `case` is executive and case control; `cards` are without those that change neither stiffness
+    nor mass.
     """
 
     path: Path
@@ -395,14 +364,7 @@ class NastranDeck:
         return value
 
     def select_set(self, what: str, given: int | None) -> int:
-        """Return the number of the SPC or MPC set in use (`what`), 0 for no set.
-
-        Raises
-        ------
-        FormatError
-            If subcases select different sets, the set does not exist, or case control selects none
-            of several.
-        """
+        """Return the number of the SPC or MPC set in use (`what`), 0 for no set."""
         kinds = {"SPC": ("SPC", "SPC1", "SPCADD"), "MPC": ("MPC", "MPCADD")}[what]
         sets = {card.integer(0) for card in self.cards_named(*kinds)}
         option = f"{what.lower()}="
@@ -435,26 +397,7 @@ class NastranDeck:
 
 
 def read_deck(path: str | Path, ignore: Iterable[str] | None = ()) -> NastranDeck:
-    """Read a deck and check that its cards are consistent.
-
-    Parameters
-    ----------
-    path : path
-        The main file: a whole deck, or bulk data only.
-    ignore : iterable of str, optional
-        Names of cards to ignore although they may change the structure. None ignores all unknown
-        cards.
-
-    Returns
-    -------
-    NastranDeck
-
-    Raises
-    ------
-    FormatError
-        If an included file is missing, a card is unknown, or a card refers to a missing one; the
-        message gives file and line.
-    """
+    """Read a deck and check its cards; `ignore` None ignores all unknown cards."""
     path = Path(path)
     left_out = {name.upper() for name in ignore or ()}
     case, bulk = _split_sections(list(read_lines(path)))
@@ -478,25 +421,7 @@ def read_deck(path: str | Path, ignore: Iterable[str] | None = ()) -> NastranDec
 def read_points(path: str | Path, ignore: Iterable[str] = ()) -> NastranDeck:
     """Read the grids, scalar points, coordinate systems and elements of a deck.
 
-    All other cards are ignored, except unknown cards with a name similar to these.
-
-    Parameters
-    ----------
-    path : path
-        The main file: a whole deck, or bulk data only.
-    ignore : iterable of str
-        Names of further cards to ignore.
-
-    Returns
-    -------
-    NastranDeck
-        These cards; properties and materials may be missing.
-
-    Raises
-    ------
-    FormatError
-        If an included file is missing, an unknown card may define points, or an element refers to a
-        missing grid; the message gives file and line.
+    Properties and materials may be missing. Unknown cards that may define points are refused.
     """
     path = Path(path)
     left_out = {name.upper() for name in ignore}
@@ -520,26 +445,7 @@ def read_points(path: str | Path, ignore: Iterable[str] = ()) -> NastranDeck:
 def build_points_deck(
     path: Path, cards: Iterable[NastranCard], case: Iterable[NastranLine] = ()
 ) -> NastranDeck:
-    """Return a deck of grids, points, coordinate systems and elements.
-
-    Parameters
-    ----------
-    path : Path
-        The main file.
-    cards : iterable of NastranCard
-        The cards.
-    case : iterable of NastranLine
-        Executive and case control.
-
-    Returns
-    -------
-    NastranDeck
-
-    Raises
-    ------
-    FormatError
-        If there is no grid, or an element refers to a missing one.
-    """
+    """Return a deck of grids, points, coordinate systems and elements."""
     deck = NastranDeck(path, tuple(case), tuple(cards))
     _check_points(deck)
     for card in deck.elements:
@@ -811,15 +717,7 @@ class _NastranSystems:
 
 
 def build_geometry(deck: NastranDeck, unit: str = "m") -> Geometry:
-    """Return positions (m, basic system), displacement directions, edges and faces.
-
-    Raises
-    ------
-    FormatError
-        If a coordinate system or a grid is missing, or a system is degenerate.
-    OptionError
-        If the unit is unknown.
-    """
+    """Return positions (m, basic system), displacement directions, edges and faces."""
     scale = find_units(unit).length
     systems = _NastranSystems(deck)
     nodes = sorted(deck.grids)

@@ -1,8 +1,8 @@
 """DMIG: matrices by grid and component, as Nastran punches them (``.pch``) and reads them.
 
 The header card (``DMIG, NAME, 0, IFO, TIN, TOUT, ...``) defines the form (1 square, 6 symmetric
-with one triangle, 9 rectangular) and the type (1 real single, 2 real double precision). The column
-cards hold entries by grid and component (MSC Nastran Quick Reference Guide, DMIG).
+with one triangle, 9 rectangular) and the type (1 real single, 2 real double precision); the column
+cards hold entries (MSC Nastran Quick Reference Guide, DMIG).
 """
 
 from __future__ import annotations
@@ -36,16 +36,10 @@ _TITLES = re.compile(r"(?:TITLE|SUBTITLE|LABEL)\s*=|BEGIN\s+BULK|ENDDATA", re.IG
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DMIGMatrix:
-    """A square matrix with its degrees of freedom.
+    """A square matrix with its degrees of freedom, by node, then direction.
 
-    Parameters
-    ----------
-    name : str
-        Upper case.
-    matrix : scipy.sparse.csr_array, shape (n, n), float64
-        Both triangles, in the units of the program that wrote it.
-    dofs : DofSet
-        The n degrees of freedom with entries, by node, then direction.
+    `matrix` is csr_array, shape (n, n), with both triangles, in the units of the program that wrote
+    it.
     """
 
     name: str
@@ -54,23 +48,7 @@ class DMIGMatrix:
 
 
 def read_dmig(path: str | Path) -> list[DMIGMatrix]:
-    """Read all DMIG matrices of a punch file or a deck.
-
-    Parameters
-    ----------
-    path : path
-        The file. Cards other than DMIG, and complex or rectangular matrices, are refused.
-
-    Returns
-    -------
-    list of DMIGMatrix
-        In the order of their headers.
-
-    Raises
-    ------
-    FormatError
-        If a card is not valid; the message gives file and line.
-    """
+    """Read all DMIG matrices of a punch file or a deck; refuse other cards."""
     path = Path(path)
     cards = list(parse(_bulk(read_lines(path))))
     headers: dict[str, NastranCard] = {}
@@ -194,28 +172,10 @@ def _label(key: Any) -> str:
 
 
 def write_dmig(matrices: Mapping[str, Any], dofs: DofSet, path: str | Path) -> None:
-    """Write symmetric matrices as DMIG cards in large fields.
+    """Write symmetric matrices, each shape (N, N), as DMIG cards in large fields.
 
-    An existing file is replaced only once the new one is complete.
-
-    Parameters
-    ----------
-    matrices : mapping of str to array_like or sparse, shape (N, N)
-        Real symmetric matrices by name: a letter, then up to 7 letters and digits. One triangle is
-        written.
-    dofs : DofSet
-        The N degrees of freedom; nodes are 1 to 99999999.
-    path : path
-        The file to write.
-
-    Raises
-    ------
-    FormatError
-        If the format cannot hold a name, a node, a size or a matrix.
-
-    Notes
-    -----
-    A field has 16 characters, which keep at least 10 digits of a number.
+    A name is a letter, then up to 7 letters and digits. A field has 16 characters, which keep at
+    least 10 digits of a number.
     """
     path = Path(path)
     wrong = dofs.nodes[(dofs.nodes < 1) | (dofs.nodes > _LAST_GRID)]

@@ -58,10 +58,7 @@ def _with_point(text: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class NastranLine:
-    """A line of a deck with its place, without comment and trailing blanks.
-
-    Lines of a binary file have no number.
-    """
+    """A line of a deck without comment; a line of a binary file has no number."""
 
     text: str
     path: Path
@@ -81,16 +78,8 @@ class NastranLine:
 class NastranRow:
     """A line of bulk data by its fields.
 
-    Parameters
-    ----------
-    line : NastranLine
-        The line, for messages.
-    head : str
-        Field 1: the name of a card, a replicator, or the mark of a continuation.
-    fields : tuple of str
-        The data fields, 8 small or 4 large ones.
-    tail : str
-        Field 10: the mark of the continuation of this line.
+    `head` is field 1: the name of a card, a replicator, or the mark of a continuation. `fields` are
+    8 small or 4 large ones. `tail` is field 10: the mark of the continuation of this line.
     """
 
     line: NastranLine

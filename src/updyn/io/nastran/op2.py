@@ -1,17 +1,9 @@
 """Nastran's OUTPUT2 files (.op2): geometry, modes and matrices.
 
-- Geometry: tables GEOM1 and GEOM2, the bulk data as read by Nastran (module `op2_cards`), in the
-  unit of the deck, which the file does not state.
-- Modes: eigenvectors of the table OUGV1 (or OUG1), real (approach 2) or complex (approach 9), of
-  one subcase, in the displacement directions of each node, as in the deck. A direction that is zero
-  in every mode is fixed, and is not a degree of freedom of the modes.
-- Scale: with the table LAMA the shapes are scaled to unit modal mass; without it (MYSTRAN) the
-  scale is unknown.
-- Matrices: `updyn.io.nastran.matrices`.
-
-The table holds two records per mode: 146 words that identify the mode, then one entry per node (MSC
-Nastran DMAP Programmer's Guide, data block OUG): 10 times the number of the node plus a code, its
-type, and six numbers, or six real and six imaginary parts.
+Modes are of the table OUGV1 or OUG1 (MSC Nastran DMAP Programmer's Guide, data block OUG), real
+(approach 2) or complex (approach 9), of one subcase, in the displacement directions of each node. A
+direction that is zero in every mode is fixed. With the table LAMA the shapes are scaled to unit
+modal mass; without it (MYSTRAN) the scale is unknown.
 """
 
 from __future__ import annotations
@@ -72,20 +64,9 @@ _RIGID = 1e-3
 class Contents:
     """The content of an OUTPUT2 file.
 
-    Parameters
-    ----------
-    path : Path
-        The file.
-    program : str
-        The program that wrote the file, as stated in the file.
-    tables : tuple of str
-        Names of the tables, in order.
-    matrices : mapping of str to (int, int)
-        Rows and columns of the assembled matrices.
-    element_blocks : tuple of str
-        Names of the data blocks of element matrices, which are not read.
-    geometry, modes : Geometry, ModeSet, or str
-        The data, or the reason why they were not read.
+    `matrices` has rows and columns of the assembled matrices, `element_blocks` the names of data
+    blocks of element matrices, which are not read; `geometry` and `modes` may be the reason (str)
+    why they were not read.
     """
 
     path: Path
@@ -111,112 +92,29 @@ class _OP2Mode:
 
 
 def read_geometry(path: str | Path, *, unit: str = "m") -> Geometry:
-    """Read the grid positions of an OUTPUT2 file.
+    """Read the grid positions of an OUTPUT2 file in m; raise an `AbsentError` if it has none.
 
-    Parameters
-    ----------
-    path : path
-        The file.
-    unit : {"m", "mm", "in"}
-        Unit of length of the deck.
-
-    Returns
-    -------
-    Geometry
-        Positions in m in the basic system, the displacement directions of grids that define
-        them, and the edges of the elements.
-
-    Raises
-    ------
-    FormatError
-        If the file is damaged, or holds no geometry (`AbsentError`).
-    OptionError
-        If the unit is not known.
-
-    Warns
-    -----
-    UpdynWarning
-        If elements of unknown kind are not drawn.
+    Positions are in the basic system, with the displacement directions of grids that define them.
     """
     return build_geometry(build_deck(OP2File(path)), unit)
 
 
 def read_modes(path: str | Path, *, unit: str = "m", subcase: int | None = None) -> ModeSet:
-    """Read the modes of an OUTPUT2 file.
+    """Read the modes of an OUTPUT2 file in SI; raise an `AbsentError` if it has none.
 
-    Parameters
-    ----------
-    path : path
-        The file.
-    unit : {"m", "mm", "in"}
-        Consistent units of the deck, by their unit of length.
-    subcase : int, optional
-        Number of the subcase, required if the file has modes of several subcases.
-
-    Returns
-    -------
-    ModeSet
-        At all nodes and directions that move in any mode, in the order of the file. Scaled to unit
-        modal mass if the file contains the modal masses, in SI units.
-
-    Raises
-    ------
-    FormatError
-        If the file is damaged, holds no modes (`AbsentError`), or modes of several subcases.
-    OptionError
-        If the unit is not known.
-
-    Warns
-    -----
-    UpdynWarning
-        If results other than modes, or points that are neither grids nor scalar points, are
-        ignored, or an eigenvalue is negative.
+    DOFs are all nodes and directions that move in any mode. Shapes have unit modal mass if the file
+    contains the modal masses.
     """
     return _modes(OP2File(path), unit, subcase)
 
 
 def read_model(path: str | Path) -> Model:
-    """Read the model of the matrices in an OUTPUT2 file, defined by the TOML file of the same name.
-
-    Parameters
-    ----------
-    path : path
-        The file.
-
-    Returns
-    -------
-    Model
-
-    Raises
-    ------
-    FormatError
-        If the TOML file is missing; the message gives its expected content. If the file holds no
-        matrices, an `AbsentError` that explains how to write them with Nastran.
-    """
+    """Read the model of the matrices of a file, defined by the TOML file of the same name."""
     return OP2.read_model(path)
 
 
 def read_contents(path: str | Path, *, unit: str = "m") -> Contents:
-    """Read the content of an OUTPUT2 file: tables, matrices, geometry and modes.
-
-    Parameters
-    ----------
-    path : path
-        The file.
-    unit : {"m", "mm", "in"}
-        Consistent units of the deck, by their unit of length.
-
-    Returns
-    -------
-    Contents
-
-    Raises
-    ------
-    FormatError
-        If the file is damaged.
-    OptionError
-        If the unit is not known.
-    """
+    """Read the content of an OUTPUT2 file: tables, matrices, geometry and modes."""
     find_units(unit)
     file = OP2File(path)
     matrices = {}

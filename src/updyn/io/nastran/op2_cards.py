@@ -1,9 +1,8 @@
 """Bulk data in OUTPUT2 files: grids, coordinate systems and elements, as cards of a deck.
 
-The tables GEOM1 and GEOM2 hold the bulk data entries that Nastran has read, in records of one kind,
-which start with an identifying key of three integers. Entries have a fixed number of words, which
-for some kinds differs between MSC, NX and their releases; the reader uses the first number for
-which all entries are valid. Layouts: MSC Nastran and NX Nastran DMAP Programmer's Guides, data
+Records of GEOM1 and GEOM2 start with an identifying key of three integers. For some kinds, the
+number of words of an entry differs between MSC, NX and releases; the reader uses the first number
+for which all entries are valid. Layouts: MSC Nastran and NX Nastran DMAP Programmer's Guides, data
 blocks GEOM1 and GEOM2.
 """
 
@@ -48,17 +47,7 @@ _NOT_READ: Mapping[_Key, str] = {(501, 5, 43): "CORD3G", (14301, 143, 651): "COR
 
 @dataclass(frozen=True, slots=True)
 class _Entry:
-    """Layout of an element in the table GEOM2.
-
-    Parameters
-    ----------
-    name : str
-        Its card.
-    widths : tuple of int
-        Words of an entry; several if programs differ.
-    grids : tuple of int
-        Words of its grids, in the order of the card.
-    """
+    """Layout of an element in the table GEOM2; several `widths` if programs differ."""
 
     name: str
     widths: tuple[int, ...]
@@ -100,31 +89,10 @@ _PASSED: frozenset[_Key] = frozenset({(5201, 52, 11)})
 
 
 def build_deck(file: OP2File) -> NastranDeck:
-    """Return the grids, coordinate systems and elements of an OUTPUT2 file.
+    """Return the grids, coordinate systems and elements, without properties and materials.
 
-    Parameters
-    ----------
-    file : OP2File
-        The file.
-
-    Returns
-    -------
-    NastranDeck
-        Without properties and materials. Identical entries, such as the boundaries of
-        superelements, are kept once.
-
-    Raises
-    ------
-    AbsentError
-        If the file has no table of grids.
-    FormatError
-        If an entry is not valid, an element refers to a missing grid, or a coordinate system is of
-        an unsupported kind.
-
-    Warns
-    -----
-    UpdynWarning
-        If elements of unknown kinds are not drawn.
+    Identical entries, such as the boundaries of superelements, are kept once. An `AbsentError` is
+    raised if the file has no table of grids.
     """
     if not file.tables_named(*_POINTS):
         held = ", ".join(dict.fromkeys(block.name for block in file.blocks)) or "nothing"

@@ -1,13 +1,9 @@
 """OUTPUT2 files: data blocks (tables and matrices), as Nastran's DMAP module OUTPUT2 writes them.
 
-The layout is described in the MSC Nastran DMAP Programmer's Guide. Every item is a Fortran record:
-its length in bytes, the bytes, the length again (4 bytes each). A file starts in most cases with a
-date and two texts, and ends with a key 0. A data block is its name, a trailer of seven words, a
-header, then its records, each after a flag (1 before a column of a matrix, 0 otherwise): parts
-after the number of their words, then a number below 0. Words have 4 or 8 bytes in either byte
-order; a text has 4 characters per word.
-
-pyNastran 1.4.1 reads such files, but does not support NumPy 2.
+Layout: MSC Nastran DMAP Programmer's Guide. Every item is a Fortran record. A file starts in most
+cases with a date and two texts, and ends with a key 0. A data block is its name, a trailer of seven
+words, a header, then its records. Words have 4 or 8 bytes in either byte order; a text has 4
+characters per word. pyNastran 1.4.1 does not support NumPy 2.
 """
 
 from __future__ import annotations
@@ -80,19 +76,7 @@ class OP2Block:
 
 
 class OP2File:
-    """An OUTPUT2 file whose layout is read and checked completely.
-
-    Parameters
-    ----------
-    path : path
-        The file.
-
-    Raises
-    ------
-    FormatError
-        If it is not an OUTPUT2 file, is truncated, or does not have the expected layout; the
-        message gives the byte.
-    """
+    """An OUTPUT2 file whose layout is read and checked completely."""
 
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)

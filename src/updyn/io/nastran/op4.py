@@ -1,10 +1,9 @@
 """OUTPUT4 files: matrices as Nastran's DMAP module OUTPUT4 writes them, in text or binary.
 
-The layout is described in the MSC Nastran DMAP Programmer's Guide: a header (columns, rows, form,
-type, name), then one record per column, then a record of the column after the last. A column is
-either dense, from its first to its last entry, or a sequence of strings (row, length, values),
-whose header is one word (rows up to 65535) or two (big matrix, marked by a negative number of
-rows). Binary files come in either byte order, with words of 4 or 8 bytes.
+Layout: MSC Nastran DMAP Programmer's Guide. A file has a header, then one record per column, then a
+record of the column after the last. A column is dense, from its first to its last entry, or a
+sequence of strings (row, length, values) whose header is one word (rows up to 65535) or two (big
+matrix, marked by a negative number of rows). Words have 4 or 8 bytes in either byte order.
 """
 
 from __future__ import annotations
@@ -51,16 +50,10 @@ _NAME = re.compile(r"[A-Z][A-Z0-9]{0,7}")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OP4Matrix:
-    """One matrix of an OUTPUT4 file.
+    """One matrix of an OUTPUT4 file, csc_array, in the units of the program that wrote it.
 
-    Parameters
-    ----------
-    name : str
-        Its name, upper case.
-    matrix : scipy.sparse.csc_array, shape (rows, columns), float64
-        The entries, in the units of the program that wrote it.
-    form : int
-        1 square, 2 rectangular, 3 diagonal, 6 symmetric, 8 identity, ... as stated in the file.
+    `form` is 1 square, 2 rectangular, 3 diagonal, 6 symmetric, 8 identity, ... as stated in the
+    file.
     """
 
     name: str
@@ -69,26 +62,7 @@ class OP4Matrix:
 
 
 def read_op4(path: str | Path) -> list[OP4Matrix]:
-    """Read all matrices of an OUTPUT4 file.
-
-    Parameters
-    ----------
-    path : path
-        The file: text or binary (either byte order, 4 or 8 bytes per word), single or double
-        precision, real.
-
-    Returns
-    -------
-    list of OP4Matrix
-        In the order of the file. Both triangles of a symmetric matrix (form 6), even if only one is
-        stored.
-
-    Raises
-    ------
-    FormatError
-        If the file is truncated or damaged, holds complex numbers, or a matrix of form 6 is not
-        symmetric; the message gives the matrix and the line or record.
-    """
+    """Read all matrices of an OUTPUT4 file, with both triangles of a symmetric one (form 6)."""
     path = Path(path)
     with path.open("rb") as file:
         start = file.read(8)
@@ -114,13 +88,7 @@ NamedMatrixT = TypeVar("NamedMatrixT", bound=NamedMatrix)
 
 
 def select(matrices: Iterable[NamedMatrixT], name: str | None, path: str | Path) -> NamedMatrixT:
-    """Return the matrix with this name, or the only matrix if `name` is None.
-
-    Raises
-    ------
-    FormatError
-        If the name is missing or occurs twice, or no name selects one of several matrices.
-    """
+    """Return the matrix with this name, or the only matrix if `name` is None."""
     matrices = list(matrices)
     names = [m.name for m in matrices]
     if name is None:
@@ -145,27 +113,9 @@ def write_op4(
     single: bool = False,
     big_endian: bool = False,
 ) -> None:
-    """Write matrices to an OUTPUT4 file; an existing file is replaced once the new one is complete.
+    """Write matrices to an OUTPUT4 file, binary or text, with exact numbers unless `single`.
 
-    Parameters
-    ----------
-    matrices : mapping of str to array_like or sparse, shape (rows, columns)
-        Real matrices by name: a letter, then up to 7 letters and digits.
-    path : path
-        The file to write.
-    text : bool
-        Text instead of binary, with enough digits to recover every number exactly.
-    layout : {"bigmat", "strings", "dense"}
-        How columns are stored. "strings" is for up to 65535 rows.
-    single : bool
-        Numbers of 32 bits instead of 64.
-    big_endian : bool
-        Byte order of a binary file.
-
-    Raises
-    ------
-    FormatError
-        If the format cannot hold a name or a matrix.
+    A name is a letter, then up to 7 letters and digits. Layout "strings" is for up to 65535 rows.
     """
     path = Path(path)
     if layout not in ("dense", "strings", "bigmat"):

@@ -29,13 +29,7 @@ def is_replicator(text: str) -> bool:
 
 
 def expand(rows: Iterable[NastranRow]) -> Iterator[NastranRow]:
-    """Yield rows of bulk data, with copies in place of the replicators.
-
-    Raises
-    ------
-    FormatError
-        If no row precedes a replicator, a field cannot be copied, or there are too many copies.
-    """
+    """Yield rows of bulk data, with copies in place of the replicators."""
     last: NastranRow | None = None  # the row to copy
     steps: dict[int, str] = {}
     copies = 0
