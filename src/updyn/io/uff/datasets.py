@@ -1,13 +1,8 @@
 """A universal file as a sequence of datasets.
 
-A dataset is delimited by two lines ``    -1``. Its first line has the number in columns 1 to 6, and
-for a binary dataset 58 ("58b") a ``b`` in column 7, followed by byte order, floating-point format,
-number of text lines and number of bytes. The bytes of a 58b may contain anything, including the
-delimiter. Their end therefore follows from record 7, and is checked against the byte count and the
-delimiter after the data, instead of a search for the delimiter.
-
-The file is read dataset by dataset, and the data of a 58b stay on disk until they are needed
-(`Payload`), which keeps memory independent of the size of the file.
+A 58b may contain the delimiter ``    -1`` in its data, so their end follows from record 7, and is
+checked against the byte count. The data of a 58b stay on disk until they are needed (`Payload`),
+which keeps memory independent of the size of the file.
 """
 
 from __future__ import annotations
@@ -54,18 +49,8 @@ _WINDOW = 2**12
 class Payload:
     """The binary data of a 58b, read on request.
 
-    Attributes
-    ----------
-    path : path
-        The file.
-    line : int
-        Line of the file with the number of the dataset, for messages.
-    offset : int
-        Start of the data, in bytes.
-    points, columns : int
-        Number of points, and of numbers per point.
-    kinds : (str, str)
-        NumPy type of the first number of a point, and of the others.
+    `line` has the number of the dataset; `offset` is the start of the data in bytes; `kinds` are
+    the NumPy types of the first number of a point and of the others.
     """
 
     path: str | Path
@@ -101,18 +86,9 @@ class Payload:
 
 @dataclass(frozen=True, slots=True)
 class Dataset:
-    """A dataset of a universal file.
+    """A dataset of a universal file, with the line of its number.
 
-    Attributes
-    ----------
-    number : int
-        Number of the dataset, for instance 58.
-    line : int
-        Line of the file, from 1, with the number.
-    body : bytes
-        The lines between the number and the delimiter; only the 11 lines of text of a 58b.
-    payload : Payload or None
-        The binary data of a 58b.
+    `body` are the lines between the number and the delimiter; only the 11 lines of text of a 58b.
     """
 
     number: int
@@ -122,13 +98,7 @@ class Dataset:
 
 
 def datasets(path: str | Path) -> Iterator[Dataset]:
-    """Yield the datasets of a universal file in order, including unknown numbers.
-
-    Raises
-    ------
-    FormatError
-        If a delimiter, a number or a byte count is missing or wrong; the message gives the line.
-    """
+    """Yield the datasets of a universal file in order, including unknown numbers."""
     with Path(path).open("rb") as file:
         yield from _datasets(_Cursor(file, path))
 

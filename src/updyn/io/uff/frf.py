@@ -1,29 +1,9 @@
 """FRFs of universal files: functions of dataset 58, text or binary, as a complete matrix.
 
-- Function type 4 is an FRF, type 6 the coherence of the same pair of DOFs (taken as gamma^2). Other
-  functions (time responses, spectra, multiple coherence) are ignored with a warning that counts
-  them. Other datasets are normal in such files; ``FRF.source`` lists them.
-- The data types of records 9 and 10 define the quantity. If they are "unknown", ``quantity=`` is
-  required.
-- Direction codes +-1 to +-6 are X Y Z RX RY RZ with their sign. Code 0, a scalar, has no direction:
-  ``scalar_direction=`` is required.
-- If two pairs use opposite senses of a DOF (5:Z and 5:-Z), the reader keeps the first sense and
-  changes the sign of the other values.
-- Every pair of response and reference has to be present, at the same frequency lines. The reader
-  never interpolates or fills gaps.
-- Values are converted to SI by the unit labels of records 9 and 10, by dataset 164 if there is no
-  label, or by ``scale=``: `updyn.io.uff.labels`.
-- Real ordinates are refused, because they may be magnitudes or decibels, unless
-  ``real_valued=True`` states that their phase is 0 or pi.
-- If the file contains a geometry, its nodes must include those of the FRFs. Directions in a
-  displacement system of a node are converted to the global system if they coincide with its axes to
-  1e-6; oblique ones are refused. The geometry of the FRF therefore has no ``axes``; `read_geometry`
-  returns them. ``local_axes=True`` keeps labels and ``axes`` of the file, for `updyn.match`.
-
-pyuff 2.5.8 is only a reference in the tests (`tests/io/test_pyuff.py`), because it misreads some
-real files without a warning: it removes exponents from numbers in fields of 14 columns, drops
-functions after a text line that ends in "-1", and ends the data of a 58b at bytes that look like a
-delimiter.
+Function type 4 is an FRF, type 6 the coherence (gamma^2) of the same pair of DOFs. The reader never
+interpolates or fills gaps. Directions in a displacement system of a node become global if they
+coincide with global axes to 1e-6, unless ``local_axes=True`` keeps them for `updyn.match`. pyuff
+2.5.8 is only a reference in the tests, because it misreads some real files without a warning.
 """
 
 from __future__ import annotations
@@ -80,45 +60,11 @@ def read_frf(
     real_valued: bool = False,
     local_axes: bool = False,
 ) -> FRF:
-    """Read the FRFs of a universal file.
+    """Read the FRFs of a universal file in SI, with its geometry.
 
-    Parameters
-    ----------
-    path : path
-        The file.
-    quantity : {"receptance", "mobility", "accelerance"}, optional
-        Measured quantity, required if the file does not state it; a contradiction is an error.
-    duplicates : {"raise", "average"}
-        Treatment of several functions at one pair of DOFs: an error, or their mean. The mean is
-        weighted with the coherence if every function has one; the coherence is the plain mean.
-    responses, references : iterable of str or Dof, optional
-        DOFs to read, in this order, optionally with a sense ("5:-Z"). All others are ignored and
-        may be incomplete.
-    scalar_direction : str, optional
-        Direction for code 0, for instance "Z" or "-RX".
-    scale : float, optional
-        Factor that converts the values of the file to SI. It replaces dataset 164 and the unit
-        labels of records 9 and 10.
-    real_valued : bool
-        Whether the values are real, with phase 0 or pi. If False, real ordinates are an error,
-        because they may be magnitudes or decibels; if True, values with an imaginary part are an
-        error.
-    local_axes : bool
-        Keep the displacement directions of the nodes, as ``axes`` of the geometry. The measurement
-        then has to be matched with `updyn.match` before any other use.
-
-    Returns
-    -------
-    FRF
-        Values in SI, DOFs in the order of the file, with the geometry of the file.
-
-    Raises
-    ------
-    FormatError
-        If the file is damaged, incomplete, contradicts itself or an argument, or a pair of DOFs is
-        missing.
-    OptionError
-        If an option is not valid.
+    Averages of duplicates are weighted with the coherence if every function has one. `scale`
+    replaces dataset 164 and the unit labels. Measurements with `local_axes` have to be matched with
+    `updyn.match` before any other use.
     """
     scalar = _options(duplicates, scalar_direction, scale)
     for name, given in (("local_axes", local_axes), ("real_valued", real_valued)):
@@ -177,26 +123,9 @@ def read_frf(
 
 
 def read_geometry(path: str | Path, *, unit: str | None = None) -> Geometry:
-    """Read nodes, their directions and trace lines of a universal file.
+    """Read nodes, their directions and trace lines of a universal file, in m.
 
-    Parameters
-    ----------
-    path : path
-        The file.
-    unit : {"m", "cm", "mm", "in", "ft"}, optional
-        Unit of length if the file has no dataset 164, by default m; a contradiction is an error.
-
-    Returns
-    -------
-    Geometry
-        Positions in m in the global system; ``axes`` if a node has a displacement system.
-
-    Raises
-    ------
-    FormatError
-        If the file is damaged or holds no nodes, or its dataset 164 contradicts the unit.
-    OptionError
-        If the unit is not known.
+    `unit` is the unit of length of a file without dataset 164, by default m.
     """
     stated = None if unit is None else length(unit)
     collector = GeometryCollector(path)
@@ -390,16 +319,7 @@ _PARALLEL = 1e-6
 class Directions:
     """Converts nodes and direction codes of a file to DOFs in global or nodal directions.
 
-    Parameters
-    ----------
-    path : path
-        The file, for messages.
-    scalar : Dof or None
-        Direction and sign for code 0.
-    geometry : Geometry or None
-        The nodes of the file, with their displacement directions.
-    local : bool
-        Whether to keep the directions of the nodes.
+    `scalar` is the direction for code 0; `local` keeps the directions of the nodes.
     """
 
     def __init__(
@@ -414,22 +334,9 @@ class Directions:
             self._row = {node: row for row, node in enumerate(geometry.nodes.tolist())}
 
     def dof(self, what: str, node: int, code: int, line: int) -> Dof:
-        """Return the DOF.
+        """Return the DOF of a node and direction code, at record 6 of a dataset.
 
-        Parameters
-        ----------
-        what : str
-            "response" or "reference".
-        node, code : int
-            As in record 6.
-        line : int
-            Line of the dataset; record 6 is six lines below.
-
-        Raises
-        ------
-        FormatError
-            If the code is not valid, code 0 has no `scalar` direction, the node is not in the
-            geometry, or the direction is oblique to the global axes and `local` is False.
+        A code 0 without `scalar`, and oblique directions unless `local`, are refused.
         """
         at = line + 6
         if not -6 <= code <= 6:
@@ -477,18 +384,9 @@ class Directions:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FRFArrays:
-    """A complete matrix, in SI.
+    """A complete matrix in SI: lines in Hz and FRFs, shape (n_f, n_responses, n_references).
 
-    Attributes
-    ----------
-    freq : ndarray of float, shape (n_f,)
-        Frequency lines in Hz.
-    values : ndarray of complex, shape (n_f, n_responses, n_references)
-        FRFs.
-    coherence : ndarray of float, shape of `values`, or None
-        Ordinary coherence.
-    responses, references : DofSet
-        In the order of the file, or in the requested order.
+    DOFs are in the order of the file, or in the requested order.
     """
 
     freq: NDArray[np.float64]
@@ -529,34 +427,10 @@ def assemble(
     responses: Iterable[str | Dof] | None,
     references: Iterable[str | Dof] | None,
 ) -> FRFArrays:
-    """Assemble functions into a matrix.
+    """Assemble functions into a matrix of `responses` and `references`; None keeps all.
 
-    Parameters
-    ----------
-    measured, coherences : sequence of Function
-        FRFs, and coherences.
-    directions : Directions
-        Converts direction codes to DOFs.
-    factor : callable
-        Returns the factor to SI of an FRF with its response and its reference.
-    average : bool
-        Whether to average functions at the same pair; otherwise they are an error.
-    responses, references : iterable of str or Dof, or None
-        DOFs to keep; None keeps all.
-
-    Returns
-    -------
-    FRFArrays
-
-    Raises
-    ------
-    FormatError
-        If a pair is missing or repeated, a DOF is not in the file, or abscissae differ.
-
-    Warns
-    -----
-    UpdynWarning
-        If coherence is ignored because it is not available for every FRF.
+    `factor` returns the factor to SI of an FRF with its response and its reference. Coherence that
+    is not available for every FRF is ignored with a warning.
     """
     path = directions.path
     rows = _ChannelSide("response", path)

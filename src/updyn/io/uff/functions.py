@@ -1,8 +1,7 @@
 """Dataset 58 of universal files, "function at nodal DOF", text and binary.
 
 Layout: SDRC, universal file format, dataset 58, revision of 23 April 1993, and the binary form 58b
-of UC-SDRL. The fields of its eleven lines of text are in fixed columns, the numbers of its data are
-separated by blanks; both are counted.
+of UC-SDRL.
 """
 
 from __future__ import annotations
@@ -57,18 +56,9 @@ _MANY = 0.1
 
 @dataclass(frozen=True, slots=True)
 class Record8:
-    """The definition of an axis (records 8 to 10).
+    """The definition of an axis (records 8 to 10); names and units are empty if NONE in the file.
 
-    Attributes
-    ----------
-    kind : int
-        Specific data type, for instance 12 for an acceleration.
-    name : str
-        Axis label, for instance "Frequency"; empty if NONE in the file.
-    unit : str
-        Unit label; empty if NONE in the file.
-    line : int
-        Line of the file.
+    `kind` is the specific data type, for instance 12 for an acceleration.
     """
 
     kind: int
@@ -150,25 +140,7 @@ def _ordinate(
 
 
 def read_function(dataset: Dataset, path: str | Path) -> Function:
-    """Read a dataset 58 and check its numbers.
-
-    Parameters
-    ----------
-    dataset : Dataset
-        The dataset.
-    path : path
-        The file, for messages.
-
-    Returns
-    -------
-    Function
-
-    Raises
-    ------
-    FormatError
-        If a field cannot be read, numbers are missing, superfluous or not finite, or the abscissa
-        does not increase.
-    """
+    """Read a dataset 58 and check its numbers."""
     lines = dataset.body.split(b"\n", 11)
     if len(lines) < 12 and not (dataset.payload is not None and len(lines) == 11):
         raise FormatError(

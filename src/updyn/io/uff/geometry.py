@@ -55,12 +55,7 @@ _USER_DEFINED = 9
 class Units:
     """Factors of dataset 164: a number in the file divided by its factor is in SI.
 
-    Attributes
-    ----------
-    length, force : float
-        Factors of metres and newtons.
-    line : int
-        Line of the file; 0 for SI units without a dataset 164.
+    `line` is 0 for SI units without a dataset 164.
     """
 
     length: float = 1.0
@@ -132,17 +127,7 @@ class GeometryCollector:
     """Collects the datasets of positions, systems, lines and units, then builds the geometry.
 
     Systems may follow the nodes that use them, so `geometry` transforms all positions at the end.
-
-    Attributes
-    ----------
-    path : path
-        The file, for messages.
-    units : Units
-        Content of dataset 164.
-    nodes, systems : dict
-        As read, by number, in the unit of the file.
-    traces : list
-        Line of the file, and pairs of nodes, of each trace line.
+    Nodes and systems are in the unit of the file.
     """
 
     path: str | Path
@@ -152,14 +137,7 @@ class GeometryCollector:
     traces: list[tuple[int, list[tuple[int, int]]]] = field(default_factory=list)
 
     def take(self, dataset: Dataset) -> None:
-        """Read a dataset whose number is in `NUMBERS`.
-
-        Raises
-        ------
-        FormatError
-            If a field cannot be read, a node or system is defined twice, or units contradict each
-            other.
-        """
+        """Read a dataset whose number is in `NUMBERS`."""
         body = dataset.body.rstrip()
         if not body:
             raise FormatError(f"dataset {dataset.number} is empty", self.path, dataset.line)
@@ -338,13 +316,7 @@ class GeometryCollector:
 
     # -- result ----------------------------------------------------------------------------------
     def geometry(self) -> Geometry | None:
-        """Return the geometry in m, or None if the file has no nodes.
-
-        Raises
-        ------
-        FormatError
-            If a system is not defined or a trace line refers to an unknown node.
-        """
+        """Return the geometry in m, or None if the file has no nodes."""
         if not self.nodes:
             return None
         xyz = []

@@ -1,11 +1,8 @@
 """Units of the values of dataset 58: the labels of records 8 to 10, and dataset 164.
 
-- A label states the unit of the values: in the format it takes precedence over the unit that a
-  program would derive. Labels are those of `updyn.units`; others are an error.
-- An axis without a label has the unit of dataset 164, or the SI unit without this dataset.
-- A label that contradicts dataset 164 is an error. The dataset defines factors of length and force,
-  which do not affect g or the unit of an angle.
-- A unit in brackets in the name of an axis, as in ``Accel (g)``, is not a label, but must agree.
+A label states the unit of the values and takes precedence; an axis without a label has the unit of
+dataset 164, or the SI unit. A label, or a unit in brackets in the name of an axis, that contradicts
+the others is an error. Dataset 164 does not affect g or the unit of an angle.
 """
 
 from __future__ import annotations
@@ -120,13 +117,7 @@ def _is_same(a: float, b: float) -> bool:
 
 # -- abscissa ------------------------------------------------------------------------------------
 def abscissa_factor(axis: Record8, kind: str, path: str | Path) -> float:
-    """Return the factor that converts an abscissa of this kind ("frequency", "time") to Hz or s.
-
-    Raises
-    ------
-    FormatError
-        If the axis is of another kind, its unit is unknown, or its name contradicts the unit.
-    """
+    """Return the factor of an abscissa of a kind ("frequency", "time") to Hz or s."""
     number, si = _ABSCISSAE[kind]
     unit = find_unit(axis.unit or si, kind)
     if unit is None or axis.kind not in (number, *UNKNOWN):
@@ -155,11 +146,6 @@ def frf_factor(
     """Return the factor that converts the values of an FRF to SI.
 
     `turns` states whether response and reference are rotations.
-
-    Raises
-    ------
-    FormatError
-        If a label is unknown, of another kind, or contradicts another one or dataset 164.
     """
     above, below = function.numerator, function.denominator
     motion = _AxisUnit(9, above, quantity, turns[0], units, _REMEDY, path)
@@ -181,11 +167,6 @@ def channel_unit(function: Function, units: Units, path: str | Path) -> tuple[st
 
     The unit is the label of the file, known or not; without a label the SI unit of its data type,
     or an empty text if the type is unknown.
-
-    Raises
-    ------
-    FormatError
-        If the label is of another kind than the data type, or contradicts dataset 164.
     """
     axis, turns = function.numerator, abs(function.response[1]) > 3
     label = strip_brackets(axis.unit)

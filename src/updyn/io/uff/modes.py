@@ -1,28 +1,11 @@
 """Modes in universal files: datasets 55 and 2414, "data at nodes", of normal and of complex modes.
 
-Layout: SDRC, universal file format, datasets 55 and 2414.
-
-- Analysis types are 2 (normal mode), 3 and 7 (complex eigenvalues). Others are ignored with a
-  warning that counts them.
-- The vectors are global, with three translations or three translations and three rotations. A
-  direction of a node that is zero in every mode was not measured (note 15 of the format) and is not
-  a DOF of the modes.
-- Type 2: the loss factor is twice the viscous ratio plus the hysteretic one, or unknown if both are
-  0. A modal mass above 0 scales the shape to unit modal mass.
-- Types 3 and 7: eigenvalue s in rad/s, frequency |s| / 2 pi, loss factor -2 Re s / |s|. With modal
-  A other than 0 the shape is scaled by sqrt(2 i omega_d / A), because phi^T (2 s M + C) phi = A
-  (Ewins, Modal Testing, 2nd ed. 2000, section 2.7). The upper mode of a conjugate pair is kept.
-- Redundant values must agree: modal B is -s A, and the fields of frequency and damping of a 2414
-  and a frequency in the lines of identification belong to the eigenvalue. Eigenvalues in Hz, and
-  decay rates as positive real parts, which some programs write, are refused.
-- Shapes of velocities and accelerations (data types 11, 12) stay unscaled: they are proportional to
-  those of displacements. Dataset 164 gives the units, else they are SI.
-- `write_modes` writes the standard deviations of a shape after it, as a dataset 55 of analysis type
-  0 (unknown) with a title that identifies them for reading.
-- Dataset 2414 has frequency, modal mass and damping ratios in fields 2, 4, 5 and 6 of its real
-  parameters, eigenvalue and modal A in fields 7 to 10. For type 7 the last two may be a modal mass
-  instead; its shapes stay unscaled. Data on elements, and results other than motions (stresses,
-  reaction forces), are ignored with the same warning.
+Layout: SDRC, universal file format, datasets 55 and 2414; conventions are in docs/formats.md. For
+an eigenvalue s with modal A the shape is scaled by sqrt(2 i omega_d / A), because phi^T (2 s M + C)
+phi = A (Ewins, Modal Testing, 2nd ed. 2000, section 2.7). Modal B is -s A. A direction that is zero
+in every mode was not measured (note 15 of the format). Dataset 2414 has frequency, modal mass and
+damping ratios in fields 2, 4, 5 and 6 of its real parameters, eigenvalue and modal A in fields 7 to
+10.
 """
 
 from __future__ import annotations
@@ -124,29 +107,7 @@ class _UFFMode:
 
 
 def read_modes(path: str | Path) -> ModeSet:
-    """Read the modes of a universal file: datasets 55 or 2414.
-
-    Parameters
-    ----------
-    path : path
-        The file.
-
-    Returns
-    -------
-    ModeSet
-        At all nodes and directions that move in any mode, in the order of the file.
-
-    Raises
-    ------
-    FormatError
-        If the file is damaged, holds no modes (`AbsentError`), or holds modes in datasets of both
-        numbers, which may be duplicates.
-
-    Warns
-    -----
-    UpdynWarning
-        If data of another analysis, on elements or of another kind are ignored.
-    """
+    """Read modes in datasets 55 or 2414; raise an `AbsentError` if the file has none."""
     collector = GeometryCollector(path)
     found: list[_UFFMode] = []
     others = Counter[int]()
@@ -205,18 +166,6 @@ def write_modes(modes: ModeSet, path: str | Path) -> None:
 
     They are written as normal modes if all shapes are real, else as complex modes. The format keeps
     six digits. Shapes refer to positive senses: 5:-Z is written as 5:Z with the opposite sign.
-
-    Parameters
-    ----------
-    modes : ModeSet
-        The modes.
-    path : path
-        File to write.
-
-    Raises
-    ------
-    FormatError
-        If a node number is too wide for the format, or the modes have no shapes.
     """
     if not modes.has_shapes:
         raise FormatError(

@@ -1,10 +1,8 @@
 """Time records of universal files: time responses (type 1) of dataset 58, text or binary.
 
-Channels are named by their DOF, ``3:-Z``, forces by ``3:-Z force``, because there may be a motion
-at the same DOF; channels without node and direction by the first line of their identification. Each
-occurrence of a channel is a record, in the order of the file; all channels must have the same
-number of records. Units are the labels of record 9; without a label the SI unit of its data type,
-to which values are converted by dataset 164 (`updyn.io.uff.labels`).
+Forces are named ``3:-Z force``, because there may be a motion at the same DOF; channels without
+node and direction by the first line of their identification. Each occurrence of a channel is a
+record. Units are those of `updyn.io.uff.labels`.
 """
 
 from __future__ import annotations
@@ -33,30 +31,7 @@ _SAME = 1e-9
 
 
 def read_records(path: str | Path) -> Records:
-    """Read time records.
-
-    Parameters
-    ----------
-    path : path
-        The file.
-
-    Returns
-    -------
-    Records
-
-    Raises
-    ------
-    AbsentError
-        If the file holds no time response.
-    FormatError
-        If the file is damaged, a time response is complex or not evenly spaced, or channels differ
-        in length, step, start or number of records.
-
-    Warns
-    -----
-    UpdynWarning
-        If other functions are ignored; the message counts them.
-    """
+    """Read time records; raise an `AbsentError` if the file holds no time response."""
     collector = GeometryCollector(require_file(path))
     functions: list[Function] = []
     for dataset in datasets(path):
@@ -111,9 +86,9 @@ def _step(x: NDArray[np.float64]) -> float:
 
 
 def _check(function: Function, first: int, expected: NDArray[np.float64], path: str | Path) -> None:
-    """Refuse a function that is not an evenly spaced, real time response like the first one.
+    """Refuse a function other than an evenly spaced, real time response with given times.
 
-    `first` is the line of the first one, `expected` its times.
+    `first` is the line of the first function of the channel, for the message.
     """
     if function.is_complex:
         raise FormatError("a complex time response; expected real numbers", path, function.line)

@@ -36,28 +36,9 @@ SI_UNITS = [f"{1:10d}{'SI units':<20}{2:10d}", _ONE * 3, _ZERO]
 def write_frf(frf: FRF, path: str | Path) -> None:
     """Write FRFs as a universal file of binary datasets 58 (58b), SI.
 
-    Values and coherence are stored exactly, in double precision, or in single precision if this
-    represents them exactly. Evenly spaced frequency lines are stored as minimum and increment if
-    these fit their columns and reproduce every line to rounding; else every line is stored.
-
-    Parameters
-    ----------
-    frf : FRF
-        The data.
-    path : path
-        File to write.
-
-    Raises
-    ------
-    FormatError
-        If a node number is too wide for the format, a DOF is not in the geometry, a trace line
-        contains node 0, or the values include the damping of a window, which would be lost.
-
-    Warns
-    -----
-    UpdynWarning
-        If the data have a variance, a number of averages, or faces of the geometry, which the
-        format cannot hold.
+    Values are stored exactly, in single precision if this represents them. Evenly spaced lines are
+    stored as minimum and increment if these reproduce every line to rounding. The damping of a
+    window is refused; variance and number of averages are lost, with a warning.
     """
     if frf.decay:
         raise FormatError(
