@@ -20,21 +20,9 @@ __all__ = ["atomic_path", "sync_folder", "write_bytes", "write_json"]
 def atomic_path(path: str | Path) -> Iterator[Path]:
     """Yield a temporary path in the same folder that replaces `path` after a successful block.
 
-    Parameters
-    ----------
-    path : path
-        The file to write.
-
-    Yields
-    ------
-    Path
-        An empty temporary file. It is removed if the block raises, and `path` remains unchanged. A
-        temporary file of a killed process is removed at the next write of the same file.
-
-    Raises
-    ------
-    FormatError
-        If the folder does not exist or is not writable, `path` is a folder, or the disk is full.
+    The file is empty at first. If the block raises, it is removed and `path` remains unchanged; a
+    temporary file of a killed process is removed at the next write of the same file. A missing
+    folder or a full disk raises a `FormatError`.
     """
     path = Path(path)
     if "\0" in str(path):
@@ -81,34 +69,13 @@ def sync_folder(folder: Path) -> None:
 
 
 def write_bytes(path: str | Path, *parts: bytes | memoryview) -> None:
-    """Write bytes to a file; an existing file is replaced only once the new one is complete.
-
-    Parameters
-    ----------
-    path : path
-        File to write.
-    *parts : bytes-like
-        The content, in order.
-
-    Raises
-    ------
-    FormatError
-        As for `atomic_path`.
-    """
+    """Write bytes to a file; an existing file is replaced only once the new one is complete."""
     with atomic_path(path) as temporary, temporary.open("wb") as file:
         file.writelines(parts)
 
 
 def write_json(content: Any, path: str | Path) -> None:
-    """Write plain values as JSON; an existing file is replaced only once the new one is complete.
-
-    Parameters
-    ----------
-    content : mapping
-        Numbers, texts, lists and mappings, without infinities and NaN, which JSON does not support.
-    path : path
-        File to write.
-    """
+    """Write plain values as JSON, atomically; infinities and NaN, which JSON lacks, are refused."""
     text = json.dumps(content, allow_nan=False, ensure_ascii=False, indent=2)
     with atomic_path(path) as temporary:
         temporary.write_text(text + "\n", encoding="utf-8")

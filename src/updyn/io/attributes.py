@@ -1,8 +1,7 @@
 """Attributes of netCDF variables and HDF5 datasets that define the meaning of their numbers.
 
-Packed numbers and missing values follow the NetCDF Climate and Forecast conventions 1.11, sections
-2.5.1 (missing data) and 8.1 (packed data); ``_Unsigned`` follows the NetCDF Users Guide, appendix
-A.
+Packed numbers and missing values: NetCDF Climate and Forecast conventions 1.11, sections 2.5.1 and
+8.1; ``_Unsigned``: NetCDF Users Guide, appendix A.
 """
 
 from __future__ import annotations
@@ -25,24 +24,7 @@ _LINEAR = ("scale_factor", "add_offset")
 def unpack(
     values: NDArray[Any], attributes: Mapping[str, Any], name: str, path: str | Path
 ) -> NDArray[Any]:
-    """Return the unpacked values, with NaN for missing ones; texts are returned unchanged.
-
-    Parameters
-    ----------
-    values : ndarray
-        As stored.
-    attributes : mapping of str to object
-        Attributes of the variable.
-    name : str
-        The variable, for messages.
-    path : path
-        The file, for messages.
-
-    Raises
-    ------
-    FormatError
-        If an attribute is not a number.
-    """
+    """Return the unpacked values, with NaN for missing ones; texts are returned unchanged."""
     if values.dtype.kind not in "iufc" or not any(key in attributes for key in PACKING):
         return values
     stated = {}
@@ -123,13 +105,7 @@ def _format_value(given: Any) -> Any:
 
 
 def read_unit(attributes: Mapping[str, Any], name: str, path: str | Path) -> str:
-    """Return the unit in the attributes ``units`` or ``unit`` (in any case), or an empty text.
-
-    Raises
-    ------
-    FormatError
-        If an attribute is not a text, or the two differ.
-    """
+    """Return the unit in the attributes ``units`` or ``unit`` (in any case), or an empty text."""
     labels: dict[str, str] = {}
     for key, given in attributes.items():
         if key.lower() in UNITS:

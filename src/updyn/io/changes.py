@@ -16,20 +16,7 @@ _LEAST_ZERO = ("viscous", "loss_factor")
 
 
 def check_changes(changes: Mapping[str, Mapping[str, float]], deck: Path) -> None:
-    """Refuse unknown quantities and invalid values.
-
-    Parameters
-    ----------
-    changes : mapping of str to mapping of str to float
-        By group: factors "stiffness", "mass", "viscous", and the value "loss_factor".
-    deck : Path
-        The deck, for the message.
-
-    Raises
-    ------
-    FormatError
-        For the first one, with the group.
-    """
+    """Refuse unknown quantities and invalid values."""
     for name, change in changes.items():
         for quantity, value in change.items():
             if quantity not in _QUANTITIES:

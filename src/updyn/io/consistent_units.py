@@ -24,18 +24,9 @@ __all__ = ["UNITS", "UnitSystem", "check_materials", "find_units"]
 
 @dataclass(frozen=True, slots=True)
 class UnitSystem:
-    """A consistent system of units, always with seconds and radians.
+    """A consistent system of units, always with seconds and radians; length in m, energy in J.
 
-    Parameters
-    ----------
-    name : str
-        Unit of length, the name for users.
-    length : float
-        Unit of length, in m.
-    energy : float
-        Unit of energy (force times length), in J.
-    description : str
-        Units of length, force and mass, as text.
+    `description` has the units of length, force and mass, as text.
     """
 
     name: str
@@ -99,19 +90,7 @@ def check_materials(
 ) -> None:
     """Warn if moduli and densities are not those of a solid in the given units.
 
-    Parameters
-    ----------
-    materials : iterable of (str, float or None, float or None)
-        Name, Young's modulus and density in `chosen`; None if not given.
-    chosen : UnitSystem
-        The units.
-    path : path
-        The deck, for the message.
-
-    Warns
-    -----
-    UpdynWarning
-        For the first implausible material, with a system of units that would fit.
+    `materials` has name, Young's modulus and density; None if not given.
     """
     for name, modulus, density in materials:
         if _is_plausible(modulus, density, chosen):

@@ -1,21 +1,9 @@
 """FRFs as a text table with one line per frequency.
 
-For instance::
-
-    # quantity: accelerance
-    # averages: 12
-    freq_Hz,H(3:Z/1:X) re [g/N],H(3:Z/1:X) im [g/N],H(3:Z/1:X) coh
-    10.0,0.12,-0.03,0.98
-
-Columns are separated by commas, semicolons or tabs. Decimals have a point; with semicolons or tabs
-a comma is also accepted. The first column is ``freq_Hz``, or has another unit of frequency
-(``freq_kHz``, ``freq [rad/s]``). The other columns are named ``H(RESPONSE/REFERENCE) KIND`` in any
-order, where KIND is ``re`` and ``im``, or ``abs`` and ``phase_deg``, and optionally ``coh``
-(ordinary coherence) and ``var`` (variance), for every pair of response and reference; a unit may
-follow in brackets, by default SI. Lines that start with ``#`` are comments. The comments
-``quantity:``, ``unit:`` (of all values), ``averages:``, ``source:`` and ``decay:`` are read; other
-comments that state a unit or a scale are refused. `updyn.io.csv_records` reads tables of time
-records, `updyn.io.csv_modes` tables of natural frequencies.
+Columns are ``freq_Hz`` and ``H(RESPONSE/REFERENCE) KIND``, where KIND is ``re``, ``im``, ``abs``,
+``phase_deg``, ``coh`` (ordinary coherence) or ``var`` (variance). Comments that state a unit or a
+scale that is not read are refused. `updyn.io.csv_records` reads time records, `updyn.io.csv_modes`
+natural frequencies.
 """
 
 from __future__ import annotations
@@ -78,17 +66,7 @@ class _FRFColumn:
 
 @dataclass(frozen=True, slots=True)
 class _Header:
-    """The line of names.
-
-    Attributes
-    ----------
-    separator : str
-        Separator of cells.
-    frequency : float
-        Factor of the first column to Hz.
-    columns : list of _FRFColumn
-        The other columns.
-    """
+    """The line of names; `frequency` is the factor of the first column to Hz."""
 
     separator: str
     frequency: float
@@ -102,31 +80,7 @@ def read_frf(
     duplicates: str = "raise",
     real_valued: bool = False,
 ) -> FRF:
-    """Read FRFs from a table.
-
-    Parameters
-    ----------
-    path : path
-        The file, in UTF-8.
-    quantity : str, optional
-        Measured quantity, required if the file does not state it; a contradiction is an error.
-    duplicates : {"raise"}
-        For compatibility with other formats; columns are unique.
-    real_valued : bool
-        Whether the values are real with phase 0 or pi; columns ``re`` then need no ``im``.
-
-    Returns
-    -------
-    FRF
-        The FRFs in SI units.
-
-    Raises
-    ------
-    FormatError
-        If the header or a cell is not valid; the message gives the line.
-    OptionError
-        If an option does not apply.
-    """
+    """Read FRFs from a table."""
     if duplicates != "raise":
         raise OptionError(
             f"duplicates={duplicates!r}: columns are unique in this format; expected 'raise'"
@@ -535,20 +489,7 @@ def _decay(head: _Head, path: str | Path) -> float:
 
 
 def write_frf(frf: FRF, path: str | Path) -> None:
-    """Write FRFs as a table with real and imaginary parts, without loss of digits.
-
-    Parameters
-    ----------
-    frf : FRF
-        The data.
-    path : path
-        File to write.
-
-    Warns
-    -----
-    UpdynWarning
-        If there is a geometry, which the table cannot hold.
-    """
+    """Write FRFs as a table with real and imaginary parts, without loss of digits."""
     if frf.geometry is not None:
         warnings.warn(
             f"{path}: the table cannot hold the geometry; written without it",

@@ -1,16 +1,8 @@
 """Natural frequencies as a text table: one test per line, or one mode per line.
 
-Without a header, each line is one test and each column one mode, in Hz; an empty cell or ``nan``
-is a mode that the test did not find. A single column is one test with one mode per line. With a
-header, each line is one mode::
-
-    frequency [Hz],std_frequency [Hz],damping [%]
-    15.57,0.01,0.6
-    44.70,0.04,0.5
-
-Columns: ``frequency``, and optionally ``std_frequency``, ``damping`` and ``std_damping`` (fractions
-of critical damping, or in %), or ``loss_factor`` and ``std_loss_factor``. Separators are commas,
-semicolons or tabs; lines that start with ``#`` are comments.
+Without a header, each line is one test and each column one mode, in Hz; an empty cell or ``nan`` is
+a mode that the test did not find. A single column is one test with one mode per line. With a
+header, each line is one mode.
 """
 
 from __future__ import annotations
@@ -54,31 +46,9 @@ _REMEDY = "state units in the header, such as 'frequency [Hz]'"
 def read_modes(
     path: str | Path, *, test: int | None = None, modes: Sequence[int] | None = None
 ) -> ModeSet:
-    """Read natural frequencies.
+    """Read natural frequencies, by default the mean over the tests that found the mode.
 
-    Parameters
-    ----------
-    path : path
-        The file, in UTF-8.
-    test : int, optional
-        Number of the test, from 1, in a file with several. By default the mean over the tests that
-        found the mode, with the standard deviation of the mean.
-    modes : sequence of int, optional
-        Numbers of modes, from 1 in the order of the file, by default all modes found.
-
-    Returns
-    -------
-    ModeSet
-        Without shapes.
-
-    Raises
-    ------
-    FormatError
-        If a cell is not a number, or lines differ in length; the message gives the line.
-    AbsentError
-        If it is another table.
-    OptionError
-        If the test or a mode does not exist.
+    The standard deviation is that of the mean. An `AbsentError` is raised for another table.
     """
     text = read_utf8(require_file(path)).replace("\r\n", "\n")
     check_last_line(text, path, harmless=_COMMENT)
@@ -267,20 +237,7 @@ def _numbers(
 
 
 def write_modes(modes: ModeSet, path: str | Path) -> None:
-    """Write natural frequencies and loss factors, one mode per line.
-
-    Parameters
-    ----------
-    modes : ModeSet
-        Without shapes.
-    path : path
-        The file.
-
-    Raises
-    ------
-    FormatError
-        If the modes have shapes, which a table cannot hold.
-    """
+    """Write natural frequencies and loss factors, one mode per line."""
     if modes.has_shapes:
         raise FormatError(
             "a table cannot hold mode shapes; write a universal file (.uff), or"

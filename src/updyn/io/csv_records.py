@@ -1,18 +1,8 @@
 """Time records as a text table with one line per sample.
 
-For instance::
-
-    # hammer test, hit 1
-    time,hammer [N],3:Z [g]
-    0.0,0.1,-0.02
-    0.001,35.2,0.31
-
-Columns are separated by commas, semicolons or tabs. Decimals have a point; with semicolons or tabs
-a comma is also accepted. The first line that does not start with ``#`` contains the names. A unit
-may follow in square brackets, a known unit also in round ones, or units are on the line below the
-names. Times are in s, or in the unit of their column (``time [ms]``, ``t/ms``). The optional column
-``record`` contains the number of the record; the rows of a record are consecutive. Comments that
-state a unit or a scale are refused.
+The header may state units in brackets or on the line below the names. The optional column
+``record`` contains the number of the record, whose rows are consecutive. Comments that state a unit
+or a scale are refused.
 """
 
 from __future__ import annotations
@@ -59,29 +49,7 @@ class _RecordColumn:
 def read_records(
     path: str | Path, *, time: str | None = None, rate: float | None = None
 ) -> Records:
-    """Read time records.
-
-    Parameters
-    ----------
-    path : path
-        The file, in UTF-8 or Windows-1252.
-    time : str, optional
-        Name of the time column, by default "time", or the column with a unit of time.
-    rate : float, optional
-        Samples per second, for a table without times.
-
-    Returns
-    -------
-    Records
-        In the units of the header.
-
-    Raises
-    ------
-    FormatError
-        If the header or a line is not valid, or times are not evenly spaced.
-    OptionError
-        If there are both times and a rate, or neither.
-    """
+    """Read time records in the units of the header; `rate` is for a table without times."""
     text = read_windows_text(require_file(path))
     first, header, body = _split_header(text, path)
     separator = next((sign for sign in ("\t", ";") if sign in header), ",")

@@ -54,21 +54,7 @@ def check_comments(
 ) -> None:
     """Refuse comments that change the meaning of the numbers, except those that are read.
 
-    Parameters
-    ----------
-    comments : iterable of (int, str)
-        Lines of comment, with their numbers.
-    known : collection of str
-        Names of comments that the reader supports.
-    remedy : str
-        Proper place of units, for the message.
-    path : path
-        The file, for the message.
-
-    Raises
-    ------
-    FormatError
-        If a comment states a unit or a scale, or its name is a misspelling of a known one.
+    `known` are names of comments that the reader supports; their misspellings are refused too.
     """
     for number, line in comments:
         shown = f"comment {line.strip()[:60]!r}"
@@ -97,10 +83,7 @@ def _names(line: str, known: Collection[str]) -> list[str]:
 
 
 def split_axis(cell: str, names: Collection[str], kind: str) -> tuple[str, str] | None:
-    """Return name and unit of an axis in a header cell such as ``"t/ms"`` or ``"Time (s)"``.
-
-    None if the name is not in `names` (lower case), or the unit is not a known unit of the kind.
-    """
+    """Return name and unit of an axis in a header cell such as ``"t/ms"`` or ``"Time (s)"``."""
     found = _AXIS.fullmatch(cell)
     if found is None or found[1].casefold() not in names:
         return None
@@ -112,8 +95,7 @@ def plain_numbers(rows: str, separator: str) -> str:
     """Return rows with decimal points, ASCII minus signs and no quotes around cells.
 
     Decimal commas are converted if the separator is another character, no number has a point, and
-    at least one comma cannot separate thousands. Everything else is unchanged, and the reader
-    refuses it.
+    at least one comma cannot separate thousands.
     """
     rows = rows.replace("\u2212", "-")
     if '"' in rows:

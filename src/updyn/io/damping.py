@@ -13,10 +13,7 @@ __all__ = ["DAMPING", "plain_damping", "refuse_damping"]
 
 
 def plain_damping(group: Group) -> dict[str, Any]:
-    """Return the damping of a group by name; the table is two lists, lines in Hz and factors.
-
-    Absent coefficients are omitted, except the loss factor.
-    """
+    """Return the damping of a group by name; the table is two lists, lines in Hz and factors."""
     out = group.damping
     if group.loss_table is not None:
         out["loss_table"] = [group.loss_table.freq.tolist(), group.loss_table.relative.tolist()]
@@ -24,10 +21,7 @@ def plain_damping(group: Group) -> dict[str, Any]:
 
 
 def refuse_damping(model: Model, path: str | Path, *able: str) -> None:
-    """Refuse a model with damping that a format cannot hold.
-
-    `able` are the names of `DAMPING` that the format supports.
-    """
+    """Refuse a model with damping outside `able`, the names of `DAMPING` that a format supports."""
     for name, group in model.groups.items():
         for quantity in group.damping:
             if quantity not in able:

@@ -1,8 +1,8 @@
 """Groups of a model by difference, for programs that write only the sums K and M.
 
-A deck is run unchanged, then once for each group with doubled stiffness and density; the difference
-is the matrix of the group. The check of the sum detects elements whose stiffness is not
-proportional to the doubled property, and parts that belong to no group.
+A deck is run unchanged, then once for each group with doubled stiffness and density. The check of
+the sum detects elements whose stiffness is not proportional to the doubled property, and parts that
+belong to no group.
 """
 
 from __future__ import annotations
@@ -34,34 +34,10 @@ def groups_by_difference(
     path: str | Path,
     tolerance: float = 1e-10,
 ) -> dict[str, Matrices]:
-    """Split K and M into groups by difference.
+    """Split K and M into groups by difference, with runs of the function `doubled`.
 
-    Parameters
-    ----------
-    names : iterable of str
-        The groups.
-    total : (matrix or None, matrix or None)
-        K (N/m) and M (kg) of the unchanged deck, shape (N, N).
-    doubled : callable
-        Returns K and M with doubled stiffness and density of a group.
-    dofs : DofSet
-        The N degrees of freedom, for the message.
-    path : path
-        The deck, for the message.
-    tolerance : float
-        Allowed deviation of the groups from the sum, relative to the largest entry of row and
-        column. Programs that print few digits need more than the default.
-
-    Returns
-    -------
-    dict of str to (matrix or None, matrix or None)
-        K and M of each group, or None.
-
-    Raises
-    ------
-    FormatError
-        If the groups do not add up, or a run has other DOFs than the first; the message gives the
-        pair of DOFs.
+    `tolerance` is the allowed deviation from the sum, relative to the largest entry of row and
+    column; programs that print few digits need more than the default.
     """
     groups = {
         name: tuple(

@@ -1,10 +1,8 @@
 """Comma-separated tables of a model: its DOFs, and the positions of its nodes.
 
-DOFs: header ``dof``, one label per line (``12:Z``), or header ``node,direction`` (``12,Z``). Nodes:
-header ``node,x,y,z`` in m, and for nodes with local directions nine further columns
-``xx,xy,xz,yx,...,zz``. Lines to draw: header ``from,to``, node numbers; faces: header ``a,b,c,d``,
-the nodes of each face, with the last node of a triangle repeated. Empty lines and lines that start
-with ``#`` are ignored.
+Headers: ``dof`` or ``node,direction``; ``node,x,y,z`` in m, with nine further columns
+``xx,xy,xz,yx,...,zz`` for local directions; ``from,to`` for lines; ``a,b,c,d`` for faces, with the
+last node of a triangle repeated. Empty lines and lines that start with ``#`` are ignored.
 """
 
 from __future__ import annotations
@@ -70,24 +68,7 @@ def read_geometry(
     *,
     unit: str = "m",
 ) -> Geometry:
-    """Read node positions, and optional tables of lines and faces to draw.
-
-    Parameters
-    ----------
-    path : path
-        The table of positions.
-    lines_path, faces_path : path, optional
-        Tables of lines and of faces.
-    unit : {"m", "cm", "mm", "in", "ft"}
-        Unit of length of the positions.
-
-    Raises
-    ------
-    FormatError
-        If a header, a line or the geometry is not valid.
-    OptionError
-        If the unit is unknown.
-    """
+    """Read node positions, and optional tables of lines and faces to draw."""
     scale = length(unit)
     header, rows = _table(path, (_POINT, _POINT + _AXES), has_numbers=True)
     nodes = np.zeros(len(rows), dtype=np.int64)

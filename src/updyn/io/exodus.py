@@ -1,8 +1,7 @@
 """Exodus II files (Cubit, Coreform, Sierra, MOOSE): node positions, and the elements to draw.
 
-Positions are ``coordx``, ``coordy``, ``coordz``, or the rows of ``coord``; z is 0 in plane files.
-Node numbers are ``node_num_map``, else 1, 2, ... Blocks of elements ``connect1``, ... refer to
-nodes by their position in the file, and ``elem_type`` defines their shape. The file states no unit.
+Node numbers are ``node_num_map``, else 1, 2, ... Blocks ``connect1``, ... refer to nodes by their
+position in the file. The file states no unit.
 """
 
 from __future__ import annotations
@@ -61,32 +60,7 @@ _SHELLS = {2: LINE, 3: TRIANGLE}
 
 
 def read_geometry(path: str | Path, *, unit: str = "m") -> Geometry:
-    """Read the node positions of an Exodus II file.
-
-    Parameters
-    ----------
-    path : path
-        The file: netCDF-4, or classic netCDF (also with 64-bit offsets).
-    unit : {"m", "cm", "mm", "in", "ft"}
-        Unit of length of the file, which states none.
-
-    Returns
-    -------
-    Geometry
-        Positions in m, and the edges of the elements.
-
-    Raises
-    ------
-    FormatError
-        If the file is damaged, or not an Exodus II file.
-    OptionError
-        If the unit is not known.
-
-    Warns
-    -----
-    UpdynWarning
-        If elements of unknown types are not drawn.
-    """
+    """Read node positions in m and edges of an Exodus II file, in netCDF-4 or classic netCDF."""
     scale = length(unit)
     found = box.load(
         "updyn.foreign.exodus:load", path, what="Exodus II file", reader="libhdf5 or scipy"

@@ -129,24 +129,7 @@ FORMATS: Registry[Format] = Registry("format", "updyn.readers", {f.name: f for f
 
 
 def find_format(path: str | Path, verb: str, name: str | None = None) -> Format:
-    """Select the format of a file: by name if given, else by content, else by suffix.
-
-    Parameters
-    ----------
-    path : path
-        The file; it may not exist yet for writing.
-    verb : str
-        Name of the function to call, as in `Format.can`.
-    name : str, optional
-        Format name, to force it.
-
-    Raises
-    ------
-    FormatError
-        If the file does not exist, or no format fits.
-    OptionError
-        If `path` is not a path.
-    """
+    """Select the format of a file: by name if given, else by content, else by suffix."""
     if not isinstance(path, str | os.PathLike):
         raise OptionError(f"path: expected the name of a file, found {type(path).__name__}")
     path = Path(path)

@@ -75,15 +75,7 @@ _COMPRESS_FROM = 2048  # entries; chunking costs more than compression saves for
 
 
 def write_model(model: Model, path: str | Path) -> None:
-    """Write a model to an HDF5 file; an existing file is replaced once the new one is complete.
-
-    Parameters
-    ----------
-    model : Model
-        The model.
-    path : path
-        File to write, usually ``.h5``.
-    """
+    """Write a model to an HDF5 file; an existing file is replaced once the new one is complete."""
     import h5py
 
     content = io.BytesIO()
@@ -94,24 +86,7 @@ def write_model(model: Model, path: str | Path) -> None:
 
 
 def read_model(path: str | Path) -> Model:
-    """Read a model from an HDF5 file written by `write_model`.
-
-    Parameters
-    ----------
-    path : path
-        The file.
-
-    Returns
-    -------
-    Model
-        Equal to the written model, bit for bit.
-
-    Raises
-    ------
-    FormatError
-        If the file is damaged, is not a model file (the message gives the right reader), or
-        contains a model that is not valid.
-    """
+    """Read a model from an HDF5 file written by `write_model`."""
     found = load_native("updyn.foreign.hdf5:load", path, what="HDF5 file")
     root = Folder.of("/", found)
     check_kind(root, path, "model")
@@ -122,16 +97,7 @@ def read_model(path: str | Path) -> Model:
 class Folder:
     """A loaded group of an HDF5 file.
 
-    Parameters
-    ----------
-    name : str
-        Its full name.
-    attributes : mapping of str to object
-        Texts and arrays.
-    members : mapping of str to object
-        Folders, arrays and `updyn.foreign.plain.Other`.
-    meanings : mapping of str to mapping
-        Attributes that define the meaning of the numbers, by name of the array.
+    `meanings` has, by name of an array, the attributes that define the meaning of its numbers.
     """
 
     name: str
@@ -160,22 +126,7 @@ def put_kind(file: Any, kind: str) -> None:
 
 
 def check_kind(root: Folder, path: str | Path, expected: str) -> None:
-    """Refuse a file of another kind; the message gives the right reader.
-
-    Parameters
-    ----------
-    root : Folder
-        Its root.
-    path : path
-        The file.
-    expected : str
-        Required kind: ``"model"``, ``"frf"``, ...
-
-    Raises
-    ------
-    FormatError
-        If the file is of another kind or a later format version, or states no kind (`AbsentError`).
-    """
+    """Refuse a file of another kind; the message gives the right reader."""
     if "updyn_kind" not in root.attributes:
         held = ", ".join(sorted(root.members)[:8]) or "nothing"
         raise AbsentError(
@@ -206,18 +157,7 @@ def check_kind(root: Folder, path: str | Path, expected: str) -> None:
 
 # -- model --------------------------------------------------------------------------------------
 def put_model(parent: Any, model: Model, stored: dict[int, Any] | None = None) -> None:
-    """Write a model into an HDF5 group.
-
-    Parameters
-    ----------
-    parent : h5py.Group
-        The group to write to.
-    model : Model
-        The model.
-    stored : dict, optional
-        Matrices already in this file, by identity. A repeated matrix (of a group that an update did
-        not change) becomes a second link to the same data.
-    """
+    """Write a model into an HDF5 group; matrices in `stored` (by identity) become links."""
     stored = {} if stored is None else stored
     _put_text(parent, "title", model.title)
     dofs = parent.create_group("dofs")
@@ -265,13 +205,7 @@ def _take_damping(place: Folder, path: str | Path) -> dict[str, Any]:
 
 
 def take_model(parent: Folder, path: str | Path) -> Model:
-    """Read a model from a group written by `put_model`.
-
-    Raises
-    ------
-    FormatError
-        If something is missing, unknown or not valid.
-    """
+    """Read a model from a group written by `put_model`."""
     check_names(parent.members, ("dofs", "groups", "geometry"), path, parent.name)
     dofs = take_dofs(_group(parent, "dofs", path), path)
     place = _group(parent, "groups", path)
@@ -308,13 +242,7 @@ def _take_group(place: Folder, path: str | Path, name: str) -> Group:
 
 
 def take_dofs(place: Folder, path: str | Path) -> DofSet:
-    """Read DOFs from their nodes and directions.
-
-    Raises
-    ------
-    FormatError
-        If an array is missing, a direction is not valid, or a DOF occurs twice.
-    """
+    """Read DOFs from their nodes and directions."""
     nodes = take_array(place, "node", path, "iu", 1)
     texts = take_array(place, "direction", path, "SO", 1)
     axes = np.full(len(texts), -1)
@@ -435,26 +363,7 @@ def _group(parent: Folder, name: str, path: str | Path) -> Folder:
 def take_array(
     parent: Folder, name: str, path: str | Path, kinds: str, n_dims: int
 ) -> NDArray[Any]:
-    """Return a dataset, checked for its type and number of dimensions.
-
-    Parameters
-    ----------
-    parent : Folder
-        Its folder.
-    name : str
-        Its name.
-    path : path
-        The file, for messages.
-    kinds : str
-        Allowed NumPy kinds of numbers.
-    n_dims : int
-        Number of dimensions.
-
-    Raises
-    ------
-    FormatError
-        If it is missing or of another type or shape.
-    """
+    """Return a dataset, checked for its kind of numbers and number of dimensions."""
     found = parent.members.get(name)
     if not isinstance(found, np.ndarray | Other):
         raise FormatError(

@@ -1,7 +1,6 @@
 """Limits on files that include other files.
 
-Repeated inclusions can grow exponentially: if each file includes the next one twice, 24 files of
-two lines have 16 million lines.
+If each file includes the next one twice, 24 files of two lines have 16 million lines.
 """
 
 from __future__ import annotations

@@ -78,26 +78,7 @@ def build_sparse(
     where: str,
     path: str | Path,
 ) -> Matrix:
-    """Return a sparse matrix from its three arrays, after checking their consistency.
-
-    Parameters
-    ----------
-    make : type
-        ``scipy.sparse.csr_array`` or ``csc_array``.
-    data, indices, indptr : ndarray, one-dimensional
-        The entries, their columns (CSR) or rows (CSC), and the start of each row (column).
-    shape : (int, int)
-        Shape of the matrix.
-    where : str
-        Name of the matrix, for the message.
-    path : path
-        The file, for the message.
-
-    Raises
-    ------
-    FormatError
-        If the arrays are not numbers, contradict each other or the shape, or an entry occurs twice.
-    """
+    """Return a sparse matrix from its three arrays, after checking their consistency."""
     for name, array, kinds in (
         ("data", data, "biufc"),
         ("indices", indices, "iu"),
@@ -240,26 +221,7 @@ def as_text(given: Any, name: str, path: str | Path) -> str:
 
 
 def check_phase(values: NDArray[Any], real_valued: bool, name: str, path: str | Path) -> None:
-    """Refuse real FRFs without `real_valued`, and complex FRFs with it.
-
-    Parameters
-    ----------
-    values : ndarray
-        The FRFs of a file.
-    real_valued : bool
-        Whether the user states that their phase is 0 or pi.
-    name : str
-        Name of the array, for messages.
-    path : path
-        The file, for messages.
-
-    Raises
-    ------
-    FormatError
-        If real FRFs are not declared, or complex ones contradict the declaration.
-    OptionError
-        If `real_valued` is not a bool.
-    """
+    """Refuse real FRFs without `real_valued`, and complex FRFs with it."""
     if not isinstance(real_valued, bool):
         raise OptionError(
             f"real_valued {real_valued!r}: expected True or False", key=("real_valued",)
@@ -341,21 +303,7 @@ def report_library_errors(path: str | Path, what: str) -> Iterator[None]:
 def guard_reader(path: str | Path, reader: str) -> Iterator[None]:
     """Report unexpected exceptions of a reader as a `FormatError`, as the last resort.
 
-    Parameters
-    ----------
-    path : path
-        The file.
-    reader : str
-        Name of its format, for the message.
-
-    Yields
-    ------
-    None
-
-    Raises
-    ------
-    FormatError
-        For any exception other than those of updyn. Warnings turned into exceptions pass.
+    Errors of updyn, and warnings turned into exceptions, pass.
     """
     try:
         yield
@@ -427,10 +375,7 @@ def read_utf8(path: str | Path) -> str:
 
 
 def read_windows_text(path: str | Path) -> str:
-    """Return the text of a file in UTF-8, or in Windows-1252 as written by LabVIEW and Excel.
-
-    Lines end with a line feed.
-    """
+    """Return a text in UTF-8, or in Windows-1252 as LabVIEW and Excel write it, with line feeds."""
     try:
         raw = Path(path).read_bytes()
     except OSError as error:
@@ -450,9 +395,9 @@ def read_windows_text(path: str | Path) -> str:
 
 
 def refuse_repeated_names(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """Return a JSON object as a dict (an ``object_pairs_hook``); refuse repeated names.
+    """Return a JSON object as a dict, or raise a ValueError for repeated names (a pairs hook).
 
-    The default of `json.loads` keeps the last value of a repeated name. Raises a ValueError.
+    `json.loads` would keep the last value of a repeated name.
     """
     found: dict[str, Any] = {}
     for name, value in pairs:

@@ -1,10 +1,9 @@
 """Temporary files of killed processes, removed at the next write of the same file.
 
-The name of a temporary file or folder identifies its process: a digest of the machine, its boot and
-the namespace of process numbers, then the number of the process and its start time. On the same
-machine since the same boot, this shows with certainty whether the process has ended. Files of
-another machine, an earlier boot or another program are kept. On systems without this information
-(other than Linux), names do not identify processes, and nothing is removed.
+The name of a temporary file identifies its process: a digest of the machine, its boot and the
+namespace of process numbers, then the number of the process and its start time. Files of another
+machine, boot or program are kept. Systems other than Linux lack this information, and nothing is
+removed.
 """
 
 from __future__ import annotations
@@ -28,20 +27,7 @@ _ENDED_STATES = ("Z", "X", "x")
 
 
 def new_name(path: Path, prefix: str = ".", suffix: str = "") -> str:
-    """Return an unused name for a temporary file that becomes `path`.
-
-    Parameters
-    ----------
-    path : Path
-        The file to write.
-    prefix, suffix : str
-        Start and end of the name.
-
-    Returns
-    -------
-    str
-        Includes the identification of this process, if available.
-    """
+    """Return an unused name for a temporary file that becomes `path`, with the process if known."""
     token = secrets.token_hex(6)
     where = _machine_digest()
     if where is not None:
@@ -51,15 +37,7 @@ def new_name(path: Path, prefix: str = ".", suffix: str = "") -> str:
 
 
 def remove_leftovers(path: Path, prefix: str = ".", suffix: str = "") -> None:
-    """Remove temporary files of `path` whose processes have ended.
-
-    Parameters
-    ----------
-    path : Path
-        The file to write.
-    prefix, suffix : str
-        As for `new_name`.
-    """
+    """Remove temporary files of `path` whose processes have ended."""
     start = _stem(path, prefix)
     where = _machine_digest()
     if where is None:
@@ -104,10 +82,7 @@ def _machine_digest() -> str | None:
 def _process_state(number: int) -> tuple[str, int]:
     """Return the state of a process, and its start in ticks since the boot of the machine.
 
-    Raises
-    ------
-    OSError, ValueError, IndexError
-        If they are unknown.
+    An OSError, ValueError or IndexError is raised if they are unknown.
     """
     fields = Path(f"/proc/{number}/stat").read_text(encoding="latin-1").rpartition(")")[2].split()
     return fields[0], int(fields[19])

@@ -1,16 +1,9 @@
 """Time records of LabVIEW measurement files (.lvm).
 
-The layout is defined by National Instruments, "Specification for the LabVIEW Measurement File
-(.lvm)": a header of the file and one of each segment, both with lines ``name TAB value`` in any
-order, ended by ``***End_of_Header***``; then a line of names, from ``X_Value`` to ``Comment``; then
-rows, whose comments are ignored, as are special blocks. A segment is a record. Numbers have the
-decimal sign stated in the header. Channels without samples are ignored with a warning. ``Delta_X``
-is in s and has to agree with the times of the rows, if there are any. Unknown tags that may change
-the meaning of numbers, spectra, and channels that start at different times (``X0``) are refused.
-
-With ``Multi_Headings No`` only the first segment has a header, and the rows of the others follow.
-Each segment is then a record with the number of rows in the header, unless all times are
-continuous: then all rows form one record.
+Layout: National Instruments, "Specification for the LabVIEW Measurement File (.lvm)". A segment is
+a record. With ``Multi_Headings No`` only the first segment has a header; if all times are
+continuous, all rows form one record. Spectra, channels that start at different times (``X0``), and
+unknown tags that may change the meaning of numbers are refused.
 """
 
 from __future__ import annotations
@@ -60,27 +53,9 @@ _NAMES_FROM, _NAMES_TO = "X_Value", "Comment"
 
 
 def read_records(path: str | Path) -> Records:
-    """Read time records.
+    """Read time records, one per segment, in the units of the file.
 
-    Parameters
-    ----------
-    path : path
-        The file, in UTF-8 or Windows-1252.
-
-    Returns
-    -------
-    Records
-        One record per segment, in the units of the file.
-
-    Raises
-    ------
-    FormatError
-        If the content is not valid, or segments differ in channels, lengths or steps.
-
-    Warns
-    -----
-    UpdynWarning
-        If channels have no samples, or `Delta_X` is 1 s, the value of LabVIEW without timing.
+    A `Delta_X` of 1 s, the value of LabVIEW without timing, causes a warning.
     """
     text = _without_special(read_windows_text(require_file(path)))
     ends = list(_END.finditer(text))
@@ -467,13 +442,7 @@ def _step(times: NDArray[np.float64], axis: _LVMAxis) -> float:
 def _is_continuous(
     times: NDArray[np.float64], axis: _LVMAxis, path: str | Path, first: int
 ) -> bool:
-    """Return whether the times of consecutive packets are continuous.
-
-    Raises
-    ------
-    FormatError
-        If the times of one packet are not continuous, or those of channels differ.
-    """
+    """Return whether the times of consecutive packets are continuous; refuse gaps in a packet."""
     if not len(times):
         return False
     rounded = _ROUNDED * abs(axis.step)

@@ -1,17 +1,8 @@
 """MATLAB ``.mat`` files: versions 4 to 7.3 are read, version 5 is written.
 
-The variables of a model or of FRFs, or the fields of a single struct, are named as in
-`updyn.io.named`. Options select other names for models (`updyn.io.model_variables`), and are
-required for time records::
-
-    K, M, C, loss_factor, dofs                      one group, named "model"; full or sparse
-    groups.NAME.K, .M, .C, .loss_factor, dofs       several; .name if NAME cannot be the name
-    freq, H, responses, references, quantity        FRFs; H is n_f x n_responses x n_references
-
-Labels are a cell array of texts ({'12:Z'; '13:-Z'}), a char matrix, or an N x 2 table [node
-direction] with direction 1..6 for X Y Z RX RY RZ, negative for the opposite sense. MATLAB drops
-trailing axes of length 1: with one reference, H is n_f x n_responses. The storage of MATLAB string
-arrays ("text") is not documented: use cellstr.
+Variables, or the fields of a single struct, are named as in `updyn.io.named`. Labels may be a cell
+array of texts, a char matrix, or an N x 2 table. MATLAB drops trailing axes of length 1: with one
+reference, H is n_f x n_responses. The storage of MATLAB string arrays is not documented.
 """
 
 from __future__ import annotations
@@ -60,23 +51,7 @@ _READER = "scipy, or libhdf5 for version 7.3"
 
 
 def read_model(path: str | Path, *, variables: Mapping[str, Any] | None = None) -> Model:
-    """Read a model.
-
-    Parameters
-    ----------
-    path : path
-        The file.
-    variables : mapping of str to object, optional
-        Variable, or field of a struct (``run1.K``), by item: ``{"M": "M0", "groups": ["K_1",
-        "K_2"]}``; see `updyn.io.model_variables`. By default variables have the names of the items.
-
-    Raises
-    ------
-    FormatError
-        If the file is damaged, or a variable is missing, unknown or not valid.
-    OptionError
-        If `variables` contains other names than items of a model.
-    """
+    """Read a model; `variables` maps items to variables or fields (`updyn.io.model_variables`)."""
     if variables is not None:
         return build_model(
             stated_items(_unwrap_struct(_variables(path), path), variables, path), path
@@ -95,29 +70,9 @@ def read_frf(
     order: Sequence[str] | None = None,
     real_valued: bool = False,
 ) -> FRF:
-    """Read FRFs.
+    """Read FRFs; options declare items that the file does not state.
 
-    Parameters
-    ----------
-    path : path
-        The file.
-    quantity : str, optional
-        Measured quantity, required if the file does not state it; a contradiction is an error.
-    duplicates : {"raise"}
-        For compatibility with other formats; arrays have no duplicates.
-    response_labels, reference_labels : iterable of str or Dof, optional
-        Labels of rows and columns, required if the file does not state them; a contradiction is an
-        error.
-    order : sequence of str, optional
-        Axes of the stored array, by default ``("freq", "response", "reference")``.
-    real_valued : bool
-        Whether the values are real with phase 0 or pi. Otherwise real numbers are refused, because
-        they may be magnitudes or decibels.
-
-    Raises
-    ------
-    FormatError
-        If the file is damaged, or a variable is missing, unknown or not valid.
+    Real numbers are refused unless `real_valued`, because they may be magnitudes or decibels.
     """
     with _iterate_usable(path, FRF_ITEMS) as found:
         return build_frf(
@@ -141,31 +96,7 @@ def read_records(
     time: str | None = None,
     rate: float | str | None = None,
 ) -> Records:
-    """Read time records from selected variables, or fields of structs (``data.force``).
-
-    Parameters
-    ----------
-    path : path
-        The file.
-    values : mapping of str to str, sequence of str, or str
-        Variable by channel; or variables with the names of their channels; or one variable for all
-        channels.
-    channels : sequence of str, optional
-        Names of the channels of one variable.
-    order : sequence of str, optional
-        Axes of a variable, of "record", "channel", "time"; a single row or column contains times.
-    time : str, optional
-        Variable of the times in s, evenly spaced.
-    rate : float or str, optional
-        Samples per second, or the variable with this number, if there are no times.
-
-    Raises
-    ------
-    FormatError
-        If the file is damaged, or a variable is missing or of another shape.
-    OptionError
-        If options are missing.
-    """
+    """Read time records from variables or fields of structs (`updyn.io.record_arrays`)."""
     return build_records(
         _variables(path),
         path,
@@ -181,7 +112,7 @@ def read_records(
 def _iterate_usable(path: str | Path, items: Collection[str]) -> Iterator[Mapping[str, Any]]:
     """Yield the usable variables of a file in which they have the names of the items.
 
-    After the block, unusable variables with other names are reported in a warning. If the block
+    Unusable variables with other names are reported in a warning after the block; if the block
     fails, they are reported as the likely reason.
     """
     found, unread = _select_usable(_unwrap_struct(_variables(path), path))
@@ -231,20 +162,7 @@ def _unwrap_struct(variables: Mapping[str, Any], path: str | Path) -> Mapping[st
 
 
 def write_model(model: Model, path: str | Path) -> None:
-    """Write a model as a version 5 file, with sparse matrices.
-
-    Parameters
-    ----------
-    model : Model
-        The model.
-    path : path
-        File to write.
-
-    Raises
-    ------
-    FormatError
-        If a matrix is larger than the format allows (2 GB).
-    """
+    """Write a model as a version 5 file, with sparse matrices of at most 2 GB."""
     items = model_items(model)
     groups: dict[str, Any] = {}
     for number, (name, parts) in enumerate(items["groups"].items(), 1):
@@ -257,20 +175,7 @@ def write_model(model: Model, path: str | Path) -> None:
 
 
 def write_frf(frf: FRF, path: str | Path) -> None:
-    """Write FRFs as a version 5 file.
-
-    Parameters
-    ----------
-    frf : FRF
-        The data.
-    path : path
-        File to write.
-
-    Raises
-    ------
-    FormatError
-        If an array is larger than the format allows (2 GB).
-    """
+    """Write FRFs as a version 5 file, with arrays of at most 2 GB."""
     _save(frf_items(frf), path, last="quantity")
 
 
@@ -316,13 +221,7 @@ def _to_storable(items: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def read_variables(path: str | Path) -> dict[str, Any]:
-    """Read all variables by name: ndarray (axes as in MATLAB), sparse array, list of str, or dict.
-
-    Raises
-    ------
-    FormatError
-        If the file is damaged or a variable is of a class that cannot be used.
-    """
+    """Read all variables by name, as ndarray (axes as in MATLAB), sparse array, list or dict."""
     found, unread = _select_usable(_variables(path))
     for reason in unread.values():
         raise FormatError(reason, path)

@@ -1,27 +1,8 @@
 """Matrix Market: a model as a small TOML file that lists its matrix files and its DOFs.
 
-::
-
-    title = "Gear case"
-    dofs = "dofs.csv"                 # a table (updyn.io.dof_table), or labels: ["1:X", "1:Y"]
-
-    [geometry]                        # optional
-    nodes = "nodes.csv"
-    lines = "lines.csv"               # optional, as are
-    faces = "faces.csv"
-
-    [[group]]
-    name = "housing"
-    stiffness = "K_housing.mtx"       # stiffness, mass, viscous: at least one
-    mass = "M_housing.mtx"
-    loss_factor = 0.02                # optional, by default 0
-    mass_damping = 1.5                # optional: C = 1.5 M, in 1/s
-    stiffness_damping = 2e-5          # optional: C = 2e-5 K, in s
-    loss_table = [[10, 200], [1, 3]]  # optional: lines in Hz, factors on loss_factor
-
-File names are relative to the TOML file. Matrices are real, coordinate or array, symmetric or
-general. For matrix files of Abaqus see `updyn.io.abaqus.table`; for OUTPUT4 and DMIG files of
-Nastran `updyn.io.nastran.matrices`.
+File names are relative to the TOML file, whose keys are in docs/formats.md. Matrices are real,
+coordinate or array, symmetric or general. For matrix files of Abaqus see `updyn.io.abaqus.table`,
+for OUTPUT4 and DMIG files of Nastran `updyn.io.nastran.matrices`.
 """
 
 from __future__ import annotations
@@ -56,26 +37,7 @@ _DIGITS = 17  # sufficient to recover any double exactly
 def read_model(path: str | Path, *, unit: str = "m", internal: str = "keep") -> Model:
     """Read a model from its TOML file, or from a matrix file of Abaqus.
 
-    Parameters
-    ----------
-    path : path
-        The TOML file, or a matrix file of Abaqus, ``job_STIF1.mtx``.
-    unit, internal : str
-        As in `updyn.io.abaqus.model.read_model`, only for a matrix file of Abaqus; a TOML file
-        states its own.
-
-    Returns
-    -------
-    Model
-        The model.
-
-    Raises
-    ------
-    FormatError
-        If a key is unknown, a file is missing, or a matrix or a table is not valid; the message
-        gives file and line.
-    OptionError
-        If an option does not apply.
+    `unit` and `internal` apply only to a matrix file of Abaqus; a TOML file states its own.
     """
     path = Path(path)
     if path.suffix.lower() == ".mtx" and is_abaqus(path):
@@ -179,18 +141,8 @@ def _find_key(fault: str, matrices: Mapping[str, Any]) -> str:
 def write_model(model: Model, path: str | Path) -> None:
     """Write a model as a TOML file with files of matrices and tables.
 
-    Parameters
-    ----------
-    model : Model
-        The model.
-    path : path
-        The TOML file to write, for instance ``case.toml``. The others are named ``case_01_K.mtx``,
-        ``case_dofs.csv`` and so on; existing files are replaced. The TOML file is written last.
-
-    Raises
-    ------
-    FormatError
-        If the suffix is ``.mtx``: a model is more than one matrix.
+    Files of ``case.toml`` are named ``case_01_K.mtx``, ``case_dofs.csv`` and so on. The TOML file
+    is written last.
     """
     import tomlkit
 

@@ -1,9 +1,8 @@
 """One matrix in the Matrix Market format: a header, the size, then one entry per line.
 
-``coordinate`` has row, column and entry, ``array`` only the entries, column by column; of a
-symmetric matrix one triangle is stored. Every line is checked completely, the entries are counted,
-and the last line has to end, which detects truncated numbers. Source: Boisvert, Pozo and Remington,
-The Matrix Market Exchange Formats, NISTIR 5935 (1996).
+Every line is checked completely, the entries are counted, and the last line has to end, which
+detects truncated numbers. Source: Boisvert, Pozo and Remington, The Matrix Market Exchange Formats,
+NISTIR 5935 (1996).
 """
 
 from __future__ import annotations
@@ -56,14 +55,7 @@ def has_banner(start: bytes) -> bool:
 
 
 def read_matrix(path: Path, n: int) -> Matrix:
-    """Read a real matrix as CSR, shape (n, n).
-
-    Raises
-    ------
-    FormatError
-        If a line is not valid, the number of entries differs from the header, an entry occurs
-        twice, or the matrix is not real or has another size.
-    """
+    """Read a real matrix as CSR, shape (n, n)."""
     try:
         raw = path.read_bytes()
     except OSError as error:

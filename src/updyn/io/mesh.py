@@ -22,31 +22,10 @@ def read_model(
     ungrouped: str = "error",
     grounded: Iterable[str | int] = (),
 ) -> Model:
-    """Read a mesh and build a model.
+    """Read a mesh and build a model from materials in SI units by physical group.
 
-    Parameters
-    ----------
-    path : path
-        The mesh, as for `updyn.elements.mesh.read_mesh`.
-    unit : {"m", "mm", "cm", "in"}
-        Unit of the positions in the file; required, because no format states it.
-    materials : mapping of str to mapping
-        Fields of the part of each physical group, always in SI units; required. The ``section`` of
-        a beam may be a table, as in a job.
-    leave_out, ungrouped, grounded
-        As for `updyn.elements.mesh.structure_from_mesh`.
-
-    Returns
-    -------
-    Model
-
-    Raises
-    ------
-    OptionError
-        If the unit or the materials are not given.
-    FormatError
-        If the file cannot be read, or a group without material, a material without group or a cell
-        without group is found.
+    `unit` is required, because no format states it. The other options are those of
+    `updyn.elements.mesh.structure_from_mesh`.
     """
     from updyn.elements.mesh import structure_from_mesh
     from updyn.elements.structure.beams import section_from_table

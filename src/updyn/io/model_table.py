@@ -1,8 +1,7 @@
 """The TOML file of a model whose matrices are in other files, with tables of DOFs and nodes.
 
-It contains the common part of the readers of matrix files: the checked keys ``title``, ``dofs``,
-``geometry`` and ``group``, with their lines. The keys of a group are defined in
-`updyn.io.matrix_market`, `updyn.io.nastran.matrices` and `updyn.io.abaqus.table`.
+It contains the common part of the readers of matrix files: the keys ``title``, ``dofs``,
+``geometry`` and ``group``, with their lines.
 """
 
 from __future__ import annotations
@@ -38,17 +37,7 @@ _DRAWN_TABLES = ("lines", "faces")
 
 
 class ModelFile:
-    """A TOML file of a model: its content, and checks of its keys with their lines.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    content : mapping of str to object
-        Its content.
-    text : str
-        The text of the file, to find lines.
-    """
+    """A TOML file of a model: its content, and checks of its keys with their lines."""
 
     def __init__(self, path: Path, content: Mapping[str, Any], text: str) -> None:
         self.path = path
@@ -181,20 +170,9 @@ class ModelFile:
 
 
 def write_tables(model: Model, path: Path) -> Any:
-    """Write the tables of DOFs, nodes, lines and faces of a model, and start its TOML file.
+    """Write the tables of DOFs, nodes, lines and faces, and return the start of the TOML file.
 
-    Parameters
-    ----------
-    model : Model
-        The model.
-    path : Path
-        The TOML file, or a file with the same stem: the tables are named ``case_dofs.csv``,
-        ``case_nodes.csv``, ``case_lines.csv`` and ``case_faces.csv``.
-
-    Returns
-    -------
-    tomlkit.TOMLDocument
-        With title, DOFs and geometry.
+    The tables of ``case.toml`` are named ``case_dofs.csv``, ``case_nodes.csv`` and so on.
     """
     import tomlkit
 

@@ -1,13 +1,9 @@
 """Items of a model in variables selected by the user, the option ``variables`` of a reader.
 
-``variables`` maps an item of a model (`updyn.io.named`) to the name of a variable, or of a field of
-a struct (``run1.K``). Its ``groups`` is a variable too, or a list of variables that each form a
-group with the same name, or a mapping of group name to a variable. The variable of a group is its
-stiffness, or a struct of K, M, C and so on; in a mapping it may be a mapping of these to variables.
-Additional matrices and damping form the group "model".
-
 Matrices and damping are read only from the selected variables, because K may be the sum of K_1 and
 K_2. Other items (labels, geometry, title) are read from the variables with their names by default.
+``groups`` is one variable, a list of variables, or a mapping of group name to a variable or to a
+mapping of items.
 """
 
 from __future__ import annotations
@@ -34,26 +30,7 @@ _REMAINDER = "model"
 def stated_items(found: Items, variables: Mapping[str, Any], path: str | Path) -> dict[str, Any]:
     """Return the items of a model, as arguments of `updyn.io.named.build_model`.
 
-    Parameters
-    ----------
-    found : mapping of str to object
-        Content of the file.
-    variables : mapping of str to object
-        Variable of each item, see the module docstring.
-    path : path
-        The file, for messages.
-
-    Raises
-    ------
-    OptionError
-        If `variables` is not such a mapping.
-    FormatError
-        If the file has no such variable; the message gives the nearest one.
-
-    Warns
-    -----
-    UpdynWarning
-        If a matrix or damping with the name of an item is not selected.
+    Matrices or damping with the name of an item that are not selected cause a warning.
     """
     if not isinstance(variables, Mapping) or not variables:
         raise OptionError(

@@ -103,13 +103,7 @@ _READERS = {"model": "read_model", "frf": "read_frf"}
 
 # -- model --------------------------------------------------------------------------------------
 def build_model(items: Items, path: str | Path) -> Model:
-    """Build a model from named items.
-
-    Raises
-    ------
-    FormatError
-        If an item is missing, unknown, of the wrong type, or not valid; the message gives its name.
-    """
+    """Build a model from named items."""
     items = with_groups(items, path)
     _check_kind(items, "model", path)
     check_names(items, MODEL_ITEMS, path)
@@ -224,32 +218,7 @@ def build_frf(
     order: Sequence[str] | None = None,
     real_valued: bool = False,
 ) -> FRF:
-    """Build an FRF from named items.
-
-    Parameters
-    ----------
-    items : mapping
-        Content of the file.
-    path : path
-        The file, for messages.
-    quantity : str, optional
-        Measured quantity, required if the file does not state it.
-    duplicates : {"raise"}
-        For compatibility with other formats; arrays have no duplicates.
-    response_labels, reference_labels : iterable of str or Dof, optional
-        Labels of rows and columns, required if the file does not state them.
-    order : sequence of str, optional
-        Axes of the stored array, by default ``("freq", "response", "reference")``.
-    real_valued : bool
-        Whether the values are real with phase 0 or pi.
-
-    Raises
-    ------
-    FormatError
-        If an item is missing, unknown, contradicts an argument, or is not valid.
-    OptionError
-        If an option is not valid.
-    """
+    """Build an FRF from named items; the other arguments declare items that are missing."""
     if duplicates != "raise":
         raise OptionError(
             f"duplicates={duplicates!r}: this format holds every response and reference once;"
@@ -473,14 +442,7 @@ def _geometry_items(geometry: Geometry | None) -> dict[str, Any]:
 
 
 def with_groups(items: Items, path: str | Path) -> Items:
-    """Return the items with parts as ``groups`` and labels as ``as_dofs``.
-
-    Raises
-    ------
-    FormatError
-        If two forms are mixed, a part has no name or occurs twice, or ``dof_ref`` is not a table of
-        node and direction.
-    """
+    """Return the items with parts as ``groups`` and labels as ``as_dofs``."""
     out = dict(items)
     if "dof_ref" in out:
         if "dofs" in out:

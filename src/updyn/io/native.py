@@ -1,14 +1,8 @@
 """Native HDF5 and netCDF-4 files end with a digest, which detects any change of their bytes.
 
-A single changed bit can send libhdf5 into an endless loop, or silently change a number. The digest
-therefore covers every byte of the file and is checked without parsing. The last 78 bytes of a
-native file are one line of text::
-
-    updyn-sha256 HEX
-
-with the SHA-256 of all bytes before that line. HDF5 ignores bytes after the end of its data, so
-h5py, xarray and the netCDF library can open the file. A program that opens it for writing truncates
-it at the end of the data, which removes the digest: `updyn.foreign` then reads it as a file of
+A single changed bit can send libhdf5 into an endless loop, or silently change a number. The last 78
+bytes are a line ``updyn-sha256 HEX``, the SHA-256 of all bytes before it, which HDF5 ignores. A
+program that opens the file for writing removes it: `updyn.foreign` then reads the file as that of
 another program.
 """
 
@@ -34,13 +28,6 @@ def write_native(content: io.BytesIO, path: str | Path) -> None:
     """Write an HDF5 file that was created in memory, with its digest.
 
     libhdf5 itself never writes to the disk, because it may end the process if the disk is full.
-
-    Parameters
-    ----------
-    content : io.BytesIO
-        The file.
-    path : path
-        File to write.
     """
     with content.getbuffer() as buffer:
         write_bytes(path, buffer, _MARK + hashlib.sha256(buffer).hexdigest().encode() + b"\n")
@@ -49,27 +36,8 @@ def write_native(content: io.BytesIO, path: str | Path) -> None:
 def load_native(function: str, path: str | Path, *arguments: Any, what: str) -> Any:
     """Load an HDF5 file, in this process after verification, in a child process without a digest.
 
-    Parameters
-    ----------
-    function : str
-        ``"module:function"`` of `updyn.foreign`; its arguments are the path, whether the digest is
-        right, and `arguments`.
-    path : path
-        The file.
-    *arguments : object
-        Further arguments.
-    what : str
-        Expected kind of file, for messages.
-
-    Returns
-    -------
-    object
-        Return value of the function, plain data.
-
-    Raises
-    ------
-    FormatError
-        If the digest does not match the content, or the file cannot be read.
+    The arguments of ``"module:function"`` of `updyn.foreign` are the path, whether the digest is
+    right, and `arguments`.
     """
     if _is_verified(path):
         return box.load_in_process(function, path, True, *arguments, what=what)

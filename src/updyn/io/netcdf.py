@@ -48,29 +48,10 @@ def read_frf(
     duplicates: str = "raise",
     real_valued: bool = False,
 ) -> FRF:
-    """Read FRFs from a netCDF-4 or HDF5 file.
+    """Read FRFs from a netCDF-4 or HDF5 file; raise an `AbsentError` if it holds other data.
 
-    Parameters
-    ----------
-    path : path
-        The file.
-    quantity : str, optional
-        Measured quantity, required if the file does not state it; a contradiction is an error.
-    duplicates : {"raise"}
-        For compatibility with other formats; arrays have no duplicates.
-    real_valued : bool
-        Whether the values are real with phase 0 or pi. Otherwise a real variable ``frf`` is
-        refused, because it may contain magnitudes or decibels.
-
-    Returns
-    -------
-    FRF
-
-    Raises
-    ------
-    FormatError
-        If the file is damaged, holds a model or a result (the message gives the right reader),
-        lacks a variable, or holds other data (`AbsentError`).
+    A real variable ``frf`` is refused unless `real_valued`, because it may contain magnitudes or
+    decibels.
     """
     if duplicates != "raise":
         raise OptionError(
@@ -105,25 +86,9 @@ def read_records(
     time: str | None = None,
     rate: float | str | None = None,
 ) -> Records:
-    """Read time records of `updyn.read_records` written by xarray, or any arrays of HDF5.
+    """Read time records written by xarray, or any arrays of HDF5 (`updyn.io.record_arrays`).
 
-    Parameters
-    ----------
-    path : path
-        The file.
-    values : mapping of str to str, sequence of str, or str, optional
-        Dataset by channel, in groups with dots (``run1.force``); or datasets with the names of
-        their channels; or one dataset for all channels. By default the variable ``records`` of a
-        file written by xarray.
-    channels, order, time, rate
-        As for `updyn.io.matlab.read_records`, for datasets.
-
-    Raises
-    ------
-    FormatError
-        If the file is damaged, or a dataset is missing or of another shape.
-    OptionError
-        If options are missing.
+    Names of datasets in groups have dots (``run1.force``).
     """
     if values is not None:
         root = load_native("updyn.foreign.hdf5:load", path, what="HDF5 file")
@@ -180,30 +145,14 @@ def _datasets(
 
 @dataclass(frozen=True, slots=True)
 class NetCDFContent:
-    """A loaded netCDF-4 file.
-
-    Parameters
-    ----------
-    root : Folder
-        Attributes and names of its root; requested groups are folders.
-    variables : mapping of str to list
-        Dimensions, values and attributes of each variable of the root, by name.
-    path : path
-        The file, for messages.
-    """
+    """A loaded netCDF-4 file; `variables` are dimensions, values and attributes by name."""
 
     root: Folder
     variables: Mapping[str, Any]
     path: str | Path
 
     def data(self) -> xr.Dataset:
-        """Return the root as a dataset with unpacked numbers.
-
-        Raises
-        ------
-        FormatError
-            If an attribute of packed numbers is not a number.
-        """
+        """Return the root as a dataset with unpacked numbers."""
         import xarray as xr
 
         variables = {}
@@ -226,30 +175,9 @@ def load_netcdf(
     wanted: Sequence[str] = (),
     groups: Sequence[str] = (),
 ) -> NetCDFContent:
-    """Load a netCDF-4 file.
+    """Load a netCDF-4 file; only names and attributes if it is of another kind.
 
-    Parameters
-    ----------
-    path : path
-        The file.
-    kind : str
-        Required kind (`updyn.io.hdf5.check_kind`); only names and attributes are loaded for another
-        kind.
-    what : str
-        Expected kind of file, for messages.
-    wanted : sequence of str
-        Names of which a file without stated kind has to contain one.
-    groups : sequence of str
-        Groups to load.
-
-    Returns
-    -------
-    NetCDFContent
-
-    Raises
-    ------
-    FormatError
-        If the file is damaged, or contains links to other files.
+    `wanted` are names of which a file without stated kind has to contain one.
     """
     found = load_native(
         "updyn.foreign.netcdf:load", path, kind, list(wanted), list(groups), what=what
@@ -284,15 +212,7 @@ def _combine_parts(data: xr.Dataset, path: str | Path) -> xr.Dataset:
 
 
 def write_frf(frf: FRF, path: str | Path) -> None:
-    """Write FRFs as a netCDF-4 file.
-
-    Parameters
-    ----------
-    frf : FRF
-        The data.
-    path : path
-        File to write, usually ``.nc``.
-    """
+    """Write FRFs as a netCDF-4 file."""
     import h5py
 
     content = io.BytesIO()

@@ -51,19 +51,7 @@ _HEADERS = {
 
 
 def read_model(path: str | Path) -> Model:
-    """Read a model from an archive.
-
-    Parameters
-    ----------
-    path : path
-        The file.
-
-    Raises
-    ------
-    FormatError
-        If the archive is damaged, holds pickled objects, or a name is missing, unknown or not
-        valid.
-    """
+    """Read a model from an archive."""
     arrays = read_arrays(path)
     if {"format", "shape", *_CSR} <= set(arrays):
         raise FormatError(
@@ -77,15 +65,7 @@ def read_model(path: str | Path) -> Model:
 
 
 def write_model(model: Model, path: str | Path) -> None:
-    """Write a model with sparse matrices, without loss of digits.
-
-    Parameters
-    ----------
-    model : Model
-        The model.
-    path : path
-        File to write.
-    """
+    """Write a model with sparse matrices, without loss of digits."""
     items = model_items(model)
     groups = items.pop("groups")
     flat: dict[str, Any] = {**items, "groups": list(groups)}
@@ -109,31 +89,9 @@ def read_frf(
     order: Sequence[str] | None = None,
     real_valued: bool = False,
 ) -> FRF:
-    """Read FRFs from an archive.
+    """Read FRFs from an archive; options declare items that the file does not state.
 
-    Parameters
-    ----------
-    path : path
-        The file.
-    quantity : str, optional
-        Measured quantity, required if the file does not state it; a contradiction is an error.
-    duplicates : {"raise"}
-        For compatibility with other formats; arrays have no duplicates.
-    response_labels, reference_labels : iterable of str or Dof, optional
-        Labels of rows and columns, required if the file does not state them; a contradiction is an
-        error.
-    order : sequence of str, optional
-        Axes of the stored array, for instance ``("reference", "response", "freq")``; by default
-        ``("freq", "response", "reference")``.
-    real_valued : bool
-        Whether the values are real with phase 0 or pi. Otherwise real numbers are refused, because
-        they may be magnitudes or decibels.
-
-    Raises
-    ------
-    FormatError
-        If the archive is damaged, holds pickled objects, or a name is missing, unknown or not
-        valid.
+    Real numbers are refused unless `real_valued`, because they may be magnitudes or decibels.
     """
     items = _nest_items(read_arrays(path), path)
     return build_frf(
@@ -149,15 +107,7 @@ def read_frf(
 
 
 def write_frf(frf: FRF, path: str | Path) -> None:
-    """Write FRFs.
-
-    Parameters
-    ----------
-    frf : FRF
-        The data.
-    path : path
-        File to write.
-    """
+    """Write FRFs."""
     _save(frf_items(frf), path)
 
 
@@ -169,14 +119,7 @@ def _save(items: dict[str, Any], path: str | Path) -> None:
 
 
 def read_arrays(path: str | Path) -> dict[str, NDArray[Any]]:
-    """Read all arrays of an archive by name; sizes are checked before anything is unpacked.
-
-    Raises
-    ------
-    FormatError
-        If the archive is damaged, contains pickled objects, or much more data than its size
-        suggests.
-    """
+    """Read all arrays of an archive by name; sizes are checked before anything is unpacked."""
     with Path(path).open("rb") as file:
         start = file.read(8)
     if start.startswith(b"\x93NUMPY"):

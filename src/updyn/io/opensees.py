@@ -1,10 +1,9 @@
 """A model from a running OpenSees interpreter (openseespy), group by group.
 
-OpenSees forms K, M and C on demand with the integrator GimmeMCK, without a time step. It has no
-command that returns the contribution of an element, but the damping of an element is alphaM times
-its mass plus betaK times its tangent stiffness (Element::getDamp), with factors for each element.
-If all factors except those of one group are zero, C is K or M of that group: the sum of its element
-matrices, not a difference of runs. The sum of all groups has to equal the totals.
+OpenSees has no command that returns the contribution of an element, but the damping of an element
+is alphaM times its mass plus betaK times its tangent stiffness (Element::getDamp). If all factors
+except those of one group are zero, C of the integrator GimmeMCK is K or M of that group. The sum of
+all groups has to equal the totals.
 """
 
 from __future__ import annotations
@@ -414,13 +413,7 @@ def _undamped_group(
     difference: _Array,
     dofs: DofSet,
 ) -> str:
-    """Return the only group with elements without Rayleigh damping, which owns the difference.
-
-    Raises
-    ------
-    ModelError
-        If there is no such group, or more than one.
-    """
+    """Return the only group with elements without Rayleigh damping, which owns the difference."""
     quiet: dict[str, list[int]] = {}
     for name, tags in elements.items():
         by_type: dict[str, list[int]] = {}

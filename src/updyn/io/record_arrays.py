@@ -44,29 +44,9 @@ def build_records(
     rate: float | str | None,
     units: Mapping[str, str] | None = None,
 ) -> Records:
-    """Build records from arrays.
+    """Build records from arrays, by the options of the module; dots in a name separate levels.
 
-    Parameters
-    ----------
-    items : mapping of str to object
-        Content of the file, nested or not; dots in a name separate the levels.
-    path : path
-        The file, for messages.
-    values, channels, order, time, rate
-        See the module docstring.
-    units : mapping of str to str, optional
-        Unit of each array for which the file states one; by default times are in s, rates in Hz.
-
-    Returns
-    -------
-    Records
-
-    Raises
-    ------
-    FormatError
-        If an array is missing, of another kind or shape, or times are not evenly spaced.
-    OptionError
-        If options are missing or contradict one another.
+    Without `units`, times are in s and rates in Hz.
     """
     arrays = _flatten(items)
     if values is None:

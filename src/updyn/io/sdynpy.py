@@ -1,15 +1,8 @@
 """The ``.npz`` archive written by ``System.save`` of SDynPy, identified by its names.
 
-``mass``, ``stiffness``, ``damping``
-    M, K, C in the internal states of the system, (n, n).
-``transformation``
-    (m, n): coordinates by states; the identity unless the system was reduced or transformed.
-``coordinate``
-    m pairs of node and direction, 1 to 6 for X Y Z RX RY RZ, negative for the opposite sense.
-``enforce_symmetry``
-    Ignored, because a model is symmetric.
-
-The fields are those of ``System.save`` of SDynPy 0.23; the program itself is not needed.
+The fields are those of SDynPy 0.23. ``transformation`` is the matrix from states to coordinates,
+the identity unless the system was reduced or transformed; ``coordinate`` has pairs of node and
+direction, 1 to 6 for X Y Z RX RY RZ, negative for the opposite sense.
 """
 
 from __future__ import annotations
@@ -39,31 +32,10 @@ def is_system(names: Mapping[str, Any]) -> bool:
 
 
 def system_model(arrays: Mapping[str, NDArray[Any]], path: str | Path) -> Model:
-    """Build a model from the arrays of a system.
+    """Build a model of one group "model" from the arrays of a system, in units of the file (SI).
 
-    Parameters
-    ----------
-    arrays : mapping of str to ndarray
-        Content of the archive.
-    path : path
-        The file, for messages.
-
-    Returns
-    -------
-    Model
-        One group, "model", in the units of the file, which have to be SI. A state gets the label of
-        the coordinate that is equal to it; for a negative coordinate the state changes sign.
-
-    Raises
-    ------
-    FormatError
-        If a field is missing or not valid, or a state is not a coordinate (a modal or Craig-Bampton
-        reduction).
-
-    Warns
-    -----
-    UpdynWarning
-        If coordinates that are combinations of states are ignored.
+    A state gets the label of the coordinate that is equal to it; for a negative coordinate the
+    state changes sign. Other states (modal, Craig-Bampton) are refused.
     """
     check_names(arrays, FIELDS, path, "SDynPy System")
     missing = [name for name in _NEEDED if name not in arrays]

@@ -1,9 +1,7 @@
 """Numbers in a text, checked against a grammar before they are converted.
 
 A converter that stops at the first unknown character reads ``2.0D+05`` as 2 and ``1,5`` as 1, and
-`float` and `int` of Python read ``1_5`` as 15. Here every character has to be part of a number in
-the notation of programs, else the text is refused. Exponents may have ``E`` or ``D``, as in
-Fortran.
+`float` and `int` of Python read ``1_5`` as 15. Exponents may have ``E`` or ``D``, as in Fortran.
 """
 
 from __future__ import annotations
@@ -50,37 +48,11 @@ def parse_rows(
     separator: bytes = b"",
     comment: bytes = b"",
 ) -> NDArray[np.float64]:
-    """Read rows of numbers, one per line; empty lines are ignored.
+    """Return finite numbers, one row per line, shape (n, len(columns)); empty lines are ignored.
 
-    Parameters
-    ----------
-    body : bytes
-        The lines. The last one has to end with a line break.
-    columns : str
-        A letter for each number of a row: "i" for an integer, "r" for a real number.
-    expected : str
-        Names of the columns, for messages: ``"row, column, entry"``.
-    path : path
-        The file, for messages.
-    first_line : int
-        Line of `body` in the file.
-    commas : bool
-        Whether commas may also separate numbers and follow the last one.
-    separator : bytes
-        Separator of numbers instead of blanks; it may also follow the last number.
-    comment : bytes
-        Start of comment lines, if any.
-
-    Returns
-    -------
-    ndarray of float, shape (n, len(columns))
-        The numbers; all are finite.
-
-    Raises
-    ------
-    FormatError
-        If a line has another content or does not end, or a number is too large; the message gives
-        the line.
+    `columns` has "i" for an integer or "r" for a real number of each row; `expected` names them for
+    messages; `first_line` is the line of `body` in the file. The last line must end with a line
+    break. `separator` and commas may also follow the last number.
     """
     check_last_line(body, path, first_line)
     end = _lines(columns, commas, separator, comment).match(body)
@@ -127,7 +99,7 @@ def find_rounding(texts: Sequence[str], values: NDArray[np.float64]) -> NDArray[
     """Return the place value of the last digit of each number in its printed form.
 
     Numbers of one column have the same number of decimals, or the same number of significant
-    digits, and may lack trailing zeros. `values` are the numbers in `texts`.
+    digits, and may lack trailing zeros.
     """
     decimals, digits = 0, 1
     for text in texts:
@@ -160,21 +132,7 @@ def check_last_line(
 ) -> None:
     """Refuse a text whose last line does not end, because it may be truncated within a number.
 
-    Parameters
-    ----------
-    body : str or bytes
-        The text.
-    path : path
-        The file, for the message.
-    first_line : int
-        Line of `body` in the file.
-    harmless : re.Pattern, optional
-        Last lines that are complete or irrelevant without a line break.
-
-    Raises
-    ------
-    FormatError
-        If the last character is not a line break.
+    `harmless` matches last lines that are complete or irrelevant without a line break.
     """
     raw = body.encode("utf-8", "replace") if isinstance(body, str) else body
     if not raw or raw.endswith((b"\n", b"\r")):

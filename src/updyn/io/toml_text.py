@@ -1,8 +1,7 @@
 """TOML texts, with a single kind of error for all faults.
 
 `tomllib` follows nested brackets until the stack of the interpreter overflows, accepts integers of
-any size, even above 64 bits, and reads the remaining half of a number at the end of a truncated
-file.
+any size, and reads the remaining half of a number at the end of a truncated file.
 """
 
 from __future__ import annotations
@@ -21,13 +20,10 @@ _LONG = re.compile(r"(?<![\w.\"'])[+-]?[0-9][0-9_]{18,}")
 
 
 def parse_toml(text: str) -> dict[str, Any]:
-    """Parse a TOML text with `tomllib`.
+    """Parse a TOML text; raise a `tomllib.TOMLDecodeError` for all faults.
 
-    Raises
-    ------
-    tomllib.TOMLDecodeError
-        If the text is not TOML, its tables and arrays are nested more than 50 deep, an integer
-        exceeds 64 bits, or the last line is a number without a line break.
+    Faults include nesting more than 50 deep, integers above 64 bits, and a number as the last line
+    without a line break.
     """
     cut = _CUT.search(text)
     if cut is not None:

@@ -1,8 +1,8 @@
 """Time records of WAV files: one record, with the channels of the file.
 
-Integer samples (8 to 32 bits) are fractions of the full scale, -1 to 1; floating-point samples are
-unchanged. A WAV file has neither names nor units: ``channels=`` and ``units=`` define them, and
-``factors=`` the full scale, or 1, in the unit.
+Integer samples are fractions of the full scale, -1 to 1; floating-point samples are unchanged.
+``channels=`` and ``units=`` define names and units, which a file lacks, and ``factors=`` the full
+scale, or 1, in the unit.
 """
 
 from __future__ import annotations
@@ -28,27 +28,7 @@ _PCM, _FLOAT, _EXTENSIBLE = 1, 3, 0xFFFE
 
 
 def read_records(path: str | Path, *, channels: Sequence[str] | None = None) -> Records:
-    """Read a time record.
-
-    Parameters
-    ----------
-    path : path
-        The file.
-    channels : sequence of str, optional
-        Names of the channels, by default "1", "2", ...
-
-    Returns
-    -------
-    Records
-        One record, without units.
-
-    Raises
-    ------
-    FormatError
-        If the file is damaged or truncated, or its samples are compressed.
-    OptionError
-        If the number of names differs from the number of channels.
-    """
+    """Read one time record, without units; channels are by default "1", "2", ..."""
     from scipy.io import wavfile
 
     _check_chunks(require_file(path))
