@@ -1,12 +1,10 @@
 """A generated 4 m antenna: pedestal, yoke, truss, reflector, and two drive trains with motors.
 
-SI units; X along the horizontal direction of view, Y along the elevation axis, Z up; the elevation
-of the dish is 45 degrees. With fixed drives, the first mode of a dish of D metres is at about 20
-D^-0.7 Hz (W. Gawronski, Modeling and Control of Antennas and Telescopes, Springer 2008), here 7.6
-Hz; this model has 7.1 Hz.
-
-The stiffness of a gear mesh includes bearings and carrier of its pinion; the teeth alone would be
-ten times as stiff.
+SI units; X along the horizontal direction of view, Y along the elevation axis, Z up. With fixed
+drives, the first mode of a dish of D metres is at about 20 D^-0.7 Hz (W. Gawronski, Modeling and
+Control of Antennas and Telescopes, Springer 2008), here 7.6 Hz; this model has 7.1 Hz. The
+stiffness of a gear mesh includes bearings and carrier of its pinion; the teeth alone would be ten
+times as stiff.
 """
 
 from __future__ import annotations
