@@ -488,10 +488,7 @@ def require_continuous(plant: Plant) -> None:
 
 
 def to_velocity(plant: Plant, output: str, what: str = "velocity") -> int:
-    """Return the power of s that converts an output to a velocity: 1 for a displacement, else 0.
-
-    `what` names the result in the message for an acceleration.
-    """
+    """Return the power of s that converts an output to a velocity: 1 for a displacement, else 0."""
     quantity = plant.quantities[plant.outputs.index(output)]
     if quantity == "accelerance":
         raise OptionError(
@@ -505,8 +502,8 @@ def rigid_inertia(plant: Plant, torque: str, velocity: str) -> float | None:
     """Return the rigid-body inertia between a torque and a velocity, in kg m2 (kg).
 
     Negative if a positive torque turns the output in the negative direction, None without free
-    rotation. Its reciprocal is the sum of the residues of the mobility at the slow poles: at 0 for
-    a free body, at -c / J with bearing friction c; computed by an integral on a circle around them.
+    rotation. Its reciprocal is the sum of the residues of the mobility at the slow poles (0, with
+    bearing friction c at -c / J), by an integral on a circle around them.
     """
     require_continuous(plant)
     channel = plant.channel(velocity, torque)

@@ -1,14 +1,12 @@
 """`SampledCascade`: a digital controller on a sampled plant, and its loops in z.
 
-The controller is converted factor by factor with s = c (z - 1) / (z + 1) (Tustin), c = 2 / dt for
-the integral part, and c = w / tan(w dt / 2) for a notch or low-pass at w, which keeps its frequency
-(prewarping; Franklin, Powell & Workman, Digital Control of Dynamic Systems, 3rd ed., chapter 6).
-The plant with its hold and delay is that of `updyn.sampled`. A velocity of a displacement is its
-backward difference, a position of a velocity its trapezoidal sum.
+Each factor of the controller is converted with s = c (z - 1) / (z + 1) (Tustin), c = 2 / dt for the
+integral part, and c = w / tan(w dt / 2) for a notch or low-pass at w (prewarping; Franklin, Powell
+& Workman, Digital Control of Dynamic Systems, 3rd ed., chapter 6). A velocity of a displacement is
+its backward difference, a position of a velocity its trapezoidal sum.
 
-With z = exp(s dt) the loop functions are functions of s up to half the sampling rate, and the
-margins are those of continuous loops; at half the sampling rate L is real, and may be -1. Stability
-is determined by the eigenvalues of the closed loop in z, without an approximation of a dead time.
+With z = exp(s dt) the margins are those of continuous loops, up to half the sampling rate, where L
+is real and may be -1. The eigenvalues of the closed loop in z determine its stability.
 """
 
 from __future__ import annotations
@@ -56,10 +54,7 @@ def bilinear(system: StateSpace, c: float) -> StateSpace:
 
 
 class SampledCascade:
-    """A digital controller on one sampled plant.
-
-    Hold and delay are those of the plant; the dead time of the controller is not used.
-    """
+    """A digital controller on one sampled plant; its delay replaces the controller's dead time."""
 
     def __init__(self, plant: Plant, controller: Controller, wiring: Wiring) -> None:
         if plant.dt is None:
@@ -205,8 +200,8 @@ def judge_sampled(
 ) -> list[JudgedLoop | None]:
     """Return margins and stability of the loops of a sampled cascade; poles as s = log(z) / dt.
 
-    `continuous` are the velocity loop, the position loop and the loop broken at the torque on the
-    continuous plant; None for a missing one.
+    `continuous` are the velocity, position and torque loops on the continuous plant, None if
+    missing.
     """
     loops = cascade.velocity, cascade.position, cascade.torque
     return [

@@ -38,13 +38,8 @@ _ZERO_OFFSET = 1e-6  # relative distance from a zero at which the response is co
 class ResonancePair:
     """An antiresonance of torque to motor speed and the next resonance above it.
 
-    Attributes
-    ----------
-    antiresonance, resonance : float
-        In Hz, without damping: a locked-rotor and a free-rotor frequency.
-    antiresonance_damping, resonance_damping : float
-        Damping ratios, half the modal loss factors; nan above the last frequency of the tables of
-        loss factors.
+    Undamped frequencies in Hz (locked rotor, free rotor), and damping ratios: half the modal loss
+    factors, nan above the tables of loss factors.
     """
 
     antiresonance: float
@@ -55,18 +50,12 @@ class ResonancePair:
 
 @dataclass(frozen=True, slots=True)
 class Bandwidth:
-    """Attainable bandwidth of the loops around the motor.
+    """Attainable bandwidth of the loops around the motor, in Hz.
 
-    Attributes
-    ----------
-    velocity : float
-        Upper bound of the crossover of the velocity loop, in Hz: the first antiresonance.
-    position : (float, float)
-        Usual bandwidth of the position loop, in Hz: a third to a half of the same frequency.
-    damping : float or None
-        Damping ratio of the four poles of a PI velocity loop on two inertias that places them at
-        the antiresonance: sqrt(R) / 2 with the inertia ratio R. All poles can be real if it is 1 or
-        more. None if the inertia ratio is unknown.
+    `velocity`, the first antiresonance, limits the crossover of the velocity loop; `position` is a
+    third to a half of it. `damping` is sqrt(R) / 2 with the inertia ratio R: that of the four poles
+    of a PI velocity loop on two inertias, placed at the antiresonance. All can be real if it is 1
+    or more. None if R is unknown.
     """
 
     velocity: float
@@ -114,26 +103,22 @@ class DriveFigures:
     pairs : tuple of ResonancePair
         Antiresonances and resonances of torque to motor speed, ascending.
     first_resonance : float or None
-        Resonance below the first antiresonance in Hz, if the model has no rigid-body motion of the
-        motor.
+        Resonance below the first antiresonance in Hz, without rigid-body motion of the motor.
     hidden : tuple of float
-        Locked-rotor frequencies in Hz that are not observable at the motor: resonance and
-        antiresonance differ by less than `separation`.
+        Locked-rotor frequencies in Hz that cancel with a resonance at the motor.
     separation : float
         Relative difference of frequency below which a pair cancels.
     antiresonance_error : float
-        Largest relative distance between a zero of the computed response torque to motor speed and
-        its locked-rotor frequency; checks that the two agree.
+        Largest relative distance between a zero of torque to motor speed and its locked-rotor
+        frequency.
     rigid : int
         Number of rigid-body modes of the free model.
     ratio : float or None
-        Speed of the motor over that of the load in rigid-body motion, with sign; the stated ratio
-        if the model has no such motion.
+        Signed speed of the motor over that of the load in rigid-body motion, else as stated.
     ratio_from : str
         ``"rigid-body mode"``, ``"stated"`` or ``""``.
     inertia : float or None
         Total rigid-body inertia at the motor, in kg m2.
-        Rigid-body inertia at the motor, everything counted, in kg m2.
     motor_inertia : float
         Inertia on the motor's DOF itself, in kg m2.
     rest_inertia : float or None
@@ -142,14 +127,11 @@ class DriveFigures:
         `rest_inertia` times ratio squared: the same inertia at the load, in kg m2.
     inertia_ratio : float or None
         `rest_inertia` over `motor_inertia`: J_L / (n^2 J_M).
-    stiffness_at_motor : float
-        Static stiffness at the motor, load held, in N m/rad.
-    stiffness_at_load : float
-        Static stiffness at the load, motor held, in N m/rad; for a train that can turn, the
-        stiffness at the motor times ratio squared.
+    stiffness_at_motor, stiffness_at_load : float
+        Static stiffness in N m/rad, the other end held; for a train that can turn, that at the
+        load is that at the motor times ratio squared.
     bandwidth : Bandwidth or None
-        Attainable bandwidth of the loops. None if no antiresonance in the band is observable at the
-        motor.
+        None if no antiresonance in the band is observable at the motor.
     band : (float, float) or None
         Frequency range of the modes, in Hz. None: the lowest modes.
     notes : tuple of str
@@ -189,12 +171,7 @@ class DriveFigures:
         )
 
     def summary(self) -> str:
-        """Return all figures as text.
-
-        Returns
-        -------
-        str
-        """
+        """Return all figures as text."""
         mass_m, stiff_m = _units(self.motor)
         mass_l, stiff_l = _units(self.load)
         ratio_from = f"from {self.ratio_from}" if self.ratio_from else ""

@@ -24,20 +24,7 @@ _quiet = np.errstate(divide="ignore", invalid="ignore", over="ignore")
 
 @dataclass(frozen=True, slots=True)
 class Wiring:
-    """Names of the plant's input and outputs that a servo uses.
-
-    Attributes
-    ----------
-    torque, velocity : str
-        Input driven and output read by the velocity loop.
-    position : str or None
-        Output of the position loop; None without one.
-    pointing : str
-        Output whose error is evaluated; by default the position (the velocity, without a position
-        loop).
-    disturbance : str or None
-        Another input, torque or force.
-    """
+    """Names of the plant's ports that a servo uses; the error of `pointing` is evaluated."""
 
     torque: str
     velocity: str
@@ -199,12 +186,11 @@ class Cascade:
     def closed_loop(
         self, pade: int = 0, *, position: bool | None = None, pointing: bool = False
     ) -> StateSpace:
-        """Return the closed loop as a state-space system.
+        """Return the closed loop as a state-space system; the dead time has order `pade`.
 
         Inputs: reference, its rate, velocity reference, disturbance. Outputs: position, torque, and
         the pointing on request; that of a velocity is integrated, which adds a pole at 0. Without a
-        position loop the velocity replaces the position, and only the velocity reference acts. The
-        dead time is approximated with order `pade`.
+        position loop the velocity replaces the position, and only the velocity reference acts.
         """
         outer = self.has_position
         if position is not None:

@@ -35,46 +35,34 @@ class Margins:
     Attributes
     ----------
     stable : bool
-        Whether all closed-loop poles lie to the left of the imaginary axis, except those of
-        `drifting`.
+        Whether all closed-loop poles except `drifting` lie to the left of the imaginary axis.
     unstable_poles : int
         Number of closed-loop poles to the right of the imaginary axis.
     drifting : int
-        Number of closed-loop poles at 0, of motions that this loop does not observe or control: the
-        angle in a velocity loop, another axis, or the angle if the position is made by integration
-        of a speed.
+        Number of closed-loop poles at 0, of motions that this loop does not observe or control,
+        such as the angle in a velocity loop.
     judged_by : str
         Method of the stability test: ``"eigenvalues"`` or, with dead time, ``"Nyquist count"``.
-        How stability was found: ``"eigenvalues"`` or, with dead time, ``"Nyquist count"``.
-    phase_crossings : ndarray of float, shape (n,)
-        Frequencies in Hz, ascending, at which L is real and negative.
-    gain_margins : ndarray of float, shape (n,)
-        1 / |L| at these: the factor on the gain that brings L to -1.
+    phase_crossings, gain_margins : ndarray of float, shape (n,)
+        Frequencies in Hz, ascending, at which L is real and negative, and 1 / |L| at these.
     gain_crossings : ndarray of float, shape (m,)
         Frequencies in Hz, ascending, at which |L| = 1.
-    phase_margins : ndarray of float, shape (m,)
-        180 degrees plus the phase of L at these, in degrees, above -180 and up to 180.
-    delay_margins : ndarray of float, shape (m,)
-        Additional dead time in s that brings L to -1 at these.
-    gain_margin : float or None
-        Smallest factor above 1 that makes the loop unstable; inf if none does.
-    gain_reduction : float or None
-        Largest factor below 1 that makes the loop unstable; 0 if none does.
-    phase_margin : float or None
-        The smallest of `phase_margins` in absolute value, in degrees, with sign; inf without a
-        crossing.
-    delay_margin : float or None
-        The smallest of `delay_margins`, in s; inf without a crossing.
+    phase_margins, delay_margins : ndarray of float, shape (m,)
+        180 degrees plus the phase of L at these, above -180 and up to 180 degrees, and the
+        additional dead time in s that brings L to -1.
+    gain_margin, gain_reduction : float or None
+        Smallest factor above 1 and largest below 1 that make the loop unstable; inf and 0 if
+        none does.
+    phase_margin, delay_margin : float or None
+        The `phase_margins` of least size, in degrees, with sign, and the least of
+        `delay_margins`, in s; inf without a crossing.
     modulus_margin : float or None
         Smallest |1 + L|: 1 / (largest sensitivity).
     crossover : float or None
-        First frequency in Hz at which |L| falls through 1; None without one. Also given for
-        unstable loops.
-    gain_margin_at, gain_reduction_at, phase_margin_at : float or None
+        First frequency in Hz at which |L| falls through 1, also of an unstable loop; None
+        without one.
+    gain_margin_at, gain_reduction_at, phase_margin_at, delay_margin_at, modulus_margin_at
         Frequencies in Hz of these margins; None without one.
-    delay_margin_at, modulus_margin_at : float or None
-        Frequencies in Hz of these margins.
-        The same of these.
     """
 
     stable: bool
@@ -156,14 +144,9 @@ class Margins:
 
 @dataclass(frozen=True, slots=True)
 class Range:
-    """Range of a figure over a family.
+    """Range of a figure over the stable members of a family, with their indices from 0.
 
-    Attributes
-    ----------
-    smallest, largest : float
-        Of the stable members; nan without any.
-    smallest_member, largest_member : int or None
-        Index of the member with this value, from 0.
+    The values are nan and the indices None without a stable member.
     """
 
     smallest: float
@@ -182,12 +165,11 @@ class RobustMargin:
     Attributes
     ----------
     of : {"family", "plant error"}
-        Source of the size: at each frequency the largest deviation of a member of the family from
-        the nominal plant, or the relative error of the plant (in its band).
+        Source of the size: the largest deviation of a member from the nominal plant, or the
+        relative error of the plant in its band.
     margin : float
-        1 / (upper bound of the largest structured singular value): the loop is guaranteed stable
-        for perturbations up to this factor times the size. Above 1: robustly stable. inf without
-        perturbation.
+        1 / (upper bound of the largest structured singular value): the factor on the size up to
+        which stability is guaranteed; inf without perturbation.
     at : float or None
         Frequency of `margin` in Hz; None without perturbation.
     member_margin : float

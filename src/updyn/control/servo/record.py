@@ -52,27 +52,23 @@ class Loop:
     freq : ndarray of float, shape (n_f,)
         Frequency lines in Hz, dense around resonances and antiresonances.
     L : ndarray of complex, shape (n_f,)
-        The loop function without the minus of the negative feedback: the closed loop is L / (1 +
-        L).
+        The loop function; with negative feedback the closed loop is L / (1 + L).
     phase : ndarray of float, shape (n_f,)
-        Phase of L in degrees, continuous; it starts at -90 times the number of integrations.
+        Continuous phase of L in degrees; it starts at -90 times the number of integrations.
     margins : Margins
         Margins of the nominal plant.
     bandwidth : float or None
-        First frequency in Hz at which |T| falls 3 dB (to 1 / sqrt(2)) below its value at rest; None
-        if the closed loop is unstable or |T| does not fall.
-    family : ndarray of complex, shape (n_members, n_f)
-        Loop function of each member of a family; no rows without a family.
-    family_phase : ndarray of float, shape (n_members, n_f)
-        Phase of `family` in degrees, as `phase`.
+        First frequency in Hz at which |T| falls 3 dB below its value at rest; None if the closed
+        loop is unstable or |T| does not fall.
+    family, family_phase : ndarray, shape (n_members, n_f)
+        Loop function and phase in degrees of each member; no rows without a family.
     members : tuple of Margins
         Margins of each member.
     worst : mapping of str to Range
         Range of each figure over the members, by the name in `Margins`; empty without a family.
     modulus_range : (float, float) or None
-        Bounds of the modulus margin of the structure if the error of the plant is at most its
-        relative error; None if that error or the margin is unknown, or the margin lies outside the
-        band.
+        Bounds of the modulus margin of the structure by the relative error of the plant; None if
+        one of them is unknown, or the margin lies outside the band.
     """
 
     name: str
@@ -115,17 +111,13 @@ class StepResponse:
     Attributes
     ----------
     of : {"reference", "disturbance"}
-        Which input steps.
+        The input that steps.
     size : float
         Height of the step in `input_unit`.
     input, input_unit, output, output_unit : str
         Names and units of the input and of the output.
-    time : ndarray of float, shape (n,)
-        In s, ascending, with shorter intervals while the response is fast.
-    value : ndarray of float, shape (n,)
-        The output in `output_unit`.
-    torque : ndarray of float, shape (n,)
-        Torque command after the dead time, in N m (N).
+    time, value, torque : ndarray of float, shape (n,)
+        Time in s, output in `output_unit`, and torque command after the dead time in N m (N).
     final : float
         Final value in `output_unit`; nan if unbounded.
     rise_time : float or None
@@ -165,23 +157,10 @@ class StepResponse:
 class WindResponse:
     """Response to a disturbance over time, such as wind.
 
-    Attributes
-    ----------
-    input, input_unit, output, output_unit : str
-        Names and units of the disturbance and of the output.
-    time : ndarray of float, shape (n,)
-        In s.
-    disturbance : ndarray of float, shape (n,)
-        In `input_unit`.
-    error : ndarray of float, shape (n,)
-        Deviation of the output from 0, in `output_unit`.
-    rms, peak, mean : float
-        Root mean square about 0, largest absolute value and mean of `error`.
-    rms_expected : float or None
-        Root mean square without the mean by the spectrum of the wind, free of sampling error; None
-        for a given series.
-    facts : dict
-        Parameters of the disturbance: mean speed, turbulence, seed.
+    `time` is in s, `disturbance` in `input_unit`, `error`, the deviation of the output from 0, in
+    `output_unit`. `rms`, `peak` and `mean` are its root mean square about 0, largest absolute value
+    and mean. `rms_expected` is without the mean, by the spectrum of the wind, free of sampling
+    error; None for a given series. `facts` are the parameters of the disturbance.
     """
 
     input: str
@@ -207,20 +186,9 @@ class WindResponse:
 class SampledLoops:
     """Loops of the same controller as a digital one, on the sampled plant with its delay.
 
-    Attributes
-    ----------
-    dt : float
-        Sampling interval in s.
-    delay : int
-        Delay of the torque in intervals, rounded up; the hold adds to it.
-    velocity_loop : Loop
-        As in `Servo`, up to half the sampling rate.
-    position_loop, torque_loop : Loop or None
-        As in `Servo`.
-    poles : ndarray of complex, shape (n,)
-        Closed-loop poles in z.
-    notes : tuple of str
-        Parts of the controller that are not included.
+    `dt` is in s; `delay` is that of the torque in intervals, rounded up, to which the hold adds.
+    The loops are as in `Servo`, up to half the sampling rate; `poles` are closed-loop poles in z.
+    `notes` name the parts of the controller that are not included.
     """
 
     dt: float
@@ -268,31 +236,28 @@ class Servo:
         Closed loop from reference to position (velocity, without a position loop), feed-forward
         included.
     bandwidth : float or None
-        First frequency in Hz at which |reference| falls 3 dB (1 / sqrt(2)) below its value at rest;
-        None if unstable or it does not fall.
+        First frequency in Hz at which |reference| falls 3 dB below its value at rest; None if
+        unstable or it does not fall.
     compliance : ndarray of complex, shape (n_f,) or None
         Closed loop from `disturbance` to position (velocity); None without a disturbance.
     poles : ndarray of complex, shape (n,)
         Closed-loop poles in rad/s; with dead time those of its Pade approximation.
-    step : StepResponse or None
-        Response to a step of the reference; None if unstable or not requested.
-    disturbance_step : StepResponse or None
-        Response to a step of the disturbance.
+    step, disturbance_step : StepResponse or None
+        Response to a step of reference or disturbance; None if unstable or not requested.
     wind : WindResponse or None
         Response to wind or a given disturbance.
     notes : tuple of str
         Remarks on the results.
     torque_loop : Loop or None
-        Both loops closed, broken at the torque: its margins are those for gain and delay of the
-        drive. None without a position loop, as it then equals `velocity_loop`.
+        Both loops closed, broken at the torque: margins for gain and delay of the drive. None
+        without a position loop, as it then equals `velocity_loop`.
     family_steps : tuple of StepResponse or None
-        Response to the reference step of each member of a family, None for an unstable one; empty
-        if not requested.
+        Reference step of each member, None for an unstable one; empty if not requested.
     sampled : SampledLoops or None
         The same loops on the sampled plant, if given.
     robust : tuple of RobustMargin
-        Robust margins for the deviations of the family and for the relative error of the plant;
-        empty if the nominal loop is unstable.
+        For the deviations of the family and for the relative error of the plant; empty if the
+        nominal loop is unstable.
     """
 
     controller: Controller

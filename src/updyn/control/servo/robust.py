@@ -1,16 +1,14 @@
 """Robust stability of a servo: perturbations of its plant for which stability is guaranteed.
 
-Every channel G_i that the controller reads is perturbed to G_i + r_i delta_i, with delta_i any
-stable transfer function with |delta_i| <= 1 and r_i the size of the perturbation over frequency.
-With the loop broken at the torque, c_i = K_i r_i the feedback through channel i and L = sum K_i
-G_i, the perturbations are connected to
+Every channel G_i that the controller reads is perturbed to G_i + r_i delta_i, with any stable
+delta_i, |delta_i| <= 1, and the size r_i over frequency. With L broken at the torque, the feedback
+K_i through channel i and c_i = K_i r_i, the closed loop is stable for all perturbations times k if
+k mu(M) < 1 at every frequency for
 
-    M_ij = -c_i / (1 + L),
+    M_ij = -c_i / (1 + L)
 
-and the closed loop is stable for all of them times k if k mu(M) < 1 at every frequency (Doyle 1982;
-Skogestad & Postlethwaite, Multivariable Feedback Control, 2nd ed. 2005, section 8.9): the robust
-stability margin is 1 over the largest mu. The perturbed plants have no unstable poles, as the
-nominal one, and keep its poles at 0.
+(Doyle 1982; Skogestad & Postlethwaite, Multivariable Feedback Control, 2nd ed. 2005, section 8.9).
+The perturbed plants have no unstable poles, as the nominal one, and keep its poles at 0.
 """
 
 from __future__ import annotations
@@ -67,10 +65,7 @@ def family_margin(cascade: Cascade, judged: JudgedLoop, members: Sequence[Cascad
 
 
 def error_margin(cascade: Cascade, judged: JudgedLoop) -> RobustMargin | None:
-    """Return the margin for perturbations as large as the plant's relative error, in its band.
-
-    None if the plant does not state that error.
-    """
+    """Return the margin for the relative error of the plant in its band; None if it is unknown."""
     plant = cascade.plant
     error, (low, high) = plant.relative_error, plant.band
     w = judged.w[(judged.w >= _TWO_PI * low) & (judged.w <= _TWO_PI * high)]

@@ -311,12 +311,11 @@ def _loop(name: str, judged: JudgedLoop, lines: _Real, members: Sequence[JudgedL
 
 
 def _modulus_range(cascade: Cascade, judged: JudgedLoop, name: str) -> tuple[float, float] | None:
-    """Return the bounds of the modulus margin for the relative error of the plant.
+    """Return the bounds of the modulus margin for the relative error d of the plant.
 
-    A relative error d of the response changes the velocity loop by d |L|; the position loop, with
-    the velocity loop closed, by the share d (1 + |T|) / (1 - d |T|), T = L / (1 + L) of the
-    velocity loop; the loop at the torque by d times the sum of the moduli of its two parts. |1 + L|
-    changes by no more than L.
+    The velocity loop L changes by d |L|; the position loop by the share d (1 + |T|) / (1 - d |T|),
+    T = L / (1 + L) of the velocity loop; the loop at the torque by d times the sum of the moduli of
+    its two parts. |1 + L| changes by no more than L.
     """
     plant, at = cascade.plant, judged.margins.modulus_margin_at
     error, (low, high) = plant.relative_error, plant.band

@@ -61,11 +61,9 @@ def nyquist_count(loop: Loop, w: _Real, open_poles: _Complex, drifting: int) -> 
 
     With p the poles of the open loop, chi(s) = prod(s - p) (1 + L(s)) has no poles, so the phase of
     chi(j w) grows by (n - m - 2 Z) pi / 2 from w = 0 to infinity, where Z of its zeros lie to the
-    right and m at 0 (Mikhailov's criterion: Nyquist's, with the open-loop poles counted by their
-    phase). The exponential of the dead time does not change the order n if |L| < 1 above the last
-    line. `w` is in rad/s and extends from below every closed-loop pole that is not at 0 to that
-    line; `open_poles` are those of L without the dead time, including cancelled ones; `drifting` is
-    m.
+    right and m (`drifting`) at 0 (Mikhailov's criterion). Dead time keeps the order n if |L| < 1
+    above the last line. `w` in rad/s begins below every closed-loop pole that is not at 0;
+    `open_poles` are without the dead time, including cancelled ones.
     """
     lines, values = resolve(lambda s: 1.0 + loop(s), w)
     if abs(values[-1] - 1.0) >= 1.0:
@@ -93,24 +91,11 @@ def nyquist_count(loop: Loop, w: _Real, open_poles: _Complex, drifting: int) -> 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JudgedLoop:
-    """A loop with its margins and the stability of its closed loop.
+    """A loop L(s) with its margins and the stability of its closed loop.
 
-    Attributes
-    ----------
-    loop : callable
-        L(s).
-    w : ndarray of float, shape (n,)
-        Lines in rad/s that resolve L.
-    values : ndarray of complex, shape (n,)
-        L at these lines.
-    margins : Margins
-        Margins, with every crossing.
-    poles : ndarray of complex
-        Closed-loop poles in rad/s; with dead time those of its approximation.
-    pade : int
-        Order of the approximation.
-    agrees : bool
-        Whether the approximated closed loop has as many unstable poles as the exact one.
+    `w` are lines in rad/s that resolve L, `values` L at these. `poles` of the closed loop, in
+    rad/s, are with dead time those of a Pade approximation of order `pade`; `agrees` tells whether
+    it has as many unstable poles as the exact loop.
     """
 
     loop: Loop
@@ -159,11 +144,11 @@ def judge(
     features: _Complex,
     position: bool,
 ) -> JudgedLoop:
-    """Return margins and stability of one loop.
+    """Return margins and stability of one loop L(s).
 
-    `loop` is the L(s) of the margins; `whole` is an L(s) of the same closed loop with the poles
-    `open_poles` (without the dead time). Lines are dense around `features`, poles and zeros in
-    rad/s. `position` tells whether the position loop is closed.
+    `whole` is an L(s) of the same closed loop with the poles `open_poles` (without the dead time).
+    Lines are dense around `features`, poles and zeros in rad/s; `position`: the position loop is
+    closed.
     """
     controller = cascade.controller
     free = cascade.closed_loop(0, position=position).poles

@@ -31,13 +31,7 @@ _Complex = NDArray[np.complex128]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StateSpace:
-    """x' = A x + B u, y = C x + D u.
-
-    Attributes
-    ----------
-    A, B, C, D : ndarray of float, shapes (n, n), (n, n_u), (n_y, n), (n_y, n_u)
-        In SI units, time in s.
-    """
+    """x' = A x + B u, y = C x + D u, in SI units, time in s."""
 
     A: _Real
     B: _Real
@@ -151,15 +145,8 @@ def _all_pass(a: float, b: float) -> StateSpace:
 class Transfer:
     """C (s I - A)^-1 B + D with A in complex Schur form: one back substitution for all points.
 
-    Uncoupled parts of the system have separate Schur forms, so the rounding of fast modes does not
-    affect the rigid-body motion.
-
-    Attributes
-    ----------
-    parts : tuple of (ndarray, ndarray, ndarray)
-        T (upper triangular), B and C of each part, shapes (n, n), (n, n_u), (n_y, n).
-    D : ndarray of float, shape (n_y, n_u)
-        Direct feed-through.
+    Each of `parts` is T (upper triangular), B and C of an uncoupled part of the system, so the
+    rounding of fast modes does not affect the rigid-body motion.
     """
 
     parts: tuple[tuple[_Complex, _Complex, _Complex], ...]

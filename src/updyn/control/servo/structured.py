@@ -1,16 +1,14 @@
 """Upper bound of the structured singular value of complex blocks, by scaling.
 
 mu(M) is 1 / (the smallest norm of a Delta = diag(Delta_1, ..., Delta_m) that makes I - M Delta
-singular), 0 if none does (J. C. Doyle, IEE Proc. D 129 (1982) 242-250). For every D = diag(d_i I)
-that commutes with Delta,
+singular) (J. C. Doyle, IEE Proc. D 129 (1982) 242-250). For every D = diag(d_i I),
 
     rho(M) <= mu(M) <= largest singular value of D M D^-1,
 
-and the least upper bound equals mu for up to three full blocks; for one block it is the largest
-singular value, for M = a b^T and scalar blocks sum |a_i b_i|. The iteration starts with the d_i for
-which the norms of row and column of each block agree (E. E. Osborne, J. ACM 7 (1960) 338-345),
-which are optimal if M has rank one; otherwise a norm of the singular values that approaches the
-largest one is minimised, which is convex in log d. The bound holds for any D.
+and the least upper bound equals mu for up to three full blocks. The iteration starts with equal
+norms of row and column of each block (E. E. Osborne, J. ACM 7 (1960) 338-345), which is optimal for
+rank one; otherwise it minimises a norm of the singular values, convex in log d. The bound holds for
+any D.
 """
 
 from __future__ import annotations

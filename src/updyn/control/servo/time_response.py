@@ -67,9 +67,8 @@ def linear_response(
 ) -> tuple[_Real, _Real]:
     """Return states and outputs of a system under inputs that are linear between samples.
 
-    `u` has shape (n_t, n_u), sampled every `dt` s; the initial state is `start` or 0. First-order
-    hold: exponential of the matrix augmented with the input and its slope (Van Loan 1978, IEEE
-    Trans. Autom. Control 23, p. 395), with balanced states.
+    `u`, shape (n_t, n_u), is sampled every `dt` s. First-order hold: exponential of the matrix
+    augmented with the input and its slope (Van Loan 1978, IEEE Trans. Autom. Control 23, p. 395).
     """
     transition, held, sloped = interval_matrices(system.A, system.B, dt)
     transition = np.ascontiguousarray(transition.T)
@@ -112,10 +111,9 @@ def delayed_response(
 ) -> tuple[_Real, _Real, _Real]:
     """Return time, outputs and their derivatives of a loop whose first output is fed back delayed.
 
-    `opened` has the delayed input first and the output to feed back first; `w` are its other
-    inputs, constant from time 0 on; `start` is the initial state. `dt` divides `delay`. Method of
-    steps: the delayed input is known from earlier steps; between samples it is linear, and its
-    jumps at multiples of the dead time are kept.
+    `opened` has the delayed input and the output to feed back first; `w` are the other inputs,
+    constant from time 0 on. `dt` divides `delay`. Method of steps: earlier steps give the delayed
+    input, which is linear between samples, with its jumps at multiples of the dead time.
     """
     late = round(delay / dt)
     transition, held, sloped = interval_matrices(opened.A, opened.B, dt)
@@ -243,10 +241,7 @@ class StepFigures:
 def step_figures(
     time: _Real, value: _Real, slope: _Real, final: float, reference: bool
 ) -> StepFigures:
-    """Return the figures of a step response, with cubic interpolation between samples.
-
-    `reference` tells whether it is a step of the reference, which has rise time and overshoot.
-    """
+    """Return the figures of a step response, with cubic interpolation between samples."""
     curve = CubicHermiteSpline(time, value, slope, extrapolate=False)
     places = np.concatenate([time[[0, -1]], _within_record(curve.derivative().roots(), time)])
     heights = curve(places)
