@@ -214,7 +214,7 @@ class RigidMotion:
         return np.sqrt(usual + self.noise + self._measure_elastic(rows))
 
     def _measure_elastic(self, rows: RowMask) -> _Real:
-        """Return the mean square of what is neither straight, rigid nor noise, shape (n, m)."""
+        """Return the mean square of the remainder that is neither rigid nor noise, shape (n, m)."""
         level, n = self._level(rows), len(self.remainder)
         out = np.zeros(level.shape)
         for j, scale in enumerate(level[rows].T):

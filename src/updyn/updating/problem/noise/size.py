@@ -15,7 +15,7 @@ _SHARED = 32.0
 def size_p_value(
     square: ArrayLike, count: ArrayLike, freedom: ArrayLike, averages: int | None
 ) -> NDArray[np.float64]:
-    """Return the probability that noise causes sums of squares, in deviations, at least as large.
+    """Return the probability that noise causes whitened sums of squares at least as large.
 
     Chi-square with `freedom` (`count` less fitted unknowns, at least 1) degrees of freedom for
     noise known exactly (`averages` None). Else F with n - 1 times `count` as second degrees of
