@@ -44,24 +44,10 @@ _FAILED = 0.05
 class _Refits:
     """The shared data of all refits.
 
-    Attributes
-    ----------
-    problem : Problem
-        Model, data of the fit and unknowns.
-    method : Method
-        The method of the fit, without its search.
-    noises : tuple of NoiseModel
-        Noise models at the start of the fit.
-    x : ndarray of float, shape (n,)
-        The estimate, in the optimiser's coordinates.
-    H : tuple of ndarray of complex, shape (n_f, n_i, n_j)
-        FRF of the model at the estimate, by part.
-    std : tuple of ndarray of float, of the same shapes
-        Standard deviation of the complex noise that is added.
-    whitened : tuple of ndarray of complex, or empty
-        Residuals over `std`, to be resampled; empty: normal noise is drawn.
-    block : int
-        Number of consecutive lines that are resampled together.
+    `method` has no search; `x` is the estimate, in the optimiser's coordinates. By part, shape
+    (n_f, n_i, n_j): `H` of the model at the estimate, `std` of the complex noise that is added, and
+    `whitened`, residuals over `std` to be resampled in blocks of `block` lines; empty for normal
+    noise.
     """
 
     problem: Problem
@@ -242,9 +228,8 @@ def _resampled_lines(rng: np.random.Generator, n_lines: int, block: int) -> NDAr
 def _acceleration(restored: RestoredFit) -> _Vector:
     """Return the acceleration of BCa intervals, shape (n,).
 
-    It is a sixth of the skewness of the influence of each line on the estimate, by the
-    infinitesimal jackknife over lines: U_l = C J_l^T r_l, a = sum U^3 / (6 (sum U^2)^1.5) (Efron
-    1987, eq. 7.3).
+    A sixth of the skewness of the influence of each line on the estimate, by the infinitesimal
+    jackknife over lines: U_l = C J_l^T r_l, a = sum U^3 / (6 (sum U^2)^1.5) (Efron 1987, eq. 7.3).
     """
     likelihood = restored.likelihood()
     local = likelihood.local(restored.x)

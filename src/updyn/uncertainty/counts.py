@@ -18,28 +18,7 @@ MOST_EVALUATIONS = 10_000_000
 
 
 def check_count(name: str, value: Any, what: str, least: int, most: int) -> int:
-    """Return a number given by the user.
-
-    Parameters
-    ----------
-    name : str
-        Name of the argument.
-    value : int
-        The number.
-    what : str
-        Name of the counted things, for the message.
-    least, most : int
-        Smallest and largest one.
-
-    Returns
-    -------
-    int
-
-    Raises
-    ------
-    OptionError
-        If it is not a whole number in this range.
-    """
+    """Return a whole number given by the user; raise OptionError if it is not in the range."""
     is_whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
     if not is_whole or value < least:
         raise OptionError(

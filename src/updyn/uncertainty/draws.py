@@ -80,13 +80,7 @@ class Draws:
         return f"Draws({self.kind}, {len(self)} of {len(self.names)} unknowns{state})"
 
     def __getitem__(self, name: str) -> _Vector:
-        """Return the draws of an unknown, shape (n_chains * n_draws,), in its unit.
-
-        Raises
-        ------
-        OptionError
-            If no unknown has the name. The message suggests the closest.
-        """
+        """Return the draws of an unknown, shape (n_chains * n_draws,), in its unit."""
         if name not in self.names:
             raise OptionError(f"no draws of {name!r}; {suggest(str(name), self.names)}")
         return self.values[:, self.names.index(name)]
@@ -122,10 +116,7 @@ class Draws:
     def of(self, result: UpdateResult | JointResult) -> Draws:
         """Return the draws with their update, which files do not contain.
 
-        Raises
-        ------
-        OptionError
-            If the update has other unknowns or another estimate.
+        Raises OptionError if the update has other unknowns or another estimate.
         """
         same = tuple(result.parameters.names) == self.names
         estimate = [result.values.get(name, np.nan) for name in self.names]
@@ -139,22 +130,12 @@ class Draws:
     def intervals(
         self, level: float = 0.95, kind: str | None = None
     ) -> dict[str, tuple[float, float]]:
-        """Return an interval by unknown, in its unit.
+        """Return an interval by unknown, in its unit, with a share `level` of the probability.
 
-        Parameters
-        ----------
-        level : float
-            Share of the probability within, between 0 and 1.
-        kind : str, optional
-            Of a bootstrap: ``"percentile"`` (default), ``"basic"`` (reflected at the estimate, in
-            the logarithm of a factor), or ``"bca"`` (corrected for bias and acceleration; Efron, J.
-            Am. Stat. Assoc. 82 (1987) 171). Of a sampling: ``"percentile"`` (default, equal tails)
-            or ``"highest"`` (the shortest).
-
-        Raises
-        ------
-        OptionError
-            If the kind or the level is invalid, or there are too few draws.
+        `kind` of a bootstrap: ``"percentile"`` (default), ``"basic"`` (reflected at the estimate,
+        in the logarithm of a factor), or ``"bca"`` (corrected for bias and acceleration; Efron, J.
+        Am. Stat. Assoc. 82 (1987) 171). Of a sampling: ``"percentile"`` (default, equal tails) or
+        ``"highest"`` (the shortest). Raises OptionError if there are too few draws.
         """
         if not 0.0 < level < 1.0:
             raise OptionError(f"level = {level!r}: expected a share between 0 and 1, such as 0.95")
@@ -206,13 +187,7 @@ class Draws:
         return np.array([ordered[first, unknown], ordered[first + inside, unknown]])
 
     def summary(self, level: float = 0.95) -> str:
-        """Return the draws as text: means, deviations, intervals and diagnostics by unknown.
-
-        Parameters
-        ----------
-        level : float
-            Probability within the intervals.
-        """
+        """Return the draws as text: means, deviations, intervals and diagnostics by unknown."""
         head = f"{self.kind.capitalize()}: {len(self)} draws"
         if self.failed:
             head += f", {sum(self.failed.values())} more failed"

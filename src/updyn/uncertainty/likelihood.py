@@ -5,11 +5,9 @@ The density is that of circular complex Gaussian noise with the variance of the 
     -ln p(x | data) = 1/2 sum |H_A(x) - H_X|^2 / (sigma^2 / 2)
                       + 1/2 sum ((x_k - x_k0) / std_k)^2 + constant,
 
-with sigma^2 = E|dH|^2 times the square of the fit's inflation. Near the estimate it is the Gaussian
-of the Laplace covariance. It is a density in the optimiser's coordinates x: the logarithm of a
-factor, and a loss factor itself. Given priors are Gaussian in x; otherwise the prior is flat within
-the bounds. A factor without a prior is therefore as likely to be between 0.5 and 1 as between 1 and
-2 (Jaynes 1968: the prior of a scale).
+with sigma^2 = E|dH|^2 times the square of the fit's inflation. It is a density in the optimiser's
+coordinates x: the logarithm of a factor, and a loss factor itself. Without a given prior, the prior
+is flat in x within the bounds (Jaynes 1968: the prior of a scale).
 """
 
 from __future__ import annotations
@@ -40,15 +38,7 @@ _STEPS = 60
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Point:
-    """A point of the likelihood.
-
-    Attributes
-    ----------
-    x : ndarray of float, shape (n,)
-        All unknowns, in the optimiser's coordinates.
-    local : Local
-        The least-squares problem there, in all unknowns.
-    """
+    """A point of the likelihood, in the optimiser's coordinates, and its local problem."""
 
     x: _Vector
     local: Local
@@ -61,15 +51,7 @@ class Point:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Likelihood:
-    """Data and priors as one cost: the negative logarithm of the density, up to a constant.
-
-    Attributes
-    ----------
-    problem : Problem
-        Model, data and unknowns.
-    residual : OutputErrorSet
-        Output errors in units of the noise.
-    """
+    """Data and priors as one cost: the negative logarithm of the density, up to a constant."""
 
     problem: Problem
     residual: OutputErrorSet
@@ -106,19 +88,9 @@ class Likelihood:
         return cost
 
     def descend(self, x: _Vector, fixed: int | None = None) -> Point | None:
-        """Minimise the cost from x within the bounds.
+        """Minimise the cost from x within the bounds, with one unknown `fixed` if given.
 
-        Parameters
-        ----------
-        x : ndarray of float, shape (n,)
-            Start.
-        fixed : int, optional
-            A fixed unknown.
-
-        Returns
-        -------
-        Point or None
-            None if the model cannot be solved at the start.
+        Return None if the model cannot be solved at the start.
         """
         free = np.ones(len(x), dtype=np.bool_)
         if fixed is not None:
@@ -162,21 +134,8 @@ def _recall_local(
 class Gaussian:
     """The Gaussian approximation about a minimum; bounds limit undetermined combinations.
 
-    Parameters
-    ----------
-    likelihood : Likelihood
-        The likelihood, for its bounds.
-    top : Point
-        The minimum.
-
-    Attributes
-    ----------
-    mean : ndarray of float, shape (n,)
-        The minimum, in the optimiser's coordinates.
-    root : ndarray of float, shape (n, n)
-        Root A of the covariance A A^T.
-    log_volume : float
-        ln |det A|.
+    `mean` is in the optimiser's coordinates, `root` is a root A, shape (n, n), of the covariance A
+    A^T, and `log_volume` is ln |det A|.
     """
 
     def __init__(self, likelihood: Likelihood, top: Point) -> None:
@@ -194,15 +153,7 @@ class Gaussian:
 
 
 def select_furthest(X: NDArray[np.float64], count: int) -> NDArray[np.float64]:
-    """Return the points with the largest Mahalanobis distance from the mean, shape (count, n).
-
-    Parameters
-    ----------
-    X : ndarray of float, shape (m, n)
-        Points.
-    count : int
-        Number of points to return, at most m.
-    """
+    """Return the `count` points of largest Mahalanobis distance from their mean, (count, n)."""
     centred = X - X.mean(axis=0)
     _, s, Vt = np.linalg.svd(centred, full_matrices=False)
     keep = s > 1e-10 * max(float(s[0]), np.finfo(float).tiny)

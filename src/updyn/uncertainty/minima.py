@@ -1,8 +1,8 @@
 """Local minima of the likelihood, other than the estimate, that fit the data about as well.
 
-The minimisation starts from random points, first of the log error, whose basins are wide; and from
-the estimate with parts of the structure exchanged, because several minima usually occur if
-the data do not determine which of two parts is the stiff one.
+They are searched for from random points, first of the log error, whose basins are wide, and from
+the estimate with parts of the structure exchanged, because the data may not determine which of two
+parts is the stiff one.
 """
 
 from __future__ import annotations
@@ -46,32 +46,10 @@ def find_minima(
     seed: int,
     counter: WorkCounter | None = None,
 ) -> list[Point]:
-    """Return the minima that fit the data about as well as the best, ascending in cost.
+    """Return the distinct minima that fit about as well as `best`, ascending in cost.
 
-    Parameters
-    ----------
-    likelihood : Likelihood
-        The cost to minimise.
-    best : Point
-        The known minimum.
-    whole : Problem
-        The problem with the full models, whose parts are exchanged.
-    starts : int
-        Random starts; 0 returns the known minimum only.
-    seed : int
-        Seed of the random starts.
-    counter : WorkCounter, optional
-        Reports the progress.
-
-    Returns
-    -------
-    list of Point
-        Distinct minima.
-
-    Raises
-    ------
-    Stopped
-        If the user stops.
+    `whole` has the full models, whose parts are exchanged. Without random `starts`, the known
+    minimum only is returned.
     """
     found = [best]
     if starts == 0:

@@ -345,23 +345,10 @@ class Band:
         return f"Band({100 * self.level:g} % of {about}, {self.source}, {self.frf!r})"
 
     def covers(self, other: FRF) -> NDArray[np.bool_]:
-        """Return which magnitudes of an FRF lie within the band.
+        """Return which magnitudes of an FRF lie within the band, in the shape of its arrays.
 
-        Parameters
-        ----------
-        other : FRF
-            An FRF with the same lines, quantity and DOFs, these in any order.
-
-        Returns
-        -------
-        ndarray of bool, shape (n_f, n_responses, n_references)
-
-        Raises
-        ------
-        DataError
-            If it differs in lines or quantity.
-        DofError
-            If it lacks a response or a reference.
+        The DOFs may be in any order. Raises DataError if lines or quantity differ, and DofError if
+        a response or a reference is missing.
         """
         if other.quantity != self.frf.quantity:
             raise DataError(

@@ -159,13 +159,7 @@ class _ProfileRun:
     better: dict[str, float] = field(default_factory=dict)
 
     def compute(self, problem: Problem) -> NDArray[np.float64]:
-        """Profile the unknowns in a problem.
-
-        Returns
-        -------
-        ndarray of float, shape (m, n)
-            The points of all profiles, in the optimiser's coordinates.
-        """
+        """Profile the unknowns and return all points, shape (m, n), in the optimiser's coordinates."""
         restored = self.restored.with_problem(problem)
         likelihood = restored.likelihood()
         self.found, self.better = {}, {}
@@ -257,14 +251,9 @@ ENDS = ("level", "bound", "zero", "unsolved", "stopped")
 
 @dataclass(frozen=True, slots=True)
 class Interval:
-    """A confidence interval about one minimum.
+    """A confidence interval about one minimum, in the unit of the unknown.
 
-    Attributes
-    ----------
-    lower, best, upper : float
-        Its ends and its most likely value, in the unit of the unknown.
-    drop : float
-        Decrease of the log-likelihood from the best value of all intervals to this one's.
+    `drop` is the decrease of the log-likelihood from the best value of all intervals to `best`.
     """
 
     lower: float
@@ -292,10 +281,9 @@ class Profile:
     intervals : tuple of Interval
         Confidence intervals, ascending; several if separate ranges fit the data.
     lower_end, upper_end : {"level", "bound", "zero", "unsolved"}
-        Reason for the outermost ends: ``"level"``, the likelihood has decreased to the level;
-        ``"bound"``, the bound of the unknown was reached first, and the data do not limit it;
-        ``"zero"``, the lower bound of loss factors; ``"unsolved"``, the model could not be solved
-        further.
+        Reason for the outermost ends, in this order: the likelihood has decreased to the level; the
+        bound of the unknown was reached first, so the data do not limit it; the lower bound of loss
+        factors was reached; the model could not be solved further.
     """
 
     name: str
@@ -358,8 +346,7 @@ class Profiles(Mapping[str, Profile]):
         are then about that fit.
     reduction : dict
         Of a reduced model: ``basis``, its size; ``error``, the largest error of a receptance at the
-        furthest points, as a share of the largest of its line; ``accuracy``, the one wanted. Empty
-        where the whole model was solved.
+        furthest points, as a share of the largest of its line; ``accuracy``, the accepted one.
     model_error : float
         Share of the residual of the update that errors of the model explain; the intervals do not
         include these.
@@ -374,13 +361,7 @@ class Profiles(Mapping[str, Profile]):
     model_error: float = 0.0
 
     def __getitem__(self, name: str) -> Profile:
-        """Return the profile of an unknown.
-
-        Raises
-        ------
-        OptionError
-            If it was not profiled; the nearest is named.
-        """
+        """Return the profile of an unknown; OptionError if it was not profiled."""
         for profile in self.items_:
             if profile.name == name:
                 return profile
@@ -458,21 +439,10 @@ _EndedInterval = tuple["Interval", str, str]
 
 @dataclass(slots=True, eq=False)
 class ProfileTracer:
-    """Traces the profile of one unknown, in the optimiser's coordinates.
+    """Traces the profile of unknown `k`, in the optimiser's coordinates.
 
-    From each minimum it goes outwards on both sides until the log-likelihood has decreased to the
-    level, or a bound is reached.
-
-    Parameters
-    ----------
-    likelihood : Likelihood
-        The likelihood to profile.
-    minima : sequence of Point
-        Minima of its cost, the lowest first.
-    k : int
-        The unknown.
-    drop : float
-        Decrease of the log-likelihood at the ends of the interval.
+    From each of the `minima`, the lowest first, it goes outwards on both sides until the
+    log-likelihood has decreased by `drop`, or a bound is reached.
     """
 
     likelihood: Likelihood
@@ -640,7 +610,7 @@ class ProfileTracer:
     ) -> float:
         """Return the crossing by the first local model that has one inside the bracket.
 
-        It is the middle of the bracket where none has. Where another unknown meets its bound, the
+        Return the middle of the bracket if none has. If another unknown meets its bound, the
         profile has a kink, and only the model on the same side of it is right.
         """
         margin = 0.02 * abs(b - a)

@@ -13,16 +13,9 @@ __all__ = ["WorkCounter", "WorkProgress"]
 
 @dataclass(frozen=True, slots=True)
 class WorkProgress:
-    """The argument of a callback.
+    """The argument of a callback: `done` of `total` pieces of work (for sampling an estimate).
 
-    Attributes
-    ----------
-    stage : str
-        ``"profile"``, ``"bootstrap"`` or ``"sampling"``.
-    done, total : int
-        Pieces of work done, and in all (for sampling an estimate).
-    note : str
-        Result so far; may be empty.
+    `stage` is ``"profile"``, ``"bootstrap"`` or ``"sampling"``; `note` is the result so far.
     """
 
     stage: str
@@ -35,15 +28,8 @@ class WorkProgress:
 class WorkCounter:
     """Counts pieces of work and asks the caller whether to continue.
 
-    Parameters
-    ----------
-    stage : str
-        Name of the work.
-    total : int
-        Pieces of work.
-    callback : callable, optional
-        Called with a `WorkProgress` after every piece, and between blocks of lines of long ones;
-        returning True stops.
+    `callback` is called with a `WorkProgress` after every piece, and between blocks of lines of
+    long ones; returning True stops.
     """
 
     stage: str

@@ -44,18 +44,9 @@ _ENDED = ("converged", "not-credible", "not-identifiable", "stalled")
 class RestoredFit:
     """A finished update, restored for further analysis.
 
-    Attributes
-    ----------
-    results : tuple of UpdateResult
-        One for each test.
-    whole : Problem
-        Model, data of the fit and unknowns.
-    problem : Problem
-        The same, as it is solved: with reduced models of large ones.
-    x : ndarray of float, shape (n,)
-        The estimate, in the optimiser's coordinates.
-    inflation : float
-        Factor on the standard deviations of the noise, as the fit applied it.
+    `whole` has the full models, `problem` the ones that are solved, reduced if large. `x`, shape
+    (n,), is the estimate, in the optimiser's coordinates; `inflation` the factor on the standard
+    deviations of the noise, as the fit applied it.
     """
 
     results: tuple[UpdateResult, ...]
@@ -84,26 +75,14 @@ class RestoredFit:
         return replace(self, problem=problem)
 
     def noises(self) -> tuple[NoiseModel, ...]:
-        """Return the noise model of each part at the end of the fit, with nothing left to estimate.
-
-        Raises
-        ------
-        SolverError
-            If the model cannot be solved at the estimate.
-        """
+        """Return the noise model of each part at the end of the fit, with no free parameters."""
         return tuple(
             _restore_noise(result, part, self.x, self.problem.share(part))
             for result, part in zip(self.results, self.problem.parts, strict=True)
         )
 
     def variances(self) -> list[NDArray[np.float64]]:
-        """Return E|dH|^2 of each part, inflation included, in the unit of its data squared.
-
-        Raises
-        ------
-        SolverError
-            If the model cannot be solved at the estimate.
-        """
+        """Return E|dH|^2 of each part, inflation included, in the unit of its data squared."""
         variances = []
         for noise, part in zip(self.noises(), self.problem.parts, strict=True):
             variance = noise.variance(part.responses(self.x), part.frf)
@@ -111,13 +90,7 @@ class RestoredFit:
         return variances
 
     def likelihood(self) -> Likelihood:
-        """Return the likelihood of the fit, with the weights at the estimate.
-
-        Raises
-        ------
-        SolverError
-            If the model cannot be solved at the estimate.
-        """
+        """Return the likelihood of the fit, with the weights at the estimate."""
         residuals = []
         for variance in self.variances():
             residuals.append(OutputError(np.sqrt(2.0 / variance)))
@@ -143,24 +116,8 @@ def restore(
 ) -> RestoredFit:
     """Restore the problem, estimate and noise of an update.
 
-    Parameters
-    ----------
-    result : UpdateResult or JointResult
-        A fit that has ended.
-    session : Session, optional
-        The session in which lines are solved.
-    attribute : str
-        Attribute that the method must have: `LIKELIHOOD` or `STATES_NOISE`.
-
-    Returns
-    -------
-    RestoredFit
-
-    Raises
-    ------
-    OptionError
-        If it is no result, its method lacks the attribute, it is regularised, or the fit did not
-        end at a minimum.
+    Raises OptionError if it is no result, its method lacks `attribute` (`LIKELIHOOD` or
+    `STATES_NOISE`), it is regularised, or the fit did not end at a minimum.
     """
     results = list_results(result)
     first = results[0]
@@ -203,13 +160,7 @@ def std_of(result: UpdateResult) -> _Vector:
 
 
 def list_results(result: UpdateResult | JointResult) -> tuple[UpdateResult, ...]:
-    """Return the result of each test.
-
-    Raises
-    ------
-    OptionError
-        If it is not a result.
-    """
+    """Return the result of each test; OptionError if it is not a result."""
     if not isinstance(result, UpdateResult | JointResult):
         raise OptionError(f"expected the result of an update, found {type(result).__name__}")
     return tuple(result.results.values())
@@ -218,10 +169,7 @@ def list_results(result: UpdateResult | JointResult) -> tuple[UpdateResult, ...]
 def find_positions(names: Sequence[str] | str | None, known: Sequence[str]) -> list[int]:
     """Return the positions of the named unknowns, by default of all.
 
-    Raises
-    ------
-    OptionError
-        If a name is unknown (the message suggests the closest) or occurs twice, or none is left.
+    Raises OptionError if a name is unknown or occurs twice, or no name is given.
     """
     if names is None:
         return list(range(len(known)))

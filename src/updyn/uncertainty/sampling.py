@@ -55,17 +55,7 @@ _LONG = 20
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Ensemble:
-    """The state of one ensemble between two rounds.
-
-    Attributes
-    ----------
-    coords : ndarray of float, shape (n_walkers, n)
-        Walkers, in the optimiser's coordinates.
-    log_prob : ndarray of float, shape (n_walkers,)
-        Logarithm of the density there.
-    random : tuple
-        State of the random numbers.
-    """
+    """The state of one ensemble between two rounds: walkers, log density and random state."""
 
     coords: NDArray[np.float64]
     log_prob: _Vector
@@ -182,18 +172,7 @@ class _SamplingRun:
         return max(16, 2 * (len(self.restored.x) + 1))
 
     def compute(self, problem: Problem) -> NDArray[np.float64]:
-        """Find the modes of the posterior, warm up, and draw until the draws are enough.
-
-        Parameters
-        ----------
-        problem : Problem
-            As it is to be solved.
-
-        Returns
-        -------
-        ndarray of float, shape (m, n)
-            The draws, in the optimiser's coordinates.
-        """
+        """Find the modes of the posterior, warm up, and return enough draws, shape (m, n)."""
         self.restored = self.restored.with_problem(problem)
         self.chains, self.evaluations = None, 0
         likelihood = self.restored.likelihood()
@@ -386,18 +365,10 @@ _ENOUGH = 10
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Mixture:
-    """A mixture of Student's t distributions, one for each mode of the posterior.
+    """A mixture of h Student's t distributions, one for each mode of the posterior.
 
-    Attributes
-    ----------
-    means : ndarray of float, shape (h, n)
-        Centres of the components.
-    roots : ndarray of float, shape (h, n, n)
-        Roots A of their scale matrices A A^T.
-    log_volumes : ndarray of float, shape (h,)
-        ln |det A|.
-    shares : ndarray of float, shape (h,)
-        Their weights; the sum is 1.
+    `means` have the shape (h, n); `roots`, shape (h, n, n), are roots A of their scale matrices A
+    A^T, with `log_volumes` ln |det A|; the sum of `shares` is 1.
     """
 
     means: _Matrix
@@ -480,24 +451,12 @@ CHAINS_AGREE = 1.01
 
 
 def compute_diagnostics(chains: NDArray[np.float64], ensembles: int) -> dict[str, _Vector]:
-    """Return R-hat, effective sizes and errors by unknown.
+    """Return R-hat, effective sizes and errors, shape (n,), by their name in `Draws.diagnostics`.
 
-    Parameters
-    ----------
-    chains : ndarray of float, shape (n_chains, n_draws, n)
-        Walkers of all ensembles, those of an ensemble together.
-    ensembles : int
-        Number of ensembles; walkers of one depend on each other, those of two do not.
-
-    Returns
-    -------
-    dict of str to ndarray of float, shape (n,)
-        ``r_hat`` between the ensembles, all draws of one counted as one chain; ``ess_bulk``,
-        ``ess_tail``, ``mcse_mean``, ``mcse_std`` with the walkers as chains.
-
-    Notes
-    -----
-    Rank-normalised split R-hat, and effective sizes: Vehtari et al., Bayesian Anal. 16 (2021) 667.
+    R-hat compares the `ensembles`, all draws of one counted as one chain, because walkers of one
+    depend on each other; for the others each walker is a chain. Those of an ensemble must be
+    together. Rank-normalised split R-hat and effective sizes: Vehtari et al., Bayesian Anal. 16
+    (2021) 667.
     """
     from arviz_stats.base import array_stats
 

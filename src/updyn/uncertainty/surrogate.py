@@ -1,9 +1,8 @@
 """Reduced models about the estimate, for the uncertainty of large ones, and their error.
 
-A basis for the estimate is taken from the update, or built. Residuals of the full model give the
-missing directions at a few points about the estimate, at distances typical of draws, and enrich the
-basis. Afterwards its error is evaluated at the points furthest from their mean, and the basis is
-enriched again if the error is too large. The full model is not solved at any line.
+Residuals of the full model enrich a basis at a few points about the estimate, at distances typical
+of draws; its error is then evaluated at the points furthest from their mean. The full model is not
+solved at any line.
 """
 
 from __future__ import annotations
@@ -39,16 +38,9 @@ _CHECKED, _ENRICHMENTS = 4, 2
 
 @dataclass(slots=True, eq=False)
 class Surrogate:
-    """The reduced models of all parts of a problem.
+    """The reduced models of all parts of a problem, from the basis of each update in `results`.
 
-    Parameters
-    ----------
-    exact : Problem
-        The problem with the full models.
-    results : sequence of UpdateResult
-        The update of each part, with the basis to begin with.
-    accuracy : float
-        Largest error of a receptance, as a share of the largest receptance of its line.
+    `accuracy` is the accepted error of a receptance, as a share of the largest of its line.
     """
 
     exact: Problem
@@ -65,20 +57,7 @@ class Surrogate:
         return sum(r.basis.size for r in self._reductions)
 
     def begin(self, x: _Vector) -> None:
-        """Begin the bases at the estimate.
-
-        Parameters
-        ----------
-        x : ndarray of float, shape (n,)
-            In the optimiser's coordinates.
-
-        Raises
-        ------
-        SolverError
-            If the model cannot be solved there.
-        Stopped
-            If the user stops.
-        """
+        """Begin the bases at the estimate, where the model must be solvable."""
         for part, reduction, result in zip(
             self.exact.parts, self._reductions, self.results, strict=True
         ):
@@ -122,22 +101,9 @@ class Surrogate:
     def settle_run(self, run: Callable[[Problem], NDArray[np.float64]]) -> dict[str, Any]:
         """Call `run` with the reduced models, and with better ones until they are accurate.
 
-        Parameters
-        ----------
-        run : callable
-            Given the problem with the reduced models, returns the points of its results, shape
-            (m, n). The error is evaluated at the furthest of them.
-
-        Returns
-        -------
-        dict
-            For the record: ``"basis"``, its size; ``"error"``, the largest error there;
-            ``"accuracy"``, the permitted error. Empty without points.
-
-        Raises
-        ------
-        Stopped
-            If the user stops.
+        `run` returns the points of its results, shape (m, n); the error is evaluated at the
+        furthest. Return ``"basis"``, its size, ``"error"`` and ``"accuracy"`` for the record; empty
+        without points.
         """
         for number in range(_ENRICHMENTS + 1):
             reached = run(self.problem())
@@ -157,26 +123,9 @@ def run_about(
     seed: int,
     run: Callable[[Problem], NDArray[np.float64]],
 ) -> dict[str, Any]:
-    """Call `run` near an estimate, for a large model with a reduced one (`Surrogate.settle_run`).
+    """Call `run` near an estimate, for a large model with a reduced one; as `Surrogate.settle_run`.
 
-    Parameters
-    ----------
-    restored, accuracy, seed
-        As for `reduce_about`.
-    run
-        As for `Surrogate.settle_run`.
-
-    Returns
-    -------
-    dict
-        As `Surrogate.settle_run`; empty for a small model.
-
-    Raises
-    ------
-    SolverError
-        If the model cannot be solved at the estimate.
-    Stopped
-        If the user stops.
+    The result is empty for a small model.
     """
     surrogate = reduce_about(restored, accuracy, seed)
     if surrogate is None:
@@ -186,15 +135,7 @@ def run_about(
 
 
 def describe_excess(options: Mapping[str, Any], where: str) -> str:
-    """Return a remark on the error of a reduced model; empty if it is small enough.
-
-    Parameters
-    ----------
-    options : mapping of str
-        Options, with or without the result of `Surrogate.settle_run`.
-    where : str
-        Text on the points.
-    """
+    """Return a remark on the error of a reduced model; empty if it is small enough."""
     if not options.get("error", 0.0) > options.get("accuracy", np.inf):
         return ""
     return (
@@ -204,29 +145,7 @@ def describe_excess(options: Mapping[str, Any], where: str) -> str:
 
 
 def reduce_about(restored: RestoredFit, accuracy: float, seed: int) -> Surrogate | None:
-    """Reduce a model that is too large for dense matrices about its estimate.
-
-    Parameters
-    ----------
-    restored : RestoredFit
-        The fit.
-    accuracy : float
-        Largest error of the reduced model, as of `Surrogate`.
-    seed : int
-        Seed of the points about the estimate at which it is enriched.
-
-    Returns
-    -------
-    Surrogate or None
-        None for a small model.
-
-    Raises
-    ------
-    SolverError
-        If the model cannot be solved at the estimate.
-    Stopped
-        If the user stops.
-    """
+    """Reduce a model too large for dense matrices about its estimate; None for a small one."""
     if all(part.solver.tier == "dense" for part in restored.problem.parts):
         return None
     surrogate = Surrogate(restored.whole, restored.results, accuracy)
