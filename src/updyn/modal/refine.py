@@ -297,8 +297,6 @@ class WindowFit:
         of `LineWindow.derivative_coefficients`.
     envelope : Envelope
         Envelope of the noise.
-    cost, normal, gradient : float, ndarray
-        Sums over the channels.
     """
 
     poles: _Complex

@@ -180,7 +180,7 @@ def _prepare_refits(restored: RestoredFit, kind: str) -> _Refits:
 
 
 def _refit(refits: _Refits, item: tuple[int, int]) -> tuple[str, _Vector]:
-    """Return why a refit failed (empty if it did not) and its x, shape (n,)."""
+    """Return the reason of failure of a refit (empty if none) and its x, shape (n,)."""
     rng = np.random.default_rng(item)
     problem = _draw_priors(refits, rng)
     parts = []

@@ -159,7 +159,7 @@ class _ProfileRun:
     better: dict[str, float] = field(default_factory=dict)
 
     def compute(self, problem: Problem) -> NDArray[np.float64]:
-        """Profile the unknowns and return all points, shape (m, n), in the optimiser's coordinates."""
+        """Profile the unknowns; return all points, (m, n), in the optimiser's coordinates."""
         restored = self.restored.with_problem(problem)
         likelihood = restored.likelihood()
         self.found, self.better = {}, {}
@@ -481,7 +481,7 @@ class ProfileTracer:
 
     # -- one interval --------------------------------------------------------------------------
     def _find_interval(self, minimum: Point) -> _EndedInterval:
-        """Return the interval about a minimum, and why it ends on each side."""
+        """Return the interval about a minimum, and the reason for its end on each side."""
         self._points.append(minimum)
         low, why_low = self._find_end(minimum, -1.0)
         high, why_high = self._find_end(minimum, 1.0)

@@ -76,8 +76,8 @@ class Starts:
     """Starting points of a fit: at least one, in the optimiser's coordinates, the best first.
 
     `agreed`: tries from different starts ended in the first point. `exact`: its residual is
-    rounding of the data. `data_fault`: a fault of the data ended the search; no other answers are
-    sought.
+    rounding of the data. `data_fault`: a fault of the data ended the search, and no search for
+    other answers follows.
     """
 
     points: tuple[_Vector, ...]
@@ -355,8 +355,9 @@ def descend(
 
     With `relax`, loss factors may become negative on the way (`Coordinates.relaxed_lower`); if they
     are negative at the end, the descent continues from the nearest point within the bounds. Of the
-    points that fit equally well, the nearest to the unknowns' start is sought. Raises SolverError
-    if the model cannot be solved at x, and Stopped if the user stops before x has been evaluated.
+    points that fit equally well, it approaches the nearest to the unknowns' start. Raises
+    SolverError if the model cannot be solved at x, and Stopped if the user stops before x has been
+    evaluated.
     """
     lower, upper = problem.coordinates.bounds
     within = problem.coordinates.within

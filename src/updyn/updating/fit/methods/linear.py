@@ -118,7 +118,7 @@ class PlainIteration:
         x: _Vector,
         monitor: Monitor,
     ) -> tuple[_Vector, str]:
-        """Iterate from x; return the final point, shape (n,), and why the iteration ended.
+        """Iterate from x; return the final point, shape (n,), and the reason for the end.
 
         `evaluate` returns the local problem at a point, `solve` the values that solve the linear
         problem there. Raises SolverError if the iteration diverges, or the model cannot be solved.

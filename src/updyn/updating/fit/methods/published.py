@@ -71,7 +71,7 @@ class PublishedMethod(Method):
         x: _Vector,
         monitor: Monitor,
     ) -> tuple[_Vector, str]:
-        """Minimise a residual from x; return the end, shape (n,), and why the iteration ended.
+        """Minimise a residual from x; return the end, shape (n,), and the reason for it.
 
         The published iteration linearises the residual in the amounts (`Amounts`). Raises
         SolverError if it diverges or the model cannot be solved at the start.
