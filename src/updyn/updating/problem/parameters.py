@@ -45,9 +45,20 @@ _QUANTITIES = (*GROUP_QUANTITIES, *CHANNELS)
 class Drive:
     """A quantity of a group on which an unknown acts.
 
-    A value (loss factor, Rayleigh coefficient) is set to that of the unknown, with a power of 1;
-    any other quantity is multiplied by value**power. `group` of a calibration factor is the label
-    of the sensor. Invalid ones raise `ParameterError`.
+    Parameters
+    ----------
+    group, quantity : str
+        The group and its quantity; for a calibration factor (`updyn.calibration`) the label of the
+        sensor. A value (loss factor, Rayleigh coefficient) is set to that of the unknown; any other
+        quantity is multiplied by value**power.
+    power : float
+        The exponent; 1 for a value.
+
+    Raises
+    ------
+    ParameterError
+        If the quantity is not known, the power is not a finite number other than 0, or the power of
+        a value is not 1.
     """
 
     group: str
@@ -74,13 +85,32 @@ class Drive:
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """One unknown; invalid numbers, bounds or drives raise `ParameterError`.
+    """One unknown.
 
-    ``stiffness``, ``mass`` and ``viscous`` are factors relative to the initial group;
-    ``loss_factor``, ``mass_damping`` (1/s) and ``stiffness_damping`` (s) are values. `prior_std` is
-    of a Gaussian prior about `start`, for a factor of its logarithm (0.3: about 30 %). `drives` are
-    the quantities of a linked unknown (`updyn.link`); `nominal`, in `unit`, is the physical value
-    of a factor of 1 for reports.
+    Parameters
+    ----------
+    group, quantity : str
+        The changed quantity. ``stiffness``, ``mass`` and ``viscous`` are factors relative to the
+        initial group; ``loss_factor``, ``mass_damping`` (1/s) and ``stiffness_damping`` (s) are
+        values. For a linked unknown, the two parts of its name.
+    start, lower, upper : float
+        Start and bounds, in the unit of the unknown.
+    prior_std : float, optional
+        Standard deviation of a Gaussian prior about `start`, in the unit of the unknown; for a
+        factor, that of its logarithm, so 0.3 means about 30 %.
+    drives : tuple of Drive
+        Quantities on which a linked unknown acts (`updyn.link`); empty: its own group and quantity.
+    nominal : float, optional
+        Physical value of a factor of 1 (a modulus, a thickness), in `unit`; reports show the
+        product.
+    unit : str
+        Unit of `nominal`.
+
+    Raises
+    ------
+    ParameterError
+        If the quantity is not known, a number is not finite, bounds are out of order or do not fit
+        the quantity, the start lies outside the bounds, or the drives do not fit together.
     """
 
     group: str
@@ -197,7 +227,14 @@ class Parameter:
         return ", ".join(laws)
 
     def physical(self, value: float, std: float = math.nan) -> str:
-        """Return a value of the unknown as text in physical units; empty without `nominal`."""
+        """Return a value of the unknown as text in physical units; empty without `nominal`.
+
+        Parameters
+        ----------
+        value, std : float
+            Value and standard deviation in the unit of the unknown; the deviation may be nan or
+            inf.
+        """
         if self.nominal is None:
             return ""
         text = f"{value * self.nominal:.6g}"
@@ -235,7 +272,18 @@ class Parameter:
 
 @dataclass(frozen=True, slots=True)
 class ParameterSet(Sequence[Parameter]):
-    """An ordered, immutable set of unknowns; a duplicate or no unknown is a `ParameterError`."""
+    """An ordered, immutable set of unknowns.
+
+    Parameters
+    ----------
+    items : tuple of Parameter
+        The unknowns, each group and quantity once.
+
+    Raises
+    ------
+    ParameterError
+        If the set is empty, or an unknown occurs twice.
+    """
 
     items: tuple[Parameter, ...]
 
@@ -316,7 +364,14 @@ class ParameterSet(Sequence[Parameter]):
         return self._column("is_factor")
 
     def to_pandas(self) -> pd.DataFrame:
-        """Return a table with a row for each unknown; ``prior_std`` is nan without a prior."""
+        """Return a table with a row for each unknown.
+
+        Returns
+        -------
+        pandas.DataFrame
+            Index: ``unknown``. Columns: ``group``, ``quantity``, ``start``, ``lower``, ``upper``,
+            ``prior_std`` (nan without a prior) and ``unit``.
+        """
         import pandas as pd
 
         names = ("group", "quantity", "start", "lower", "upper")
@@ -332,9 +387,22 @@ class ParameterSet(Sequence[Parameter]):
         return np.array([getattr(p, attribute) for p in self.items])
 
     def with_start(self, values: ArrayLike | Mapping[str, float]) -> ParameterSet:
-        """Return a copy with other start values, (n,) or by unknown, within the bounds.
+        """Return a copy with other start values.
 
-        Raises `ParameterError` for unknown names, a wrong length, or values outside the bounds.
+        Parameters
+        ----------
+        values : array_like of float, shape (n,), or mapping of str to float
+            New start values; a mapping may name only some unknowns.
+
+        Returns
+        -------
+        ParameterSet
+            The same unknowns with the same bounds.
+
+        Raises
+        ------
+        ParameterError
+            If a name is not in the set, the length is wrong, or a value lies outside its bounds.
         """
         if isinstance(values, Mapping):
             names = self.names
@@ -350,7 +418,25 @@ class ParameterSet(Sequence[Parameter]):
         return ParameterSet(tuple(items))
 
     def with_nominal(self, nominal: Mapping[str, float], unit: str) -> ParameterSet:
-        """Return a copy with physical values, in `unit`, of a factor of 1 for some unknowns."""
+        """Return a copy with physical values for some factors.
+
+        Parameters
+        ----------
+        nominal : mapping of str to float
+            Physical value of a factor of 1, by unknown.
+        unit : str
+            Unit of these values.
+
+        Returns
+        -------
+        ParameterSet
+            The same unknowns.
+
+        Raises
+        ------
+        ParameterError
+            If a name is not in the set, or a number is not above 0.
+        """
         for name in nominal.keys() - set(self.names):
             raise ParameterError(f"no unknown {name!r}; {suggest(str(name), self.names)}")
         items = list(self.items)
@@ -360,17 +446,41 @@ class ParameterSet(Sequence[Parameter]):
         return ParameterSet(tuple(items))
 
     def apply(self, model: Model, values: ArrayLike) -> Model:
-        """Return the initial `model` with the unknowns at `values`, shape (n,).
+        """Return `model` with the unknowns at `values`; calibration factors have no effect.
 
-        Calibration factors have no effect. The bounds are not checked. Raises `ModelError` if the
-        model lacks a group or a quantity.
+        Parameters
+        ----------
+        model : Model
+            The initial model, to which factors are relative.
+        values : array_like of float, shape (n,)
+            The unknowns, in order. Their bounds are not checked.
+
+        Returns
+        -------
+        Model
+            The changed copy.
+
+        Raises
+        ------
+        ParameterError
+            If the length is wrong.
+        ModelError
+            If the model lacks a group or a quantity, or a value is not finite.
         """
         return model.scaled(self.changes(values))
 
     def at_start(self, model: Model) -> Model:
-        """Return `model` with the unknowns at their start values; `model` itself if all agree.
+        """Return `model` with the unknowns at their start values.
 
-        It may lack groups and quantities.
+        Parameters
+        ----------
+        model : Model
+            The model of a test; it may lack groups and quantities.
+
+        Returns
+        -------
+        Model
+            `model` itself if every unknown starts at its value in the model.
         """
         changes: dict[str, dict[str, float]] = {}
         for name, change in self.changes(self.start).items():
@@ -384,7 +494,23 @@ class ParameterSet(Sequence[Parameter]):
         return model.scaled(changes) if changes else model
 
     def changes(self, values: ArrayLike) -> dict[str, dict[str, float]]:
-        """Return factors and damping by group and quantity, as the argument of `Model.scaled`."""
+        """Return the changes of each group at `values`, as the argument of `Model.scaled`.
+
+        Parameters
+        ----------
+        values : array_like of float, shape (n,)
+            The unknowns, in order.
+
+        Returns
+        -------
+        dict of str to dict of str to float
+            By group and quantity: factors, and values of damping.
+
+        Raises
+        ------
+        ParameterError
+            If the length is wrong.
+        """
         changes: dict[str, dict[str, float]] = {}
         for parameter, value in zip(self.items, self._vector(values, "values"), strict=True):
             if parameter.is_channel:
