@@ -372,8 +372,7 @@ def positions(
 ) -> NDArray[np.intp]:
     """Return the positions of items given by their numbers from 0 (each once) or by `n` flags.
 
-    An error of type `error`, with the name `what`, is raised if a number is out of range or occurs
-    twice, or something else is given.
+    Raises `error`, with the name `what`, for a number out of range or twice, or another type.
     """
     array = _as_array(given, what, error)
     if array.dtype.kind == "b" and array.shape == (n,):
@@ -389,10 +388,7 @@ def positions(
 def whole_numbers(
     given: ArrayLike, what: str, error: type[InputError] = DofError
 ) -> NDArray[np.int64]:
-    """Return `given` as a new integer array of its shape; fractions and booleans are errors.
-
-    An error of type `error`, with the name `what`, is raised if one is not a whole number.
-    """
+    """Return `given` as a new integer array; raise `error` for fractions and booleans."""
     array = _as_array(given, what, error)
     if array.dtype.kind not in "iuf":
         raise error(f"{what}: expected whole numbers, found {array.dtype}")

@@ -1,9 +1,7 @@
 """`AxisExchange`: variant of a group with exchanged section axes of its beams (Iy and Iz).
 
-Exchanged section axes, or an orientation vector turned by 90 degrees, are frequent mistakes in
-models of beams. The elements of a group know their sections and keep a recipe for the matrices of
-the variant; these are computed only when model errors are sought. A reader of bare matrices keeps
-no recipe, and a stored model has none.
+Exchanged axes, or an orientation vector turned by 90 degrees, are frequent mistakes in models. The
+matrices are computed only when model errors are sought; bare matrices and stored models have none.
 """
 
 from __future__ import annotations
@@ -36,12 +34,7 @@ class Recipe(Protocol):
     """Computation of the matrices of a group from its elements."""
 
     def matrices(self) -> StiffnessAndMass:
-        """Compute stiffness and mass with exchanged section axes.
-
-        Returns
-        -------
-        StiffnessAndMass
-        """
+        """Return stiffness and mass with exchanged section axes."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -99,17 +92,7 @@ class AxisExchange:
         return replace(self, maps=(*self.maps, T))
 
     def matrices(self) -> StiffnessAndMass:
-        """Compute stiffness and mass.
-
-        Returns
-        -------
-        StiffnessAndMass
-
-        Raises
-        ------
-        ModelError
-            If the elements cannot be computed.
-        """
+        """Return stiffness and mass; ModelError if the elements cannot be computed."""
         computed = self.recipe.matrices()
         return StiffnessAndMass(
             self._transform_matrix(computed.stiffness, self.stiffness),

@@ -1,7 +1,7 @@
 """HTML of objects in a notebook: small tables and pictures without scripts.
 
-The HTML stays in an exported notebook, needs no network, and escapes every text, as labels come
-from files. Pictures have a light background, independent of that of the notebook.
+It stays in an exported notebook, needs no network, and escapes every text, as labels come from
+files. Pictures have a light background.
 """
 
 from __future__ import annotations

@@ -1,11 +1,9 @@
 """Whether nodes of a test and of a model with equal numbers are at the same place.
 
-Numbers of a test and of a mesh are independent in most projects, and both begin with 1. If both
-have positions, nodes with equal numbers are compared. A distance is gross above `GROSS` of the
-model's size: the fifth mode of a beam has a wavelength of about 0.4 of its length, so the sensor
-is an eighth of a wavelength away. For a coarse model, a distance up to `_COARSE` is not gross if
-the node is the nearest one. The coordinate systems may differ in unit, origin and axes: numbers
-are right if one unit, or one rigid motion, brings all pairs together.
+A distance is gross above `GROSS` of the model's size: the fifth mode of a beam has a wavelength of
+about 0.4 of its length, so the sensor is an eighth of a wavelength away. In a coarse model, up to
+`_COARSE` is permitted to the nearest node. Numbers are right if one unit, or one rigid motion,
+brings all pairs together.
 """
 
 from __future__ import annotations

@@ -1,10 +1,9 @@
 """Exact derivatives of receptance and condensed dynamic stiffness by the unknowns.
 
-Derivatives act on coefficients only. With full fields u_j = Z^-1 e_j and v_i = Z^-1 e_i (the same
-solves serve both, as Z is symmetric), dH_ij/dp = -v_i^T Z'_p u_j; with the condensation matrix T,
-dZ_red/dp = T^T Z'_p T (Bao, Wang & Cheng 2010, eqs. 11, 17, 18, in closed form). Both are
-contractions of one stored matrix on its group's own DOFs. Stiffness, loss factor and
-stiffness-proportional damping of a group share one contraction, as do mass and its damping.
+With u_j = Z^-1 e_j and v_i = Z^-1 e_i (the same solves, as Z is symmetric), dH_ij/dp = -v_i^T Z'_p
+u_j; with the condensation matrix T, dZ_red/dp = T^T Z'_p T (Bao, Wang & Cheng 2010, eqs. 11, 17,
+18, in closed form). Both are contractions of one stored matrix on its group's own DOFs, shared by
+stiffness, loss factor and stiffness-proportional damping, as by mass and its damping.
 """
 
 from __future__ import annotations
@@ -401,10 +400,7 @@ def _product(V: _Complex, U: _Complex) -> _Complex:
 
 
 def _by_rows(system: AffineSystem, at: NDArray[np.intp]) -> Iterable[list[tuple[int, list[int]]]]:
-    """Return the terms at given positions, each with these positions.
-
-    Terms with the same rows are grouped.
-    """
+    """Return the terms at given positions, each with these positions, grouped by equal rows."""
     positions: dict[int, list[int]] = {}
     for d, t in enumerate(at.tolist()):
         positions.setdefault(t, []).append(d)

@@ -1,12 +1,8 @@
 """Design tokens for report and figures: colours, colour maps, type sizes and spaces.
 
-Pages get them as style sheet variables (`css`), matplotlib figures through `updyn.plots`, and
-pictures in notebooks through `updyn.notebook`. No other module defines the colour of a curve.
-
-The categories are distinguishable in grey print by their lightness and for colour-blind readers
-(`tests/unit/test_style.py` measures both: CIE lightness; distance in CIELAB as seen without L or M
-cones by the matrices of Machado, Oliveira & Fernandes, IEEE Trans. Vis. Comput. Graph. 15 (2009)
-1291). The lightness of both colour maps varies evenly.
+No other module defines the colour of a curve. The categories are distinguishable in grey print and
+for colour-blind readers (`tests/unit/test_style.py`: CIE lightness, and distance in CIELAB by the
+matrices of Machado, Oliveira & Fernandes, IEEE Trans. Vis. Comput. Graph. 15 (2009) 1291).
 """
 
 from __future__ import annotations
@@ -223,9 +219,9 @@ def colour_scale(stops: Sequence[str]) -> list[list[float | str]]:
 def css() -> str:
     """Return the tokens as style sheet variables for light screen, dark screen and paper.
 
-    A screen follows the system's light or dark mode unless the attribute ``data-look`` of the root
-    overrides it. The class ``paper`` of the root is set while a page is printed, as figures are
-    drawn before the print rules apply.
+    The attribute ``data-look`` of the root overrides the system's light or dark mode. The class
+    ``paper`` of the root is set while a page is printed, as figures are drawn before the print
+    rules apply.
     """
     sizes = {f"size-{name}": f"{size:g}rem" for name, size in SIZES.items()}
     spaces = {f"space-{name}": f"{space}px" for name, space in SPACES.items()}

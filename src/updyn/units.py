@@ -1,7 +1,6 @@
 """Units of measured values: the accepted labels and their factors to SI.
 
-Every reader and every option with a unit of measured values uses this list. A label that is not in
-the list is an error; it is never interpreted as SI.
+A label that is not in the list is an error; it is never interpreted as SI.
 """
 
 from __future__ import annotations

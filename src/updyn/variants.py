@@ -32,18 +32,7 @@ class Variant:
     groups: tuple[str, ...]
 
     def model(self) -> Model:
-        """Compute the model.
-
-        Returns
-        -------
-        Model
-            The variant, with the same DOFs.
-
-        Raises
-        ------
-        ModelError
-            If the elements cannot be computed.
-        """
+        """Return the variant, with the same DOFs; ModelError if the elements cannot be computed."""
         changed = {name: self.base.group(name).with_exchanged_axes() for name in self.groups}
         base = self.base
         return Model({**base.groups, **changed}, base.dofs, base.geometry, base.title)
