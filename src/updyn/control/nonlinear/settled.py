@@ -31,8 +31,7 @@ class OscillationEnd:
 def judge_end(time: _Real, z: _Real, switches: _Real, half: float) -> OscillationEnd:
     """Return the classification of the end of a series `z`.
 
-    `switches` are the times of changes of contact or sticking; `half` is half a gap, 0 for
-    friction.
+    `switches` are times of changes of contact or sticking; `half` is half a gap, 0 for friction.
     """
     end = float(time[-1])
     first = int(np.searchsorted(time, (1.0 - _LAST) * end))
