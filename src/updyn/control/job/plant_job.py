@@ -54,11 +54,7 @@ def _written_by_run(job: Job) -> bool:
 
 
 def check_plant_out(job: Job, out: str | Path) -> Path:
-    """Return the folder of a plant after a check that it can be written.
-
-    Raises JobError if the job has no ``[plant]``, or the folder is a file, is not writable, or
-    contains an input of the job under the name of a file of the plant.
-    """
+    """Return the folder of a plant; raises JobError if the plant cannot be written there."""
     table = job.table(PlantTable)
     if table is None:
         raise JobError("the job has no [plant]; add one with inputs and outputs", job.path)
@@ -77,10 +73,9 @@ def plant_job(
     """Make the plant of a job and write its files, ``control.json`` and ``plant.html``.
 
     Without `run`, a finished run is searched in `out` and in the job's results folder; without one
-    the plant is that of the original model. Files are replaced together. If no plant holds the
-    tolerance, no plant file remains; record and page state the error reached. Raises InputError for
-    invalid input or a run of another job, SolverError if the model has no response; nothing is
-    written then.
+    the plant is that of the original model. Files are replaced together; without a plant that holds
+    the tolerance, no plant file remains. Raises InputError for invalid input or a run of another
+    job, SolverError if the model has no response; nothing is written then.
     """
     out = check_plant_out(job, default_plant_out(job) if out is None else out)
     table = job.table(PlantTable)

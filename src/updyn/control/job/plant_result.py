@@ -93,11 +93,7 @@ class PlantResult:
         return np.asarray(self.errors(measure).max(axis=0))
 
     def errors(self, measure: str) -> _Real:
-        """Return the errors of each channel at `freq`, shape (n_f, n_y, n_u).
-
-        As a share of the channel's peak (``"peak"``) or of its magnitude at each line
-        (``"relative"``); at an antiresonance, of the magnitude one half-power width away.
-        """
+        """Return the errors of each channel at `freq`, shape (n_f, n_y, n_u), as in `Plant`."""
         assert self.freq is not None
         assert self.exact is not None
         assert self.answer is not None
