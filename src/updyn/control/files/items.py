@@ -107,10 +107,7 @@ def plant_items(plant: Plant) -> dict[str, Any]:
 
 
 def build_plant(items: Mapping[str, Any], path: str | Path) -> Plant:
-    """Return the plant from its items.
-
-    Raises FormatError with file and item if an item is missing, unknown, invalid or inconsistent.
-    """
+    """Return the plant from its items; raises FormatError with file and item."""
     if items.get("format") != FORMAT:
         raise FormatError(
             f"format: found {items.get('format')!r}, expected {FORMAT!r}: {NO_PLANT}", path
@@ -237,10 +234,7 @@ def flat_items(plant: Plant) -> dict[str, Any]:
 
 
 def nested_items(flat: Mapping[str, Any], path: str | Path) -> dict[str, Any]:
-    """Return the items of a plant from those of a flat file: numbers in arrays, texts in lists.
-
-    Raises FormatError with file and item if an item is missing, unknown or of another type.
-    """
+    """Return plant items from those of a flat file; raises FormatError with file and item."""
     found = None
     if "format" in flat:
         found = _text(flat["format"], "format", path)

@@ -95,10 +95,7 @@ def read_plant(path: str | Path, *, format: str | None = None) -> Plant:
 
 
 def plant_format(path: Path, verb: str, name: str | None = None) -> Format:
-    """Return the format of a plant file, by name if given, else by content, else by suffix.
-
-    `verb` is ``"read_plant"`` or ``"write_plant"``. Raises FormatError if no format fits.
-    """
+    """Return the format of a plant file by name, else content, else suffix; raises FormatError."""
     able = [f for f in PLANT_FORMATS if verb in f.can]
     if name is not None:
         for candidate in able:
