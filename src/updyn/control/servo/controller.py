@@ -521,11 +521,7 @@ def rigid_inertia(plant: Plant, torque: str, velocity: str) -> float | None:
 
 
 def rigid_ratio(plant: Plant, torque: str, velocity: str, position: str) -> float | None:
-    """Return the gear ratio of two outputs in the rigid-body motion of a torque.
-
-    Velocity of `velocity` over that of `position`, negative if they oppose; None if one of them
-    has no rigid-body motion.
-    """
+    """Return the signed ratio of two outputs' speeds in rigid-body motion; None if one has none."""
     inner, outer = (rigid_inertia(plant, torque, name) for name in (velocity, position))
     return None if inner is None or outer is None else outer / inner
 

@@ -200,8 +200,7 @@ def judge_sampled(
 ) -> list[JudgedLoop | None]:
     """Return margins and stability of the loops of a sampled cascade; poles as s = log(z) / dt.
 
-    `continuous` are the velocity, position and torque loops on the continuous plant, None if
-    missing.
+    `continuous` are velocity, position and torque loop on the continuous plant; None if missing.
     """
     loops = cascade.velocity, cascade.position, cascade.torque
     return [

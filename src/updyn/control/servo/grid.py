@@ -49,10 +49,7 @@ _TOLERANCES = {"xatol": 0.0, "xrtol": 1e-14, "fatol": 0.0, "frtol": 0.0}
 
 
 def frequencies(features: _Complex, low: float, high: float, delay: float = 0.0) -> _Real:
-    """Return circular frequencies in rad/s, dense around the poles and zeros of a loop.
-
-    They run from `low` to `high` and resolve the phase of the dead time `delay`.
-    """
+    """Return frequencies in rad/s that resolve the poles, zeros and dead time of a loop."""
     decades = max(np.log10(high / low), 0.1)
     parts: list[NDArray[Any]] = [np.geomspace(low, high, int(_PER_DECADE * decades) + 2)]
     centre = np.abs(features.imag)

@@ -128,10 +128,7 @@ class Cascade:
 
     @_quiet
     def feedback_channels(self, s: ArrayLike) -> _Complex:
-        """Return the contribution of each output to L broken at the torque, shape (n, k).
-
-        k is 1 if velocity and position are of one output.
-        """
+        """Return the part of each output in L broken at the torque, shape (n, 1 or 2)."""
         G, K = self.motion(s), self.controller.torque(s)
         velocity, position = K * G[:, 0, 0], self._kv * K * G[:, 1, 0]
         if self.wiring.position in (None, self.wiring.velocity):

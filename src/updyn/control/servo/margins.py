@@ -187,7 +187,7 @@ class RobustMargin:
 
     @property
     def meaning(self) -> str:
-        """One sentence on what the margin guarantees."""
+        """One sentence on the guarantee of the margin."""
         if self.of == "family":
             size = "the largest deviation of a member"
         else:

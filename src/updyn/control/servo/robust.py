@@ -42,8 +42,7 @@ _CLOSER, _ROUNDS = 8, 3
 def family_margin(cascade: Cascade, judged: JudgedLoop, members: Sequence[Cascade]) -> RobustMargin:
     """Return the margin for perturbations as large as the deviations of a family's members.
 
-    r_i is the largest |G_k,i - G_i| over the members k, line by line. `judged` is the nominal
-    loop broken at the torque, stable; `members` are the cascades of the members.
+    r_i is the largest |G_k,i - G_i| over the members k, line by line; `judged` must be stable.
     """
 
     def deviation(w: _Real) -> _Complex:

@@ -121,8 +121,7 @@ def judge_loops(cascade: Cascade) -> tuple[JudgedLoop, JudgedLoop | None]:
 def judge_torque(cascade: Cascade, outer: JudgedLoop) -> JudgedLoop:
     """Return margins and stability of both loops closed, broken at the torque.
 
-    A change of gain or delay in drive and motor acts on both loops at this place. `outer` is the
-    position loop, which has the same closed loop.
+    A change of gain or delay in drive and motor acts on both loops at this place.
     """
     features = np.concatenate([cascade.zeros, outer.poles])
     return judge(cascade, cascade.torque, cascade.torque, cascade.poles, features, True)
@@ -147,8 +146,7 @@ def judge(
     """Return margins and stability of one loop L(s).
 
     `whole` is an L(s) of the same closed loop with the poles `open_poles` (without the dead time).
-    Lines are dense around `features`, poles and zeros in rad/s; `position`: the position loop is
-    closed.
+    Lines are dense around `features`, poles and zeros in rad/s.
     """
     controller = cascade.controller
     free = cascade.closed_loop(0, position=position).poles

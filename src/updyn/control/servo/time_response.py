@@ -145,10 +145,7 @@ def delayed_response(
 
 
 def final_value(system: StateSpace, output: int, input: int) -> float:
-    """Return the final value of an output under a constant input of 1; nan if it is unbounded.
-
-    Poles at 0 are allowed if they are not observable at this output.
-    """
+    """Return the final value of an output under a constant input of 1; nan if it is unbounded."""
     poles = np.abs(system.poles)
     moving = poles[poles > 1e-7 * poles.max(initial=0.0)]
     s = 1e-5 * float(moving.min()) if len(moving) else 1e-5
@@ -168,8 +165,7 @@ def schedule_intervals(
 ) -> list[tuple[int, float]]:
     """Return numbers and lengths in s of the intervals that resolve a step response.
 
-    The length resolves the fastest mode that still contributes. Without a `duration` they end when
-    the slowest mode has settled.
+    They resolve the fastest mode that contributes and by default end when the slowest has settled.
     """
     poles, share = _pole_shares(system, output, input)
     rate = np.maximum(-poles.real, 1e-6 * np.abs(poles))
@@ -365,11 +361,7 @@ def _step(
     rate: int | None,
     duration: float | None,
 ) -> StepResponse:
-    """Return the response to a step.
-
-    `names` are input, its unit, output, its unit; `places` are the indices of output and input in
-    `Cascade.closed_loop`.
-    """
+    """Return the response to a step; `names` are those and the units of input and output."""
     row, at = places
     time, outputs, slopes = _simulate_step_record(cascade, system, row, at, size, rate, duration)
     final = size * final_value(system, row, at)
