@@ -1,1 +1,1 @@
-"""The plant: what an updated model is for the designer of a servo."""
+"""The plant: state-space models of updated structures for the design of servos."""

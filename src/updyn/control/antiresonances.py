@@ -69,10 +69,7 @@ class ZeroShift:
 
 
 def find_dips(freq: _Real, values: _Complex) -> list[Dip]:
-    """Return the antiresonances of one channel from its values at lines in Hz, ascending.
-
-    They are the complex zeros of (a + b f) / (1 + c f) through the three lines at each minimum.
-    """
+    """Return the dips of a channel: complex zeros of (a + b f) / (1 + c f) at each minimum."""
     size = np.abs(values)
     low = 1 + np.flatnonzero((size[1:-1] < size[:-2]) & (size[1:-1] <= size[2:]))
     out = []
@@ -159,10 +156,7 @@ def _highest(freq: _Real, size: _Real) -> _Real:
 def antiresonance_shifts(
     freq: _Real, values: _Complex, answer: _Complex, zeros: _Complex
 ) -> list[tuple[float, float, float, float]]:
-    """Return frequency, shift (percent), depth and plant depth (dB) of each antiresonance.
-
-    `values` is the response of the structure, `answer` that of the plant; `zeros` are in rad/s.
-    """
+    """Return frequency, shift (percent), depth and plant depth (dB) of each antiresonance."""
     size, plant_size = np.abs(values), np.abs(answer)
     zero_frequencies = np.abs(zeros.imag[zeros.imag > 0]) / (2.0 * np.pi)
     out = []

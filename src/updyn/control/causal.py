@@ -127,8 +127,7 @@ def _outer_inside(circle: Circle, band: tuple[float, float]) -> tuple[_Real, _Co
 def hankel_norm(circle: Circle, values: _Complex) -> float:
     """Return the largest distance of a function on the axis from the nearest stable one (Nehari).
 
-    It is the norm of a section of its Hankel operator. `values` are conjugate at negative
-    frequencies.
+    `values` are those of a real system: conjugate at negative frequencies.
     """
     n = circle.n // _SECTION
     c = circle.coefficients(values).real[1 : 2 * n]
@@ -225,9 +224,8 @@ def channel_differences(
 ) -> list[ChannelDifference]:
     """Return the differences of a structure from a selection of candidates, channel by channel.
 
-    `freq` must resolve the structure. `outside` are its modes, for the gain outside the band;
-    `growth` is the power of the growth of each output towards 0 Hz. The list has all inputs of each
-    output.
+    `freq` must resolve the structure; `outside` are its modes, for the gain outside the band.
+    `growth` is the power of the growth of each output towards 0 Hz.
     """
     band = float(freq[0]), float(freq[-1])
     cache: dict[bytes, _Complex] = {}

@@ -171,10 +171,7 @@ def as_ports(given: Iterable[str | Dof | Port] | str | Dof | Port, what: str) ->
 def port_matrix(
     ports: tuple[Port, ...], model: Model, what: str
 ) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
-    """Return the indices of the DOFs of ports, shape (k,), and their weights, (len(ports), k).
-
-    Raises DofError with the name of the port if the model lacks a DOF.
-    """
+    """Return indices (k,) and weights (len(ports), k) of the DOFs of ports; raises DofError."""
     matches = []
     for port in ports:
         try:

@@ -110,10 +110,7 @@ class Approximation:
         return pairs, rates
 
     def fit(self, n: int, tolerance: float) -> Rational:
-        """Return the approximation with n states in addition to the slow ones.
-
-        A fit whose error is far above the tolerance is not refined.
-        """
+        """Return the approximation with n more states than the slow ones, refined if promising."""
         pairs, rates = self.initial_poles(n)
         assert self.weight is not None
         weight = self.weight

@@ -187,8 +187,7 @@ class Relaxation:
 def relaxation(part: Lossy, band: tuple[float, float], n: int) -> Relaxation:
     """Return n relaxation terms fitted to the loss factor of a group over a band in Hz.
 
-    The rates b_k are evenly spaced in log frequency; non-negative least squares gives the weights
-    a_k.
+    Rates are evenly spaced in log frequency; the weights are by non-negative least squares.
     """
     low, high = max(band[0], 1e-4 * band[1]), band[1]
     freq = np.geomspace(low, high, _LINES)

@@ -111,10 +111,7 @@ class ResponseTarget:
         slow: bool,
         measure: str = "relative",
     ) -> ResponseTarget:
-        """Return the target of given values, shape (n_f, n_y, n_u).
-
-        `resolution` is the rounding of a channel without coupling; others as for `of`.
-        """
+        """Return the target of given values; `resolution` is rounding, a floor of the peaks."""
         power = np.array([QUANTITIES[q] for q in quantities])
         size = np.abs(values)
         level = size.max(axis=0)
@@ -186,9 +183,8 @@ class ResponseTarget:
     def peak_error(self, G: _Complex, *, strict: bool = False) -> float:
         """Return the largest relative error of the height of a resonance; 0 without one.
 
-        Only resonances above a tenth of the highest of their channel count. Heights are compared
-        between the adjacent minima, so a slight shift has no effect. With `strict`, the response is
-        multiplied by `lift`.
+        Only resonances above a tenth of the highest of their channel count. The highest values
+        between adjacent minima are compared, so a slight shift has no effect.
         """
         magnitude, size = self._magnitude(self.values, strict), self._magnitude(G, strict)
         worst = 0.0
@@ -225,10 +221,7 @@ def receptance_function(
     tier: str | None,
     backend: str | None,
 ) -> Callable[[_Real], _Complex]:
-    """Return a function of lines in Hz for the receptance of a model between ports.
-
-    A certified reduced model `solver` is used unless a `tier` is given.
-    """
+    """Return the receptance of a model between ports as a function of lines in Hz."""
     columns, into = port_matrix(inputs, model, "input")
     rows, out = port_matrix(outputs, model, "output")
 

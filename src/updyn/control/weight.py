@@ -160,10 +160,7 @@ def channel_floors(family: PlantFamily, radius: _Real, kind: str, floor: float |
 def find_closest_lines(
     lines: _Real, radius: _Real, floors: _Real, bounds: dict[tuple[int, int], Bound], within: float
 ) -> _Real:
-    """Return additional lines in Hz at the places where a weight is closest to its radius.
-
-    `within` is the distance from the closest place within which others count, in log |W|.
-    """
+    """Return additional lines in Hz where weights are closest to their radius, `within` log |W|."""
     more: list[_Real] = []
     for (i, j), bound in bounds.items():
         level = np.maximum(radius[:, i, j], floors[i, j])
