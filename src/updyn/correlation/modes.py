@@ -308,21 +308,57 @@ def correlate_modes(
 ) -> ModeCorrelation:
     """Pair computed and measured modes one to one and compare them.
 
+    Parameters
+    ----------
+    computed : Model, Modes or ModeSet
+        The modes of a model are computed (`model_modes`); those within `band` and paired ones are
+        kept. Given modes are all kept.
+    measured : ModeSet or Modes
+        The measured modes.
+    band : (float, float), optional
+        For a model, the band in Hz in which modes could be measured; by default from the lowest to
+        the highest measured frequency.
+    gate : float
+        Largest difference of frequency of a pair, as a share of the lower frequency.
+    least_mac : float
+        Least MAC of a pair, after subtraction of the term for the difference of frequency (see
+        Notes).
+    close : float
+        Modes of one set whose frequencies differ by at most this share are compared by the span of
+        their shapes; 0 for equal frequencies only.
+    dofs : iterable of str or Dof, optional
+        DOFs at which shapes are compared; by default all DOFs of the measured modes, which the
+        computed modes must have. Labels may differ in sign and order.
+
+    Returns
+    -------
+    ModeCorrelation
+
+    Raises
+    ------
+    DataError
+        If an argument has a wrong type or value, the model has no mode in the range, or a shape is
+        zero at these DOFs.
+    DofError
+        If a DOF is not in one of the two.
+    ModelError, SolverError
+        If the modes of the model cannot be computed.
+
+    Notes
+    -----
     The pairs maximise the sum of MAC - 0.4 (|f_c - f_m| / (gate min(f_c, f_m)))^2 over all
     one-to-one assignments (Kuhn, Naval Res. Logist. Q. 2 (1955) 83-97), each of at least
-    `least_mac`. The second term decides if the sensors cannot distinguish shapes. Measured modes
-    without shapes are paired by `pair_frequencies`.
+    `least_mac`. The second term decides if the sensors cannot distinguish shapes.
 
-    The shapes of modes within `close` are an arbitrary basis of their span. Between clusters of
-    them, MAC is replaced by the mean of the squared cosines of the principal angles between the
-    spans (Bjorck & Golub, Math. Comp. 27 (1973) 579-594) that are at least `least_mac`; clusters
-    have no more pairs than such angles. Clusters that are joined by pairs are one `Subspace`, and
-    each of their pairs has its subspace MAC: the squared cosine of the largest of these angles.
+    Measured modes without shapes are paired within the gate with the least sum of the squared
+    logarithms of the ratios of their frequencies, which keeps their order; MAC is nan.
 
-    The modes of a model are computed in `band` (Hz), by default the measured one; given modes are
-    all kept. Shapes are compared at `dofs`, by default all of the measured modes. Raises DataError
-    for a wrong argument or a zero shape, DofError for an unknown DOF, ModelError and SolverError if
-    the modes cannot be computed.
+    The shapes of close modes are an arbitrary basis of their span. Between clusters of them, MAC is
+    replaced by the mean of the squared cosines of the principal angles between the spans (Bjorck &
+    Golub, Math. Comp. 27 (1973) 579-594) that are at least `least_mac`; clusters have no more pairs
+    than such angles. Clusters that are joined by pairs are one `Subspace`, and each of their pairs
+    has its subspace MAC: the squared cosine of the largest of these angles. Modes that are close in
+    one of the two sets only are compared in the same way, and `Subspace.close` states the set.
     """
     if not isinstance(measured, ModesLike):
         raise DataError(f"correlate: expected measured modes, found {type(measured).__name__}")
