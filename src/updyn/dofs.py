@@ -113,15 +113,7 @@ class Dof:
 
 @dataclass(frozen=True, slots=True)
 class Match:
-    """Positions and signs of the DOFs of one set in another.
-
-    Attributes
-    ----------
-    index : ndarray of int, shape (n,)
-        Position in the other set.
-    sign : ndarray of float, shape (n,)
-        Product of the two signs, +1 or -1.
-    """
+    """Positions of the DOFs of one set in another, and products of both signs, shape (n,)."""
 
     index: NDArray[np.intp]
     sign: NDArray[np.float64]

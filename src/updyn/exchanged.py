@@ -18,13 +18,7 @@ __all__ = ["AxisExchange", "Recipe", "StiffnessAndMass"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StiffnessAndMass:
-    """Stiffness and mass of a group.
-
-    Parameters
-    ----------
-    stiffness, mass : sparse, shape (N, N), or None
-        In N/m and kg; None if the group has no such matrix.
-    """
+    """Stiffness (N/m) and mass (kg) of a group, sparse; None if the group has no such matrix."""
 
     stiffness: Any | None
     mass: Any | None
@@ -41,19 +35,9 @@ class Recipe(Protocol):
 class AxisExchange:
     """Stiffness and mass of a group with exchanged section axes, computed on demand.
 
-    Parameters
-    ----------
-    recipe : Recipe
-        Computation of the matrices from the elements.
-    what : str
-        Properties to exchange in the definition of the model: "Iyy and Izz in the section of beam
-        'a'".
-    turn : str
-        Property to turn instead: "its orientation by 90 degrees"; empty if there is none.
-    maps : tuple of sparse
-        Later transformations T of the DOFs, in order: A becomes T^T A T.
-    stiffness, mass : float
-        Later factors on the matrices.
+    `what` and `turn` name the properties to exchange, or to turn instead, for messages: "Iyy and
+    Izz in the section of beam 'a'", "its orientation by 90 degrees". Later transformations T in
+    `maps` make T^T A T of each matrix A, later factors are `stiffness` and `mass`.
     """
 
     recipe: Recipe
@@ -64,31 +48,11 @@ class AxisExchange:
     mass: float = 1.0
 
     def scale(self, stiffness: float = 1.0, mass: float = 1.0) -> AxisExchange:
-        """Return a copy with factors on the matrices.
-
-        Parameters
-        ----------
-        stiffness, mass : float
-            The factors.
-
-        Returns
-        -------
-        AxisExchange
-        """
+        """Return a copy with further factors on the matrices."""
         return replace(self, stiffness=self.stiffness * stiffness, mass=self.mass * mass)
 
     def transform(self, T: Any) -> AxisExchange:
-        """Return a copy whose matrices A are T^T A T.
-
-        Parameters
-        ----------
-        T : sparse, shape (N, n)
-            Present DOFs as combinations of the new DOFs.
-
-        Returns
-        -------
-        AxisExchange
-        """
+        """Return a copy whose matrices A are T^T A T, T of shape (N, n)."""
         return replace(self, maps=(*self.maps, T))
 
     def matrices(self) -> StiffnessAndMass:

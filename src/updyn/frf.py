@@ -59,24 +59,7 @@ _INVERSES = {
 
 
 def check_quantity(quantity: object) -> str:
-    """Return `quantity` if it is one of receptance, mobility, accelerance.
-
-    Parameters
-    ----------
-    quantity : object
-        The value found in a call or a file.
-
-    Returns
-    -------
-    str
-        The quantity, unchanged.
-
-    Raises
-    ------
-    DataError
-        If it is an inverse such as impedance (the message gives the reason) or unknown (the
-        message names the nearest).
-    """
+    """Return `quantity` if it is one of receptance, mobility, accelerance; else raise DataError."""
     if isinstance(quantity, str):
         if quantity in QUANTITIES:
             return quantity
@@ -92,19 +75,7 @@ def check_quantity(quantity: object) -> str:
 
 
 def unit(quantity: str, response: str, reference: str) -> str:
-    """Return the unit of a channel, from its two DOFs: ``"(m/s²)/N"``, ``"rad/(N m)"``, ...
-
-    Parameters
-    ----------
-    quantity : {"receptance", "mobility", "accelerance"}
-        The measured quantity.
-    response, reference : str
-        Labels of the DOFs.
-
-    Returns
-    -------
-    str
-    """
+    """Return the unit of a channel, from its two DOFs: ``"(m/s²)/N"``, ``"rad/(N m)"``, ..."""
     motion = ("rad" if "R" in response else "m") + _POWER_UNITS[quantity]
     force = "(N m)" if "R" in reference else "N"
     return f"({motion})/{force}" if "/" in motion else f"{motion}/{force}"
@@ -794,22 +765,7 @@ def _geometry(data: xr.Dataset) -> Geometry | None:
 
 
 def check_band(band: object) -> tuple[float, float]:
-    """Return the lowest and the highest frequency of a band.
-
-    Parameters
-    ----------
-    band : (float, float)
-        In Hz.
-
-    Returns
-    -------
-    (float, float)
-
-    Raises
-    ------
-    DataError
-        If it is not two ascending frequencies.
-    """
+    """Return the two ascending frequencies of a band in Hz; DataError for anything else."""
     array = _numbers("band", band, np.float64)  # type: ignore[arg-type]
     if array.shape != (2,):
         raise DataError(f"band {band!r}: expected two frequencies in Hz, lowest and highest")
@@ -820,22 +776,7 @@ def check_band(band: object) -> tuple[float, float]:
 
 
 def check_decay(decay: object) -> float:
-    """Return the decay of an exponential window.
-
-    Parameters
-    ----------
-    decay : object
-        In 1/s.
-
-    Returns
-    -------
-    float
-
-    Raises
-    ------
-    DataError
-        If it is not a finite number of at least 0.
-    """
+    """Return the decay of an exponential window in 1/s; DataError if not finite or below 0."""
     real = isinstance(decay, int | float | np.integer | np.floating)
     if isinstance(decay, bool) or not real or not 0.0 <= float(decay) < np.inf:  # type: ignore[arg-type]
         raise DataError(f"decay {decay!r}: expected a number in 1/s, 0 or above")
@@ -843,22 +784,7 @@ def check_decay(decay: object) -> float:
 
 
 def check_lines(freq: ArrayLike) -> NDArray[np.float64]:
-    """Return lines as a read-only array.
-
-    Parameters
-    ----------
-    freq : array_like of float, shape (n_f,)
-        Lines in Hz.
-
-    Returns
-    -------
-    ndarray of float, shape (n_f,)
-
-    Raises
-    ------
-    DataError
-        If there is no line, or a line is not finite, negative or not ascending.
-    """
+    """Return lines in Hz as a read-only array; DataError unless finite, >= 0 and ascending."""
     array = _numbers("freq", freq, np.float64)
     if array.ndim != 1 or array.size == 0:
         raise DataError(

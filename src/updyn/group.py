@@ -429,18 +429,7 @@ class Group:
 
 
 def is_number(value: object) -> bool:
-    """Return whether a value is a real number.
-
-    Parameters
-    ----------
-    value : object
-        The value.
-
-    Returns
-    -------
-    bool
-        False for booleans, too, and for integers that do not fit a double.
-    """
+    """Return whether a value is a real number; False for booleans and too large integers."""
     if isinstance(value, int) and not isinstance(value, bool):
         return abs(value) < _LARGEST
     return isinstance(value, float | np.floating | np.integer)
@@ -463,18 +452,7 @@ def _scale_matrix(matrix: Matrix | None, factor: float) -> Matrix | None:
 
 
 def read_only(matrix: Matrix) -> Matrix:
-    """Make the arrays of a sparse matrix read-only.
-
-    Parameters
-    ----------
-    matrix : sparse
-        Matrix in a compressed format.
-
-    Returns
-    -------
-    sparse
-        The same object.
-    """
+    """Make the arrays of a compressed sparse matrix read-only, and return the same object."""
     for array in (matrix.data, matrix.indices, matrix.indptr):
         array.flags.writeable = False
     return matrix
@@ -621,22 +599,7 @@ class LossTable:
 
 
 def as_table(given: Any) -> LossTable | None:
-    """Return a `LossTable` from a value that `Group` accepts.
-
-    Parameters
-    ----------
-    given : LossTable, pair of array_like, or None
-        Two rows: frequencies in Hz and factors.
-
-    Returns
-    -------
-    LossTable or None
-
-    Raises
-    ------
-    ModelError
-        If the value has another form, or a number is invalid.
-    """
+    """Return a `LossTable` from a value that `Group` accepts; ModelError for other values."""
     if given is None or isinstance(given, LossTable):
         return given
     if isinstance(given, str) or not hasattr(given, "__len__") or len(given) != 2:

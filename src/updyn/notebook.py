@@ -53,22 +53,7 @@ _EYE = 38.0, 24.0
 
 # -- text ------------------------------------------------------------------------------------------
 def card(title: str, facts: Mapping[str, object], *parts: str) -> str:
-    """Return an object as HTML: its title, a line of facts, and parts below.
-
-    Parameters
-    ----------
-    title : str
-        Title, as text.
-    facts : mapping of str to object
-        Values by name, as text; empty values are skipped.
-    *parts : str
-        HTML; empty parts are skipped.
-
-    Returns
-    -------
-    str
-        HTML.
-    """
+    """Return an object as HTML: title, a line of facts, and HTML parts; empty ones are skipped."""
     shown = []
     for name, value in facts.items():
         if str(value):
@@ -82,20 +67,7 @@ def card(title: str, facts: Mapping[str, object], *parts: str) -> str:
 
 
 def badge(text: str, kind: str) -> str:
-    """Return a word on a background whose colour shows its kind.
-
-    Parameters
-    ----------
-    text : str
-        The word.
-    kind : {"good", "warn", "bad"}
-        Kind of message.
-
-    Returns
-    -------
-    str
-        HTML.
-    """
+    """Return HTML of a word on a background whose colour shows its kind: good, warn or bad."""
     look = f"color:{PAPER[kind]};background:{PAPER[f'{kind}-ground']}"
     return (
         f'<span style="{look};border:1px solid;border-radius:999px;padding:1px 10px;'
@@ -104,22 +76,7 @@ def badge(text: str, kind: str) -> str:
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[str]], left: Iterable[int] = (0,)) -> str:
-    """Return a table as HTML; for many rows, the first ones and the number of the others.
-
-    Parameters
-    ----------
-    header : sequence of str
-        Names of the columns.
-    rows : sequence of sequence of str
-        Rows with one cell per column.
-    left : iterable of int
-        Columns that are aligned to the left; the others are aligned to the right.
-
-    Returns
-    -------
-    str
-        HTML; empty without rows.
-    """
+    """Return a table as HTML; for many rows, the first ones and the number of the others."""
     if not rows:
         return ""
     chosen = set(left)
@@ -142,20 +99,7 @@ def _row(kind: str, cells: Sequence[str], left: set[int]) -> str:
 
 
 def render_view(shown: object, otherwise: Callable[[], str]) -> str:
-    """Return the interactive view of an object if one is registered, else a picture.
-
-    Parameters
-    ----------
-    shown : object
-        The object; `VIEWERS` has views by the name of its class.
-    otherwise : callable
-        Function that returns the picture.
-
-    Returns
-    -------
-    str
-        HTML.
-    """
+    """Return the view in `VIEWERS` for an object's class, else the picture by `otherwise`."""
     name = type(shown).__name__
     view = VIEWERS[name](shown) if name in VIEWERS else None
     return otherwise() if view is None else view
@@ -164,15 +108,7 @@ def render_view(shown: object, otherwise: Callable[[], str]) -> str:
 # -- curves ----------------------------------------------------------------------------------------
 @dataclass(frozen=True, slots=True, eq=False)
 class PlotCurve:
-    """A curve of a picture.
-
-    Parameters
-    ----------
-    name : str
-        Name in the legend.
-    y : array_like of float, shape (n,)
-        Values; values that are not finite leave gaps.
-    """
+    """A curve of a picture with its name in the legend; values that are not finite leave gaps."""
 
     name: str
     y: ArrayLike
@@ -187,26 +123,7 @@ def curves(
     log_y: bool = True,
     stems: bool = False,
 ) -> str:
-    """Return curves over a common axis as a picture.
-
-    Parameters
-    ----------
-    x : array_like of float, shape (n,)
-        Ascending values of the horizontal axis.
-    shown : sequence of Curve
-        The curves.
-    titles : (str, str)
-        Titles of the two axes, with units.
-    log_x, log_y : bool
-        Whether an axis is logarithmic.
-    stems : bool
-        Whether to draw a stem at each value instead of a curve.
-
-    Returns
-    -------
-    str
-        SVG; empty if there is nothing to draw.
-    """
+    """Return an SVG of curves (or stems) over a common ascending axis; empty if there are none."""
     at = _on_axis(x, log_x)
     heights = [_on_axis(curve.y, log_y) for curve in shown]
     every = np.concatenate([h[np.isfinite(at)] for h in heights]) if heights else np.zeros(0)
@@ -359,20 +276,7 @@ def _svg(parts: Sequence[str], height: float) -> str:
 
 # -- intervals -------------------------------------------------------------------------------------
 def spans(rows: Sequence[tuple[str, float, float, float]], title: str) -> str:
-    """Return values with their intervals as a picture, one row per value.
-
-    Parameters
-    ----------
-    rows : sequence of (str, float, float, float)
-        Name, lower end, value, upper end; ends that are not finite are not drawn.
-    title : str
-        Title of the axis, with its unit.
-
-    Returns
-    -------
-    str
-        SVG; empty without finite values. For many rows, only the first ones are drawn.
-    """
+    """Return an SVG of values (name, low, value, high) with intervals; of many, the first ones."""
     drawn = [row for row in rows if math.isfinite(row[2])][:_MOST_ROWS]
     if not drawn:
         return ""
@@ -404,20 +308,9 @@ def spans(rows: Sequence[tuple[str, float, float, float]], title: str) -> str:
 
 # -- structure -------------------------------------------------------------------------------------
 def structure(xyz: ArrayLike, ends: ArrayLike) -> str:
-    """Return a picture of nodes and the lines between them, from a fixed view direction.
+    """Return an SVG of nodes (n, 3) in m and lines between them (m, 2), from a fixed direction.
 
-    Parameters
-    ----------
-    xyz : array_like of float, shape (n, 3)
-        Positions of the nodes in m.
-    ends : array_like of int, shape (m, 2)
-        Lines as indices of nodes; without lines, nodes are drawn as dots.
-
-    Returns
-    -------
-    str
-        SVG; empty without nodes. If there are more than 3000 lines or nodes, an evenly spaced
-        subset is drawn, with a note.
+    If there are more than 3000 lines or nodes, an evenly spaced subset is drawn, with a note.
     """
     points, pairs = np.asarray(xyz, dtype=np.float64), np.asarray(ends, dtype=np.intp)
     if not len(points):

@@ -60,17 +60,8 @@ Points = NDArray[np.float64]
 class CoordinateSystem:
     """Unit, axes and origin of the test's positions: x_model = rotation @ (factor x_test) + shift.
 
-    Attributes
-    ----------
-    factor : float
-        Length unit of the test's positions in metres.
-    unit : str or None
-        Name of the unit; None if it is m, or if the model has another unit.
-    rotation : ndarray of float, shape (3, 3)
-    shift : ndarray of float, shape (3,)
-        In m.
-    residual : float or None
-        Root mean square distance in m after a rigid motion; None if nothing was moved.
+    `unit` is None if it is m, or if the model has another unit; `shift` is in m; `residual` is the
+    rms distance in m after a rigid motion, None if nothing was moved.
     """
 
     factor: float = 1.0
@@ -80,18 +71,7 @@ class CoordinateSystem:
     residual: float | None = None
 
     def apply(self, xyz: Points) -> Points:
-        """Return positions of the test in the system of the model.
-
-        Parameters
-        ----------
-        xyz : ndarray of float, shape (n, 3)
-            Positions in the unit and the system of the test.
-
-        Returns
-        -------
-        ndarray of float, shape (n, 3)
-            In m.
-        """
+        """Return positions (n, 3) of the test in the system of the model, in m."""
         return np.asarray(self.factor * xyz @ self.rotation.T + self.shift)
 
     @property
@@ -102,18 +82,9 @@ class CoordinateSystem:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LabelCheck:
-    """Comparison of the positions of nodes with equal numbers.
+    """Comparison of the positions of nodes with equal numbers; texts are empty if they agree.
 
-    Attributes
-    ----------
-    system : CoordinateSystem
-        System in which the positions of the test are compared.
-    contradiction : str
-        The message on the contradiction, with a remedy; empty if numbers and positions agree.
-    proposal : mapping of str to object
-        Options of `updyn.match` that fit the positions; empty if no options fit.
-    note, warning : str
-        Remarks on the system; empty if it is that of the model.
+    `proposal` has options of `updyn.match` that fit the positions.
     """
 
     system: CoordinateSystem = field(default_factory=CoordinateSystem)
@@ -124,24 +95,9 @@ class LabelCheck:
 
 
 def rigid_motion(x: Points, y: Points) -> tuple[Points, Points]:
-    """Return rotation and shift that bring points onto others, by least squares.
+    """Return rotation R and shift that bring points (n, 3) onto others: y is about x @ R.T + shift.
 
-    Points in a line are turned by the smallest angle.
-
-    Parameters
-    ----------
-    x, y : ndarray of float, shape (n, 3)
-        Points, and their targets.
-
-    Returns
-    -------
-    rotation : ndarray of float, shape (3, 3)
-    shift : ndarray of float, shape (3,)
-        y is about ``x @ rotation.T + shift``.
-
-    Notes
-    -----
-    Kabsch (1976), Horn (1987), by `scipy.spatial.transform.Rotation.align_vectors`.
+    Least squares (Kabsch 1976, Horn 1987). Points in a line are turned by the smallest angle.
     """
     x0, y0 = x.mean(axis=0), y.mean(axis=0)
     a, b = x - x0, y - y0
@@ -154,17 +110,7 @@ def rigid_motion(x: Points, y: Points) -> tuple[Points, Points]:
 
 
 def is_in_line(centred: Points) -> bool:
-    """Return whether points lie in a line or at one place, which leaves a rotation undetermined.
-
-    Parameters
-    ----------
-    centred : ndarray of float, shape (n, 3)
-        The points, relative to their mean.
-
-    Returns
-    -------
-    bool
-    """
+    """Return whether centred points (n, 3) are in a line or at one place: rotation undetermined."""
     sizes = np.linalg.svd(centred, compute_uv=False)
     return len(centred) < 3 or bool(sizes[1] <= _IN_LINE * sizes[0])
 
@@ -178,18 +124,7 @@ def _along_line(a: Points, b: Points) -> tuple[Points, Points]:
 
 
 def model_size(model: Model) -> float:
-    """Return the diagonal of the box around the nodes of a model that have a DOF.
-
-    Parameters
-    ----------
-    model : Model
-        With a geometry.
-
-    Returns
-    -------
-    float
-        In m.
-    """
+    """Return the diagonal in m of the box around the nodes of a model that have a DOF."""
     assert model.geometry is not None
     used = _has_dof_mask(model)
     return float(np.linalg.norm(np.ptp(model.geometry.xyz[used], axis=0))) if used.any() else 0.0
@@ -202,20 +137,7 @@ def _has_dof_mask(model: Model) -> NDArray[np.bool_]:
 
 
 def warn_of_labels(model: Model, frf: FRF) -> None:
-    """Warn if labels and positions of a measurement contradict each other.
-
-    Parameters
-    ----------
-    model : Model
-        The model.
-    frf : FRF
-        The measurement, labelled as the model.
-
-    Warns
-    -----
-    UpdynWarning
-        If both have positions, and nodes with equal numbers are far apart.
-    """
+    """Warn if labels and positions of a measurement contradict each other."""
     if model.geometry is None or frf.geometry is None:
         return
     nodes = [dof.node for dof in (*frf.responses, *frf.references)]
@@ -234,22 +156,8 @@ def check_labels(
 ) -> LabelCheck | None:
     """Compare the positions of nodes with equal numbers in test and model.
 
-    Parameters
-    ----------
-    model : Model
-        Model with a geometry.
-    test : Geometry
-        Geometry of the test.
-    nodes : sequence of int
-        Nodes matched by number.
-    limit : float, optional
-        Largest distance in m; by default `GROSS` of the model's size, and more if the node is the
-        nearest one of the model.
-
-    Returns
-    -------
-    LabelCheck or None
-        None if no node has a position in both, or all nodes of the model are at one place.
+    `limit` is the largest distance in m; by default `GROSS` of the model's size, and more if the
+    node is the nearest one. None if no node has a position in both, or the model is at one place.
     """
     assert model.geometry is not None
     asked = np.array(list(dict.fromkeys(nodes)), dtype=np.int64)

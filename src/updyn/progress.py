@@ -70,22 +70,7 @@ class RunProgress(Protocol):
 
 
 def asks_to_stop(answer: object) -> bool:
-    """Return whether the return value of a callback asks to stop.
-
-    Parameters
-    ----------
-    answer : object
-        The return value: True to stop, False or None to continue.
-
-    Returns
-    -------
-    bool
-
-    Raises
-    ------
-    OptionError
-        If it is another value, which could stop the work unintentionally.
-    """
+    """Return whether a callback's answer is True; OptionError unless True, False or None."""
     if answer is None:
         return False
     if not isinstance(answer, (bool, np.bool_)):
@@ -99,15 +84,7 @@ def asks_to_stop(answer: object) -> bool:
 # -- stages ----------------------------------------------------------------------------------------
 @dataclass(frozen=True, slots=True)
 class RunStage:
-    """A stage of a run that is known in advance.
-
-    Parameters
-    ----------
-    name : str
-        Prefix of the stage in its progress.
-    most_steps : int
-        Largest number of steps; 0 if unknown.
-    """
+    """A stage of a run: prefix of its progress, and largest number of steps (0 if unknown)."""
 
     name: str
     most_steps: int = 0
@@ -115,19 +92,9 @@ class RunStage:
 
 @dataclass(frozen=True, slots=True)
 class RunPosition:
-    """Position of a run in its stages.
+    """Position of a run: stage `number` (from 1) `of` stages, and completed share of this stage.
 
-    Attributes
-    ----------
-    number, of : int
-        Number of the stage, counted from 1, and number of stages; 0 if unknown.
-    name : str
-        Name of the stage.
-    share : float
-        Completed share of the stage, 0 to 1, relative to its largest number of steps; nan if
-        unknown.
-    remaining : float
-        Remaining time at that rate, in s; nan if unknown.
+    `remaining` is in s at the rate so far. Unknown numbers are 0, unknown shares and times nan.
     """
 
     number: int
@@ -140,10 +107,7 @@ class RunPosition:
 class StageClock:
     """Clock that estimates the stage of a run, its completed share and its remaining time.
 
-    Parameters
-    ----------
-    stages : sequence of RunStage
-        The stages in order. Progress of other stages counts for the preceding one.
+    Progress of stages that are not listed counts for the preceding one.
     """
 
     def __init__(self, stages: Sequence[RunStage] = ()) -> None:
@@ -154,17 +118,7 @@ class StageClock:
         self._begun, self._first, self._last = 0.0, 0, 0
 
     def locate(self, progress: RunProgress) -> RunPosition:
-        """Return the position of the run.
-
-        Parameters
-        ----------
-        progress : Progress
-            Argument of a progress callback.
-
-        Returns
-        -------
-        RunPosition
-        """
+        """Return the position of the run."""
         found = self._find(progress.stage)
         name = progress.stage if found < 0 else self._stages[found].name
         restarted = progress.lines_done < self._last  # parts of other work, counted from 0
@@ -212,15 +166,7 @@ def _clock(seconds: float) -> str:
 
 # -- display ---------------------------------------------------------------------------------------
 class ProgressBar:
-    """Display of the progress of a fit: a bar in a terminal, plain lines elsewhere.
-
-    Parameters
-    ----------
-    console : rich.console.Console
-        Console to write to, usually stderr.
-    stages : sequence of RunStage
-        Known stages of the run.
-    """
+    """Display of the progress of a fit: a bar in a terminal, plain lines elsewhere."""
 
     def __init__(self, console: Console, stages: Sequence[RunStage] = ()) -> None:
         self.console = console
@@ -231,26 +177,14 @@ class ProgressBar:
         self._task: Any = None
 
     def show(self, progress: RunProgress) -> None:
-        """Display a step, or the lines solved for the next step.
-
-        Parameters
-        ----------
-        progress : Progress
-            Argument of a progress callback.
-        """
+        """Display a step, or the lines solved for the next step."""
         if self._bar is not None:
             self._draw(progress)
         else:
             self._print(progress)
 
     def note(self, text: str) -> None:
-        """Write a plain line.
-
-        Parameters
-        ----------
-        text : str
-            The line.
-        """
+        """Write a plain line."""
         self.console.file.write(printable(text) + "\n")
         self.console.file.flush()
 
@@ -329,15 +263,7 @@ def _figures(progress: RunProgress, where: RunPosition) -> list[str]:
 
 
 class NotebookBar:
-    """Display of the progress of a fit below the cell of a notebook.
-
-    Parameters
-    ----------
-    display : callable
-        `IPython.display.display`.
-    stages : sequence of RunStage
-        Known stages of the run.
-    """
+    """Display of the progress of a fit below the cell of a notebook."""
 
     def __init__(self, display: Callable[..., Any], stages: Sequence[RunStage] = ()) -> None:
         self._clock = StageClock(stages)
@@ -345,13 +271,7 @@ class NotebookBar:
         self._last = -math.inf
 
     def show(self, progress: RunProgress) -> None:
-        """Display a step, or the lines solved for the next step.
-
-        Parameters
-        ----------
-        progress : Progress
-            Argument of a progress callback.
-        """
+        """Display a step, or the lines solved for the next step."""
         where = self._clock.locate(progress)
         now = time.monotonic()
         if now - self._last >= _BETWEEN_PICTURES:
@@ -391,18 +311,7 @@ def _bar(name: str, share: float, figures: str) -> str:
 
 @contextmanager
 def display_progress(stages: Sequence[RunStage] = ()) -> Iterator[Callable[[RunProgress], None]]:
-    """Display progress in a notebook, in a terminal (stderr) or as lines of a log.
-
-    Parameters
-    ----------
-    stages : sequence of RunStage
-        Known stages of the run.
-
-    Yields
-    ------
-    callable
-        Function that displays a step.
-    """
+    """Yield a function that displays steps in a notebook, on stderr or as lines of a log."""
     display = _notebook_display()
     if display is not None:
         bar = NotebookBar(display, stages)

@@ -34,9 +34,6 @@ _NUMBER = {"loss_factor": _LOSS, "mass_damping": _RATE, "stiffness_damping": _RA
 class Unknowns:
     """Terms of a compiled model that the unknowns drive: one or more drives per unknown.
 
-    A term's factor is the product of value**power over its drives; a loss factor or a Rayleigh
-    coefficient equals the value.
-
     Attributes
     ----------
     n : int
@@ -48,7 +45,7 @@ class Unknowns:
     number : ndarray of int, shape (n_d,)
         Driven number of that term: 0 factor, 1 loss factor, 2 viscous rate.
     power : ndarray of float, shape (n_d,)
-        Exponent of the value in the factor.
+        Exponent of the value in the factor: the product of value**power over the term's drives.
     """
 
     n: int
@@ -59,19 +56,7 @@ class Unknowns:
 
     @classmethod
     def find(cls, system: AffineSystem, parameters: Iterable[Parameter]) -> Unknowns:
-        """Find the terms of a compiled model that the unknowns act on.
-
-        Parameters
-        ----------
-        system : AffineSystem
-            The compiled model.
-        parameters : iterable of Parameter
-            The unknowns.
-
-        Returns
-        -------
-        Unknowns
-        """
+        """Return the terms of a compiled model that the unknowns act on."""
         items = list(parameters)
         owners, terms, kinds, powers = [], [], [], []
         for i, parameter in enumerate(items):
@@ -96,19 +81,7 @@ class Unknowns:
         return np.asarray(self.number == _FACTOR)
 
     def state(self, system: AffineSystem, values: NDArray[np.float64]) -> State:
-        """Return the state of a compiled model at given values of the unknowns.
-
-        Parameters
-        ----------
-        system : AffineSystem
-            The compiled model.
-        values : ndarray of float, shape (n,)
-            Factors, loss factors and Rayleigh coefficients.
-
-        Returns
-        -------
-        State
-        """
+        """Return the state of a compiled model at given values of the unknowns."""
         start, given = system.start, values[self.owner]
         factor, loss, rate = start.factor.copy(), start.loss.copy(), start.rate.copy()
         scales = self.scales
@@ -126,23 +99,7 @@ class Unknowns:
         values: NDArray[np.float64],
         omega: NDArray[np.float64],
     ) -> _Complex:
-        """Return the derivative of each drive's coefficient with respect to its unknown.
-
-        Parameters
-        ----------
-        system : AffineSystem
-            The compiled model.
-        state : State
-            State at `values`.
-        values : ndarray of float, shape (n,)
-            Values of the unknowns.
-        omega : ndarray of float, shape (n_f,)
-            Lines in rad/s.
-
-        Returns
-        -------
-        ndarray of complex, shape (n_d, n_f)
-        """
+        """Return the derivative of each drive's coefficient by its unknown, shape (n_d, n_f)."""
         # Coefficients at a factor of 1: for a single linear drive, factor / value is exactly 1.
         unit = system.coefficients(replace(state, factor=np.ones_like(state.factor)), omega)[
             self.at
@@ -175,39 +132,10 @@ def receptance(
     lines: NDArray[np.float64] | None = None,
     weights: _Complex | None = None,
 ) -> tuple[_Complex, _Complex | None]:
-    """Compute receptance and its derivatives at a block of lines.
+    """Return H (m/N), (n_f, n_i, n_j), and dH, (n_p, n_f, n_i, n_j), per unit of each unknown.
 
-    Parameters
-    ----------
-    solver : FieldSolver
-        Compiled model with its solver.
-    unknowns : Unknowns
-        Unknowns of the derivatives.
-    values : ndarray of float, shape (n_p,)
-        Values of the unknowns.
-    freq : ndarray of float, shape (n_f,)
-        Lines in Hz.
-    rows, columns : ndarray of int
-        DOFs of responses (n_i) and references (n_j).
-    derivatives : bool
-        Whether to compute derivatives.
-    lines : ndarray of float, optional
-        All frequency lines of the computation in Hz, of which `freq` is a block; by default
-        `freq`. The choice of the solver depends on them.
-    weights : ndarray of complex, shape (n_p, n_f), optional
-        Factors on the derivatives with respect to each unknown at each line; by default 1.
-
-    Returns
-    -------
-    H : ndarray of complex, shape (n_f, n_i, n_j)
-        In m/N.
-    dH : ndarray of complex, shape (n_p, n_f, n_i, n_j), or None
-        Derivatives per unit of each unknown, times the weights.
-
-    Raises
-    ------
-    SolverError
-        If the dynamic stiffness is singular at a line.
+    `freq` (Hz) is a block of `lines`, on which the choice of the solver depends. dH is multiplied
+    by `weights`, (n_p, n_f). Raises SolverError if the dynamic stiffness is singular at a line.
     """
     system, omega = solver.system, 2.0 * np.pi * freq
     state = unknowns.state(system, values)
@@ -238,31 +166,10 @@ def fields_along(
     columns: NDArray[np.intp],
     directions: NDArray[np.float64],
 ) -> tuple[_Complex, _Complex]:
-    """Compute fields of unit forces, and their derivatives along few directions, at all DOFs.
+    """Return fields U, (N, n_f, n_j), of unit forces, and dU, (N, n_f, k, n_j), along directions.
 
-    dU = -Z^-1 (dZ U). For many DOFs and few directions, this takes fewer solves than one field per
-    DOF (`receptance`).
-
-    Parameters
-    ----------
-    solver, unknowns, values, freq
-        As for `receptance`.
-    columns : ndarray of int, shape (n_j,)
-        DOFs of references.
-    directions : ndarray of float, shape (n_p, k)
-        Directions in the space of the unknowns.
-
-    Returns
-    -------
-    U : ndarray of complex, shape (N, n_f, n_j)
-        Fields, for `solver.at`.
-    dU : ndarray of complex, shape (N, n_f, k, n_j)
-        Their derivatives along each direction.
-
-    Raises
-    ------
-    SolverError
-        If the dynamic stiffness is singular at a line.
+    dU = -Z^-1 (dZ U). For many DOFs and few directions, (n_p, k), this takes fewer solves than one
+    field per DOF (`receptance`); errors as there.
     """
     system, omega = solver.system, 2.0 * np.pi * freq
     state = unknowns.state(system, values)
@@ -295,36 +202,10 @@ def condensed_product(
     *,
     derivatives: bool = True,
 ) -> tuple[_Complex, _Complex | None]:
-    """Compute Z_red times measured motion and its derivatives at a block of lines.
+    """Return Z_red h_X, (n_f, n, m), and derivatives T^T Z'_p (T h_X) for measured columns h_X.
 
-    Parameters
-    ----------
-    solver : FieldSolver
-        Compiled model with its solver.
-    unknowns : Unknowns
-        Unknowns of the derivatives.
-    values : ndarray of float, shape (n_p,)
-        Values of the unknowns.
-    freq : ndarray of float, shape (n_f,)
-        Lines in Hz.
-    retained : ndarray of int, shape (n,)
-        Retained DOFs.
-    motion : ndarray of complex, shape (n_f, n, m)
-        Measured columns h_X on the retained DOFs, in m/N.
-    derivatives : bool
-        Whether to compute derivatives.
-
-    Returns
-    -------
-    product : ndarray of complex, shape (n_f, n, m)
-        Z_red h_X; columns of the identity if model and measurement agree.
-    d_product : ndarray of complex, shape (n_p, n_f, n, m), or None
-        T^T Z'_p (T h_X), per unit of each unknown.
-
-    Raises
-    ------
-    SolverError
-        If the structure with fixed retained DOFs is singular at a line.
+    Columns of the identity if model and measurement agree. Raises SolverError if the structure with
+    fixed retained DOFs is singular at a line.
     """
     system, omega = solver.system, 2.0 * np.pi * freq
     state = unknowns.state(system, values)
@@ -355,22 +236,9 @@ def _view(places: NDArray[np.intp]) -> Any:
 def contract(
     system: AffineSystem, unknowns: Unknowns, slopes: _Complex, V: _Complex, U: _Complex
 ) -> _Complex:
-    """Sum slope_d V^T A_d U over the drives of each unknown at each line.
+    """Return the sum of slope_d V^T A_d U over the drives of each unknown, (n_p, n_f, n_v, n_u).
 
-    Parameters
-    ----------
-    system : AffineSystem
-        The compiled model, whose terms are the A_d.
-    unknowns : Unknowns
-        Terms that the unknowns drive.
-    slopes : ndarray of complex, shape (n_d, n_f)
-        From `Unknowns.slopes`, with the required sign.
-    V, U : ndarray of complex, shape (N, n_f, n_v) and (N, n_f, n_u)
-        Fields. V is transposed, not conjugated.
-
-    Returns
-    -------
-    ndarray of complex, shape (n_p, n_f, n_v, n_u)
+    V is transposed, not conjugated.
     """
     owner, n_u = unknowns.owner.tolist(), U.shape[2]
     weights = slopes[:, :, None, None]

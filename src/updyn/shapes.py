@@ -29,18 +29,10 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True)
 class Shape:
-    """The corners of an element.
+    """The corners of an element; nodes on edges follow them.
 
-    Attributes
-    ----------
-    n_corners : int
-        Number of corners; nodes on edges follow the corners.
-    edges : tuple of (int, int)
-        Two corners of each edge.
-    faces : tuple of tuple of int
-        Corners around each face, seen from outside.
-    encloses : bool
-        Whether the faces enclose a volume; a face that two elements share is then an inner face.
+    `faces` have their corners as seen from outside. If it `encloses` a volume, a face that two
+    elements share is an inner face.
     """
 
     n_corners: int
@@ -91,18 +83,7 @@ HEXAHEDRON = Shape(
 
 
 def unique_edges(elements: Iterable[tuple[Shape, NDArray[np.int64]]]) -> NDArray[np.int64]:
-    """Return the edges of elements, each once.
-
-    Parameters
-    ----------
-    elements : iterable of (Shape, ndarray of int)
-        Elements of one shape and their nodes, shape (m, at least `Shape.n_corners`).
-
-    Returns
-    -------
-    ndarray of int, shape (n, 2)
-        Two nodes of each edge; edges whose two nodes coincide are omitted.
-    """
+    """Return the edges of elements, each once, as two nodes, (n, 2), that do not coincide."""
     pairs = [np.empty((0, 2), dtype=np.int64)]
     for shape, nodes in elements:
         pairs.append(nodes[:, np.array(shape.edges)].reshape(-1, 2))
@@ -111,19 +92,7 @@ def unique_edges(elements: Iterable[tuple[Shape, NDArray[np.int64]]]) -> NDArray
 
 
 def unique_faces(elements: Iterable[tuple[Shape, NDArray[np.int64]]]) -> NDArray[np.int64]:
-    """Return the outer faces of elements, each once.
-
-    Parameters
-    ----------
-    elements : iterable of (Shape, ndarray of int)
-        Elements of one shape and their nodes, shape (m, at least `Shape.n_corners`). Faces of
-        elements with coincident corners are reduced accordingly.
-
-    Returns
-    -------
-    ndarray of int, shape (n, 4)
-        Nodes around each face; the last node of a triangle is repeated.
-    """
+    """Return the outer faces of elements, each once, (n, 4); triangles repeat the last node."""
     solid = [np.empty((0, 4), dtype=np.int64)]
     open_ = [np.empty((0, 4), dtype=np.int64)]
     for shape, nodes in elements:
@@ -133,18 +102,7 @@ def unique_faces(elements: Iterable[tuple[Shape, NDArray[np.int64]]]) -> NDArray
 
 
 def as_quadrangles(faces: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return faces with four nodes each; the last node of a triangle is repeated.
-
-    Parameters
-    ----------
-    faces : ndarray of int, shape (n, 3) or (n, 4)
-        Nodes around each face; neighbouring nodes may coincide.
-
-    Returns
-    -------
-    ndarray of int, shape (at most n, 4)
-        The faces with at least three distinct nodes.
-    """
+    """Return faces of three or more distinct nodes, (m, 4); triangles repeat the last node."""
     given = faces if faces.shape[1] == 4 else faces[:, [0, 1, 2, 2]]
     stands = given != np.roll(given, -1, axis=1)  # last of coincident neighbours
     order = np.argsort(~stands, axis=1, kind="stable")
@@ -155,21 +113,7 @@ def as_quadrangles(faces: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def outer_faces(solid: NDArray[np.int64], open_: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the outer faces, each once.
-
-    Parameters
-    ----------
-    solid : ndarray of int, shape (n, 4)
-        All faces of solids; the last node of a triangle is repeated. A face that occurs twice is
-        an inner face.
-    open_ : ndarray of int, shape (m, 4)
-        Faces of shells.
-
-    Returns
-    -------
-    ndarray of int, shape (k, 4)
-        The outer faces, in the given order.
-    """
+    """Return shell faces, and faces of solids that occur once, in order and without repetition."""
     _, first, count = np.unique(_sort_nodes(solid), axis=0, return_index=True, return_counts=True)
     every = np.concatenate([solid[np.sort(first[count == 1])], open_])
     _, first = np.unique(_sort_nodes(every), axis=0, return_index=True)

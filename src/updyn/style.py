@@ -166,52 +166,18 @@ _FONT = 'system-ui, -apple-system, "Segoe UI", Roboto, "Helvetica Neue", Arial, 
 
 
 def category(number: int) -> tuple[str, str]:
-    """Return colour and dash of a curve among several.
-
-    Parameters
-    ----------
-    number : int
-        Number of the curve, from 0.
-
-    Returns
-    -------
-    (str, str)
-        A colour on a light background, and a dash in the notation of matplotlib.
-    """
+    """Return colour on a light background and matplotlib dash of a curve, counted from 0."""
     round_, place = divmod(number, len(CATEGORIES))
     return PAPER[CATEGORIES[place]], DASHES[round_ % len(DASHES)]
 
 
 def state(name: str, other: int = 0) -> str:
-    """Return the role of the colour of measured data or of a model.
-
-    Parameters
-    ----------
-    name : str
-        One of `STATES`, or any other name.
-    other : int
-        Number of the curve among those with other names, from 0.
-
-    Returns
-    -------
-    str
-        A key of `PAPER`.
-    """
+    """Return the role of a colour (key of `PAPER`) of one of `STATES` or of another curve."""
     return STATES.get(name, OTHERS[other % len(OTHERS)])
 
 
 def colour_scale(stops: Sequence[str]) -> list[list[float | str]]:
-    """Return a colour map in plotly's form: pairs of a position between 0 and 1 and a colour.
-
-    Parameters
-    ----------
-    stops : sequence of str
-        `SEQUENTIAL` or `DIVERGING`.
-
-    Returns
-    -------
-    list of [float, str]
-    """
+    """Return a colour map in plotly's form: pairs of a position between 0 and 1 and a colour."""
     last = len(stops) - 1
     return [[place / last, colour] for place, colour in enumerate(stops)]
 

@@ -14,22 +14,7 @@ _CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u20
 def text_table(
     header: Sequence[str], rows: Sequence[Sequence[str]], left: Collection[int] = (0,)
 ) -> str:
-    """Return rows as aligned columns, two blanks apart.
-
-    Parameters
-    ----------
-    header : sequence of str
-        Names of the columns.
-    rows : sequence of sequence of str
-        Rows with one cell per column.
-    left : collection of int
-        Columns that are aligned to the left; the others are aligned to the right.
-
-    Returns
-    -------
-    str
-        One line per row, without trailing blanks.
-    """
+    """Return rows as aligned columns, two blanks apart; columns not in `left` align right."""
     cells = [list(header), *(list(row) for row in rows)]
     widths = [max(len(row[i]) for row in cells) for i in range(len(header))]
     lines = []
@@ -41,50 +26,19 @@ def text_table(
 
 
 def format_count(n: int, noun: str) -> str:
-    """Return a number and a noun, such as ``"1 line"`` and ``"2 lines"``.
-
-    Parameters
-    ----------
-    n : int
-        The number.
-    noun : str
-        Singular noun; the plural adds an s.
-
-    Returns
-    -------
-    str
-    """
+    """Return a number and a noun, such as ``"1 line"`` and ``"2 lines"``."""
     return f"{n} {noun}" if n == 1 else f"{n} {noun}s"
 
 
 def percent(share: float) -> str:
-    """Return a share in percent with two digits, such as ``"4.2 %"`` and ``"130 %"``.
-
-    Parameters
-    ----------
-    share : float
-        The share; 1 for 100 %.
-
-    Returns
-    -------
-    str
-    """
+    """Return a share in percent with two digits, such as ``"4.2 %"`` and ``"130 %"``."""
     value = 100.0 * share
     return f"{value:.0f} %" if value >= 10.0 else f"{value:.2g} %"
 
 
 def printable(text: str) -> str:
-    r"""Return text with escaped control characters, such as ``\x1b``.
+    r"""Return text with escaped control characters, such as ``\x1b``, except line ends and tabs.
 
-    Line ends and tabs are kept. All text for the terminal is escaped, as names come from files.
-
-    Parameters
-    ----------
-    text : str
-        Any text.
-
-    Returns
-    -------
-    str
+    All text for the terminal is escaped, as names come from files.
     """
     return _CONTROL.sub(lambda found: found[0].encode("unicode_escape").decode("ascii"), text)

@@ -38,20 +38,11 @@ _INCH = 0.0254
 
 @dataclass(frozen=True, slots=True)
 class Unit:
-    """A unit of a force, a motion, a motion per force, a time, a frequency or a length.
+    """A unit: kind, value in SI, and whether it is one of a moment or an angular motion.
 
-    Attributes
-    ----------
-    kind : str
-        ``"force"`` (moments included); ``"receptance"`` for a displacement or an angle,
-        ``"mobility"`` for a velocity, ``"accelerance"`` for an acceleration; ``"time"``;
-        ``"frequency"``; ``"length"`` for a position. For a ratio (`find_ratio`), the quantity of
-        the FRF.
-    factor : float
-        Value of the unit in SI: N or N m; m, m/s, m/s^2 or rad, rad/s, rad/s^2; s; Hz. For a
-        ratio, these per N or N m.
-    angular : bool
-        Whether it is a unit of a moment or of an angular motion.
+    `kind` is "force" (moments included), "receptance", "mobility" or "accelerance" for a
+    displacement, velocity or acceleration, "time", "frequency" or "length"; for a ratio
+    (`find_ratio`), the quantity of the FRF.
     """
 
     kind: str
@@ -177,18 +168,7 @@ def _normal(label: str) -> str:
 
 
 def strip_brackets(label: str) -> str:
-    """Return a label without enclosing round or square brackets.
-
-    Parameters
-    ----------
-    label : str
-        ``"(m/s^2)"``, ``"[g]"``, ...
-
-    Returns
-    -------
-    str
-        ``"m/s^2"``, ``"g"``; a label such as ``"(m)/(s)"`` is unchanged.
-    """
+    """Return a label without enclosing round or square brackets; ``"(m)/(s)"`` is unchanged."""
     text = label.strip()
     while len(text) > 1 and (text[0], text[-1]) in (("(", ")"), ("[", "]")) and _is_pair(text):
         text = text[1:-1].strip()
@@ -206,22 +186,10 @@ def _is_pair(text: str) -> bool:
 
 
 def find_unit(label: str, *kinds: str) -> Unit | None:
-    """Return the unit that a label names.
+    """Return the unit that a label names, by default of a force or a motion; None if unknown.
 
     Case matters only if it changes the meaning, as for ``mN`` and ``MN``. Brackets around the
     label, ``**`` for ``^`` and ``sec`` for ``s`` are accepted.
-
-    Parameters
-    ----------
-    label : str
-        ``"N"``, ``"g"``, ``"m/s^2"``, ``"ms"``, ...
-    *kinds : str
-        Accepted kinds of the unit (see `Unit`); by default those of a channel, a force or a motion.
-
-    Returns
-    -------
-    Unit or None
-        None if the list has no such unit of these kinds.
     """
     text = _normal(label)
     for unit in _UNITS.get(text) or _FOLDED.get(text.lower(), []):
@@ -231,19 +199,7 @@ def find_unit(label: str, *kinds: str) -> Unit | None:
 
 
 def find_ratio(label: str) -> Unit | None:
-    """Return the unit of an FRF, a motion per force, that a label such as ``g/N`` names.
-
-    Parameters
-    ----------
-    label : str
-        ``"m/s^2/kN"``, ``"(m/s^2)/N"``, ``"g/lbf"``, ...
-
-    Returns
-    -------
-    Unit or None
-        Its kind is the quantity of the FRF. None if the label is not a known motion per known
-        force.
-    """
+    """Return the unit of an FRF that a label such as ``g/N`` names; None if unknown."""
     found = split_ratio(label)
     if found is None:
         return None
@@ -252,18 +208,7 @@ def find_ratio(label: str) -> Unit | None:
 
 
 def split_ratio(label: str) -> tuple[Unit, Unit] | None:
-    """Return the units of motion and force of an FRF that a label such as ``g/N`` names.
-
-    Parameters
-    ----------
-    label : str
-        As for `find_ratio`.
-
-    Returns
-    -------
-    (Unit, Unit) or None
-        None if the label is not a known motion per known force.
-    """
+    """Return the units of motion and force of an FRF from a label such as ``g/N``, or None."""
     text = _normal(label)
     for at, letter in enumerate(text):
         if letter == "/":
@@ -275,45 +220,14 @@ def split_ratio(label: str) -> tuple[Unit, Unit] | None:
 
 
 def suggest_unit(label: str, *kinds: str) -> str:
-    """Return the nearest accepted labels, or all of them, for a message.
-
-    Parameters
-    ----------
-    label : str
-        A label that is not accepted.
-    *kinds : str
-        As for `find_unit`.
-
-    Returns
-    -------
-    str
-        ``"did you mean 'lbf'?"`` or ``"valid: 'N', 'kN', ..."``.
-    """
+    """Return ``"did you mean 'lbf'?"`` or ``"valid: 'N', 'kN', ..."`` for a label not accepted."""
     wanted = kinds or CHANNEL
     names = [name for name, units in _UNITS.items() if any(u.kind in wanted for u in units)]
     return suggest(label.strip(), names)
 
 
 def parse_unit(label: str, channel: str) -> Unit:
-    """Return the unit of a channel that a label names.
-
-    Parameters
-    ----------
-    label : str
-        ``"N"``, ``"g"``, ``"m/s^2"``, ...
-    channel : str
-        Name of the channel, for the message.
-
-    Returns
-    -------
-    Unit
-        Of a force or a motion.
-
-    Raises
-    ------
-    DataError
-        If the label is empty or not in the list.
-    """
+    """Return the unit of a force or a motion that a label names; DataError if unknown."""
     found = find_unit(label)
     if found is None:
         what = f"unit {label!r}" if label.strip() else "no unit"
@@ -322,27 +236,7 @@ def parse_unit(label: str, channel: str) -> Unit:
 
 
 def merge_units(stated: str, found: str, channel: str) -> str:
-    """Return the unit that a user gives for a channel, unless the file contradicts it.
-
-    Parameters
-    ----------
-    stated : str
-        Label from the user.
-    found : str
-        Label in the file; empty if it has none.
-    channel : str
-        Name of the channel, for the message.
-
-    Returns
-    -------
-    str
-        ``stated``.
-
-    Raises
-    ------
-    DataError
-        If the given unit is unknown, or the file has another known unit.
-    """
+    """Return the unit that a user gives for a channel; DataError if the file contradicts it."""
     unit = parse_unit(stated, channel)
     other = find_unit(found)
     if other is not None and other != unit:

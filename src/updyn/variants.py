@@ -18,15 +18,7 @@ LARGEST_TRIED = 5_000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Variant:
-    """A model with the section axes of some groups exchanged.
-
-    Parameters
-    ----------
-    base : Model
-        The given model.
-    groups : tuple of str
-        Groups whose section axes are exchanged.
-    """
+    """A model with the section axes of some groups exchanged."""
 
     base: Model
     groups: tuple[str, ...]
@@ -55,17 +47,7 @@ class Variant:
 
 
 def exchanged_axes(groups: Sequence[str]) -> str:
-    """Return a statement on exchanged section axes, without a full stop.
-
-    Parameters
-    ----------
-    groups : sequence of str
-        Names of the groups.
-
-    Returns
-    -------
-    str
-    """
+    """Return a statement on exchanged section axes of groups, without a full stop."""
     *others, last = map(repr, groups)
     names = f"group {last}"
     if others:
@@ -74,18 +56,7 @@ def exchanged_axes(groups: Sequence[str]) -> str:
 
 
 def build_variants(model: Model) -> tuple[Variant, ...]:
-    """Return the variants of a model with exchanged section axes of one group, and of all.
-
-    Parameters
-    ----------
-    model : Model
-        The model; without beams of known section, it has no variants.
-
-    Returns
-    -------
-    tuple of Variant
-        The variants; `Variant.model` computes the matrices.
-    """
+    """Return the variants of a model with exchanged section axes of one group, and of all."""
     names = [name for name, group in model.groups.items() if group.exchanged is not None]
     each = [Variant(model, (name,)) for name in names]
     return (*each, Variant(model, tuple(names))) if len(names) > 1 else tuple(each)
