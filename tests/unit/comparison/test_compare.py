@@ -49,7 +49,7 @@ def bench(start, data, unknowns):
 @pytest.fixture
 def no_causes(monkeypatch):
     """No causes are sought in residuals that a test leaves on purpose: seconds for each fit."""
-    monkeypatch.setattr(CauseSearch, "search_after_fit", lambda self, found: Causes())
+    monkeypatch.setattr(CauseSearch, "search_after_fit", lambda self, found, monitor: Causes())
 
 
 # -- rows --------------------------------------------------------------------------------------------------
@@ -159,7 +159,7 @@ def test_even_lines(start, data, unknowns):
 def test_causes_are_sought_with_all_lines_only(start, data, unknowns, monkeypatch):
     sought = []
 
-    def after(looked, found):
+    def after(looked, found, monitor):
         sought.append(found)
         return Causes()
 

@@ -50,7 +50,7 @@ def test_the_model_is_shown_as_the_sensors_read_it(result):
     data = gather(result)
     assert result.values["5:X.calibration"] == pytest.approx(1.2, rel=1e-4)
     assert data.after == pytest.approx(data.measured, rel=2e-3)
-    assert any("times their calibration factors" in note for note in data.notes)
+    assert any("times the calibration factors of the sensors" in note for note in data.notes)
 
 
 def test_calibration_stands_under_its_own_head(result):

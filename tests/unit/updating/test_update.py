@@ -368,9 +368,9 @@ def test_unknowns_of_another_model_refused(chain12, data):
         updyn.update(chain12, data, updyn.parameters(other, viscous="all"))
 
 
-def test_line_at_rest_of_a_free_structure_is_the_users_to_know():
+def test_only_line_at_rest_of_a_free_structure_refused():
     model = free_chain()
-    data = updyn.FRF([0.0, 5.0, 9.0], np.ones((3, 1, 1)), ["1:X"], ["1:X"], "receptance")
+    data = updyn.FRF([0.0], np.ones((1, 1, 1)), ["1:X"], ["1:X"], "receptance")
     with pytest.raises(SolverError, match="singular at 0 Hz: the structure is free to move"):
         updyn.update(model, data, updyn.parameters(model, stiffness="all"))
 

@@ -456,7 +456,7 @@ def test_an_edit_of_what_is_no_job_gives_toml_or_one_message(text: str, name: st
         tomlkit.parse(edited(EDITS[name], text))
     except InputError as error:
         message = str(error)
-    assert not message or "change the text" in message
+    assert not message or "edit the text of the job" in message
 
 
 def test_only_groups_that_have_the_quantity_are_named():
