@@ -124,6 +124,7 @@ FILE_KINDS: Registry[FileKind] = Registry(
             "a geometry", read_geometry, describe_geometry, _is_of_geometry, allows_others=True
         ),
         "plant": "updyn.control.files.description:PLANT",
+        "coherence": "updyn.cli.coherence:COHERENCE",
     },
 )
 

@@ -43,7 +43,9 @@ _COMPRESSED_5 = 15
 _VARIABLES_5 = (14, _COMPRESSED_5)
 _BLOCK = 2**20  # bytes
 _DEPTH = 8  # nested structs; a deeper file refers to itself
-_ARRAY = "groups"  # may be a struct array, one struct per group
+#: Fields that may be struct arrays: one struct per group, or per dimension of a unit
+#: (`updyn.io.testlab_mat`).
+_ARRAYS = ("groups", "quantity_terms")
 #: Frequency responses of the Control System and the System Identification Toolbox.
 _FRD = ("frd", "idfrd")
 _NUMBERS = (
@@ -241,7 +243,7 @@ def _item_5(value: Any, name: str, path: str) -> Any:
         return [_cell(_item_5(cell, name, path), name, i, path) for i, cell in enumerate(cells)]
     if len(cells) == 1:
         return _struct_5(cells[0], name, path)
-    if name.rpartition(".")[2] != _ARRAY:
+    if name.rpartition(".")[2] not in _ARRAYS:
         raise _UnusableError(
             f"{name}: struct array of shape {value.shape}; expected one struct", path
         )
@@ -324,7 +326,7 @@ class _File73:
             return self._sparse(item, members)
         if kind != "struct":
             raise _UnusableError(f"{name}: {_unusable(kind)}", self._path)
-        if name.rpartition(".")[2] == _ARRAY and _is_array(members):
+        if name.rpartition(".")[2] in _ARRAYS and _is_array(members):
             return self._structs(item, members, name, depth)
         fields = {}
         for key in _fields(item):

@@ -34,10 +34,18 @@ from updyn.io.named import (
     model_items,
 )
 from updyn.io.record_arrays import build_records
+from updyn.io.testlab_mat import (
+    Functions,
+    is_export,
+    read_export,
+    read_exported_coherence,
+    refuse_export,
+)
 from updyn.model import Model
 from updyn.signals.records import Records
 
 __all__ = [
+    "read_coherence",
     "read_frf",
     "read_model",
     "read_records",
@@ -52,11 +60,11 @@ _READER = "scipy, or libhdf5 for version 7.3"
 
 def read_model(path: str | Path, *, variables: Mapping[str, Any] | None = None) -> Model:
     """Read a model; `variables` maps items to variables or fields (`updyn.io.model_variables`)."""
+    stored = _variables(path)
     if variables is not None:
-        return build_model(
-            stated_items(_unwrap_struct(_variables(path), path), variables, path), path
-        )
-    with _iterate_usable(path, MODEL_ITEMS) as found:
+        return build_model(stated_items(_unwrap_struct(stored, path), variables, path), path)
+    refuse_export(stored, path, "model")
+    with _iterate_usable(stored, path, MODEL_ITEMS) as found:
         return build_model(found, path)
 
 
@@ -73,8 +81,21 @@ def read_frf(
     """Read FRFs; options declare items that the file does not state.
 
     Real numbers are refused unless `real_valued`, because they may be magnitudes or decibels.
+    The export of Simcenter Testlab is recognised by its structs (`updyn.io.testlab_mat`).
     """
-    with _iterate_usable(path, FRF_ITEMS) as found:
+    variables = _variables(path)
+    if is_export(variables):
+        return read_export(
+            variables,
+            path,
+            quantity=quantity,
+            duplicates=duplicates,
+            response_labels=response_labels,
+            reference_labels=reference_labels,
+            order=order,
+            real_valued=real_valued,
+        )
+    with _iterate_usable(variables, path, FRF_ITEMS) as found:
         return build_frf(
             found,
             path,
@@ -108,14 +129,21 @@ def read_records(
     )
 
 
+def read_coherence(path: str | Path) -> Functions:
+    """Read the coherence in an export of Simcenter Testlab (`updyn.io.testlab_mat`)."""
+    return read_exported_coherence(_variables(path), path)
+
+
 @contextmanager
-def _iterate_usable(path: str | Path, items: Collection[str]) -> Iterator[Mapping[str, Any]]:
+def _iterate_usable(
+    variables: Mapping[str, Any], path: str | Path, items: Collection[str]
+) -> Iterator[Mapping[str, Any]]:
     """Yield the usable variables of a file in which they have the names of the items.
 
     Unusable variables with other names are reported in a warning after the block; if the block
     fails, they are reported as the likely reason.
     """
-    found, unread = _select_usable(_unwrap_struct(_variables(path), path))
+    found, unread = _select_usable(_unwrap_struct(variables, path))
     for name, reason in unread.items():
         if name.partition(".")[0] in items:
             raise FormatError(reason, path)
@@ -222,7 +250,9 @@ def _to_storable(items: Mapping[str, Any]) -> dict[str, Any]:
 
 def read_variables(path: str | Path) -> dict[str, Any]:
     """Read all variables by name, as ndarray (axes as in MATLAB), sparse array, list or dict."""
-    found, unread = _select_usable(_variables(path))
+    variables = _variables(path)
+    refuse_export(variables, path, "matrices")
+    found, unread = _select_usable(variables)
     for reason in unread.values():
         raise FormatError(reason, path)
     return found
