@@ -30,7 +30,7 @@ from updyn.updating.fit.methods import METHODS, make_method
 from updyn.updating.fit.monitor import CAUSES, JUDGE, Progress
 from updyn.updating.fit.reducing import is_reduced
 from updyn.updating.fit.regularisation import check_regularise
-from updyn.updating.problem.data import Test, check_tests, split_data
+from updyn.updating.problem.data import Test, check_tests, leave_out_undefined_line, split_data
 from updyn.updating.problem.lines import choose_lines, select_d_optimal
 from updyn.updating.problem.noise import choose_noise
 from updyn.updating.problem.parameters import Parameter, ParameterSet, check_finite
@@ -201,7 +201,7 @@ class Bench:
         An `InputError` is raised if lines, noise or validation set do not fit the data.
         """
         with_lines, data = [], []
-        for test in tests:
+        for test in map(leave_out_undefined_line, tests):
             held: Any = test.validation
             if held is not None:
                 held = list(held)

@@ -45,7 +45,7 @@ def correlate(computed: Any, measured: Any, **options: Any) -> Correlation | Mod
     ------
     DataError
         If the two cannot be compared, such as FRFs with different lines or DOFs; the message gives
-        the difference. Nothing is interpolated or dropped.
+        the difference. Nothing is interpolated.
     DofError
         If a DOF of `measured` is not in the model or the computed modes.
     ModelError, SolverError
@@ -54,7 +54,8 @@ def correlate(computed: Any, measured: Any, **options: Any) -> Correlation | Mod
     Warns
     -----
     UpdynWarning
-        If model and FRF have positions, and nodes with equal numbers are far apart.
+        If model and FRF have positions, and nodes with equal numbers are far apart; or if the model
+        is free, so that a line at 0 Hz is left out.
 
     Examples
     --------

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from updyn.dofs import Dof, DofSet
 from updyn.dynamics.fields import TIERS
+from updyn.dynamics.zero_line import leave_out_zero_line
 from updyn.elements import MODEL_KINDS, MODEL_QUESTIONS
 from updyn.errors import (
     DataError,
@@ -117,7 +118,9 @@ def _prepare_test(
         _check_method(job, matching.data)
         fitted = _remove_validation_modes(job, matching.data)
         return PreparedTest(job, matching.model, matching.data, fitted, matching)
-    matching = replace(matching, data=_apply_repairs(job, matching.model, matching.data))
+    frf = _apply_repairs(job, matching.model, matching.data)
+    frf = leave_out_zero_line(matching.model, frf, job.test.name)
+    matching = replace(matching, data=frf)
     _check_table(matching.model, matching.frf.freq)
     fitted_frf = _remove_validation_set(job, matching.frf)
     _check_method(job, fitted_frf)

@@ -9,7 +9,7 @@ from updyn.frf import FRF
 from updyn.model import Model
 from updyn.updating.judge.causes.diagnosis import find_causes
 from updyn.updating.judge.causes.finding import Finding
-from updyn.updating.problem.data import Test, check_tests
+from updyn.updating.problem.data import Test, check_tests, leave_out_undefined_line
 from updyn.updating.problem.noise import choose_noise
 from updyn.updating.problem.parameters import ParameterSet, parameters
 from updyn.updating.problem.problem import FRFPart
@@ -76,12 +76,13 @@ def diagnose(
     selection = Selection.of(unknowns)
     test = Test(selection.start_of(model), frf, "", None, noise)
     check_tests([test], selection.parameters)
+    test = leave_out_undefined_line(test)
     exact = None if tier == "reduced" else tier
     session = Session(cache=RecentCache())
     part = FRFPart.build(
-        test.model, frf, selection.parameters, tier=exact, backend=backend, session=session
+        test.model, test.frf, selection.parameters, tier=exact, backend=backend, session=session
     )
-    return tuple(find_causes(part, choose_noise(noise, frf)))
+    return tuple(find_causes(part, choose_noise(noise, test.frf)))
 
 
 def _all_unknowns(model: Model) -> ParameterSet:

@@ -27,6 +27,7 @@ from updyn.updating.problem.data import (
     Test,
     check_measured,
     check_tests,
+    leave_out_undefined_line,
     list_validation,
     split_data,
     split_modes,
@@ -153,7 +154,7 @@ def prepare_setup(
         if isinstance(test.data, FRF):
             warn_of_labels(test.model, test.data)
     check_channels(selection.parameters, method)
-    tests = list(map(_with_listed_validation, tests))
+    tests = [_with_listed_validation(leave_out_undefined_line(test)) for test in tests]
     frf_tests = [test for test in tests if isinstance(test.data, FRF)]
     splits = [split_data(test.frf, test.validation) for test in frf_tests]
     for test, split in zip(frf_tests, splits, strict=True):

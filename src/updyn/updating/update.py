@@ -80,7 +80,8 @@ def update(
         (the paper's); or a published method, for comparison (docs/methods.md).
     lines : None, str or array_like of float
         Lines to fit: all, ``"d-optimal:40"``, ``"a-optimal:40"`` or, for some unknowns,
-        ``"a-optimal:40:shaft.*"``, or a list in Hz.
+        ``"a-optimal:40:shaft.*"``, or a list in Hz. A line at 0 Hz is left out, with a warning, if
+        the model is free, as its response there is not defined.
     noise : None, str or mapping
         For FRFs, None takes the variance of the data, otherwise the coherence, otherwise an
         estimate from the residual, for each sensor if sensors differ. A mapping with ``relative``

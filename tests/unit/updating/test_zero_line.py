@@ -147,7 +147,7 @@ def test_a_job_leaves_the_line_out_with_one_note(tmp_path: Path) -> None:
     with pytest.warns(UpdynWarning) as caught:
         found = run_job(job)
     assert [str(one.message) for one in caught] == [TEXT]
-    assert found.status == "converged"
+    assert found.result.status == "converged"
 
 
 def test_a_job_whose_lines_name_it_is_refused(tmp_path: Path) -> None:

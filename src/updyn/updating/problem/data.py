@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from updyn.dofs import DIRECTIONS, Dof, DofSet
+from updyn.dynamics.zero_line import leave_out_zero_line
 from updyn.errors import DataError, OptionError, ParameterError, UpdynWarning
 from updyn.frf import FRF, check_lines
 from updyn.geometry import Geometry
@@ -28,6 +29,7 @@ __all__ = [
     "check_measured",
     "check_tests",
     "complete_parts",
+    "leave_out_undefined_line",
     "list_validation",
     "split_data",
     "split_modes",
@@ -112,6 +114,18 @@ def check_tests(tests: Sequence[Test], parameters: ParameterSet) -> None:
             _warn_of_no_mass(test.model, test.data, test.name)
             _warn_of_axes(test.model, test.data)
     _warn_of_ineffective(tests, parameters)
+
+
+def leave_out_undefined_line(test: Test) -> Test:
+    """Return a checked test without the line at 0 Hz, with a warning, if its model is free."""
+    if isinstance(test.data, ModeSet):
+        return test
+    frf, lines = leave_out_zero_line(test.model, test.data, test.name), test.lines
+    if frf is test.data:
+        return test
+    if isinstance(lines, Iterable) and not isinstance(lines, str) and np.ndim(lines) == 1:
+        lines = np.array([line for line in lines if line != 0.0])
+    return replace(test, data=frf, lines=lines)
 
 
 def check_measured(frf: FRF, name: str = "") -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from updyn.modal import ModeSet
-from updyn.updating.problem.data import Test
+from updyn.updating.problem.data import Test, leave_out_undefined_line
 from updyn.updating.problem.lines import restrict_to_lines
 from updyn.updating.problem.modal import ModalPart
 from updyn.updating.problem.noise import NoiseModel, choose_noise
@@ -21,7 +21,7 @@ def build_problem(
 ) -> tuple[Problem, list[NoiseModel]]:
     """Return the problem of tests, and the noise models of those with FRFs."""
     parts, modal, noises = [], [], []
-    for test in tests:
+    for test in map(leave_out_undefined_line, tests):
         if isinstance(test.data, ModeSet):
             noise = choose_modal_noise(test.noise)
             modal.append(ModalPart.build(test.model, test.data, parameters, noise, name=test.name))
