@@ -19,6 +19,7 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -147,38 +148,25 @@ def read_export(
     """
     if order is not None:
         raise OptionError(f"order={tuple(order)!r}: the {_EXPORT} states the order of its axes")
-    structs = _select_structs(variables, path)
-    by_kind: dict[str, list[_Struct]] = {}
-    for struct in structs:
-        by_kind.setdefault(struct.kind, []).append(struct)
-    structs = by_kind.pop("FRF", [])
-    if not structs:
-        raise AbsentError(_describe_absence(by_kind), path)
-    coherence = by_kind.pop("Coherence", [])
-    ignored = set(variables) - {s.name for s in (*structs, *coherence)}
-    if ignored:
-        kinds = "; expected structs of type FRF or Coherence"
-        warn(path, f"ignored: {format_names(dict.fromkeys(sorted(ignored)))}{kinds}", depth=4)
+    structs, coherence = _select_used(variables, path)
     frfs = _read_functions(structs)
     for struct in structs:
         name = f"{struct.name}.y_values.values"
         check_phase(as_numbers(struct.get("y_values.values"), name, path), real_valued, name, path)
     rows, columns = (list(dict.fromkeys(names)) for names in zip(*frfs.values, strict=True))
-    for pair in ((i, j) for i in rows for j in columns):
+    for pair in product(rows, columns):
         if pair not in frfs.values:
             raise FormatError(f"no FRF of response {pair[0]!r} and reference {pair[1]!r}", path)
     responses, references = label_channels(rows, columns, response_labels, reference_labels, path)
-    dofs = (
-        dict(zip(rows, responses, strict=True)),
-        dict(zip(columns, references, strict=True)),
-    )
-    kinds_of = {pair: kind for s in structs for pair, kind in _read_quantities(s, *dofs).items()}
-    common = max(kinds_of.values(), key=lambda kind: QUANTITIES[kind])
-    converted = dict.fromkeys(pair[0] for pair, kind in kinds_of.items() if kind != common)
-    if converted:
-        warn(path, f"several quantities; converted to {common}: {', '.join(converted)}", depth=4)
-    for pair, kind in kinds_of.items():
-        frfs.values[pair] *= (2j * np.pi * frfs.freq) ** (QUANTITIES[common] - QUANTITIES[kind])
+    quantities: dict[Pair, str] = {}
+    for struct in structs:
+        quantities |= _read_quantities(
+            struct,
+            dict(zip(rows, responses, strict=True)),
+            dict(zip(columns, references, strict=True)),
+        )
+    common = max(quantities.values(), key=lambda kind: QUANTITIES[kind])
+    frfs = _convert(frfs, quantities, common, path)
     items = {
         "freq": frfs.freq,
         "H": _stack(frfs, rows, columns),
@@ -193,6 +181,20 @@ def read_export(
     return build_frf(given, path, quantity=quantity, duplicates=duplicates)
 
 
+def _convert(
+    frfs: Functions, quantities: Mapping[Pair, str], common: str, path: str | Path
+) -> Functions:
+    """Convert FRFs to a common quantity, with a warning that names the converted responses."""
+    converted = dict.fromkeys(pair[0] for pair, kind in quantities.items() if kind != common)
+    if converted:
+        warn(path, f"several quantities; converted to {common}: {', '.join(converted)}", depth=5)
+    values = {}
+    for pair, kind in quantities.items():
+        power = QUANTITIES[common] - QUANTITIES[kind]
+        values[pair] = frfs.values[pair] * (2j * np.pi * frfs.freq) ** power
+    return Functions(frfs.freq, values)
+
+
 # -- structs -------------------------------------------------------------------------------------
 def _select_structs(variables: Mapping[str, Any], path: str | Path) -> list[_Struct]:
     return [
@@ -200,6 +202,23 @@ def _select_structs(variables: Mapping[str, Any], path: str | Path) -> list[_Str
         for name, value in variables.items()
         if isinstance(value, Mapping) and sum(part in value for part in _PARTS) >= 2
     ]
+
+
+def _select_used(
+    variables: Mapping[str, Any], path: str | Path
+) -> tuple[list[_Struct], list[_Struct]]:
+    """Return the structs of FRFs, at least one, and of coherence; warn about other variables."""
+    by_kind: dict[str, list[_Struct]] = {}
+    for struct in _select_structs(variables, path):
+        by_kind.setdefault(struct.kind, []).append(struct)
+    if "FRF" not in by_kind:
+        raise AbsentError(_describe_absence(by_kind), path)
+    frfs, coherence = by_kind["FRF"], by_kind.get("Coherence", [])
+    ignored = sorted(set(variables) - {s.name for s in (*frfs, *coherence)})
+    if ignored:
+        found = format_names(dict.fromkeys(ignored))
+        warn(path, f"ignored: {found}; expected structs of type FRF or Coherence", depth=5)
+    return frfs, coherence
 
 
 def _describe_absence(by_kind: Mapping[str, Sequence[_Struct]]) -> str:
