@@ -42,13 +42,16 @@ def find_data_faults(part: FRFPart, noise: NoiseModel) -> list[Finding]:
 
 
 def drop_expected(detections: Sequence[Detection], part: FRFPart) -> list[Detection]:
-    """Return the faults that correct data would not show, according to the model of a part."""
-    found = []
-    for one in detections:
-        with suppress(SolverError):
-            if not one.fault.is_expected(part):
-                found.append(one)
-    return found
+    """Return the faults that correct data would not show, as far as the model can be solved."""
+    return [one for one in detections if not _is_expected(one, part)]
+
+
+def _is_expected(detection: Detection, part: FRFPart) -> bool:
+    """Return whether correct data show the fault, too; False if the model cannot be solved."""
+    try:
+        return detection.fault.is_expected(part)
+    except SolverError:
+        return False
 
 
 def detect_data_faults(frf: FRF, rigid: RigidShapes | None = None) -> list[Detection]:

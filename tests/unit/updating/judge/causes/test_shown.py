@@ -6,10 +6,16 @@ import numpy as np
 import pytest
 
 import updyn
-from updyn.errors import DataError, OptionError
+from updyn.errors import DataError, OptionError, SolverError
 from updyn.updating.judge.causes.catalogue import read_fault
-from updyn.updating.judge.causes.data_alone import detect_data_faults, make_finding, with_variance
+from updyn.updating.judge.causes.data_alone import (
+    detect_data_faults,
+    drop_expected,
+    make_finding,
+    with_variance,
+)
 from updyn.updating.problem.noise import choose_noise
+from updyn.updating.problem.problem import FRFPart
 
 SENSORS = ["2:X", "5:-X", "7:X", "12:X"]
 
@@ -255,3 +261,18 @@ def test_an_update_tells_of_a_dead_channel(chain12, chain12_true, add_noise):
     repaired = updyn.update(chain12, result.findings[0].repair(dead), unknowns, starts=0)
     assert repaired.status == "converged"
     assert repaired.findings == ()
+
+
+def test_a_dead_channel_is_named_where_the_model_cannot_be_solved(model, data, monkeypatch):
+    values = data.values.copy()
+    values[:, 0] = 0.0
+    unknowns = updyn.parameters(model, stiffness="all")
+    part = FRFPart.build(model, replace(data, values=values), unknowns)
+
+    def fail(*args, **options):
+        raise SolverError("singular")
+
+    monkeypatch.setattr(FRFPart, "responses", fail)
+    detections = detect_data_faults(with_variance(part.frf, choose_noise(None, part.frf)))
+    kept = drop_expected(detections, part)
+    assert [one.fault.kind for one in kept] == ["dead-channel"]
