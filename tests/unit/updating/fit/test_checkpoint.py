@@ -366,7 +366,7 @@ def test_where_there_is_no_file_the_run_begins_anew_and_says_so(
 
 
 def test_resume_needs_a_checkpoint(chain12, data, unknowns):
-    with pytest.raises(OptionError, match="name the checkpoint"):
+    with pytest.raises(OptionError, match="expected the path of a checkpoint"):
         updyn.update(chain12, data, unknowns, resume=True)
 
 
