@@ -163,7 +163,7 @@ def test_data_without_a_mode_name_the_peaks_that_they_have() -> None:
     rng = np.random.default_rng(2)
     values = rng.standard_normal((LINES, 5, 2)) @ (1, 1j)
     values[np.argmin(np.abs(FREQ - 350.0))] += 60.0
-    with pytest.raises(DataError, match=r"none is found .*; Peak without a mode: 350 Hz"):
+    with pytest.raises(DataError, match=r"found none between .*; Peak without a mode: 350 Hz"):
         updyn.identify_modes(frf(values))
 
 

@@ -295,7 +295,7 @@ def test_modes_are_selected_by_number_or_by_flag() -> None:
         ([True, False], "modes: expected whole numbers, found bool"),
         (["a"], "modes: expected whole numbers"),
         ([1, 1], r"modes: expected each number once, found \[1, 1\]"),
-        ([False, False, False], "none is left"),
+        ([False, False, False], "the selection contains no mode"),
     ):
         with pytest.raises(DataError, match=message):
             modes.select(given)
@@ -334,7 +334,7 @@ def test_deviations_of_shapes_are_checked(given: Any, message: str) -> None:
 
 def test_mode_set_without_what_is_asked_for() -> None:
     modes = ModeSet([10.0], [[1.0]], ["1:X"])
-    with pytest.raises(DataError, match="none is left"):
+    with pytest.raises(DataError, match="the selection contains no mode"):
         modes.select(band=(1.0, 2.0))
     with pytest.raises(DataError, match="expected numbers from 0 to 0"):
         modes.select([1])
