@@ -141,7 +141,7 @@ def test_bands_of_draws_are_made_in_a_reduced_model(result, monkeypatch, freq) -
     assert np.allclose(reduced.lower, whole.lower, rtol=1e-3)
     assert np.allclose(reduced.upper, whole.upper, rtol=1e-3)
     monkeypatch.setattr(Surrogate, "error", lambda self, x: 0.01)
-    with pytest.raises(SolverError, match=r"errs by 0\.01 at the furthest points.*accuracy="):
+    with pytest.raises(SolverError, match=r"is 0\.01 at the furthest points.*accuracy="):
         updyn.predict(draws, freq, ["40:X"], ["60:X"])
 
 

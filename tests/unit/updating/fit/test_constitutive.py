@@ -179,7 +179,7 @@ def test_noise_shows_and_more_weight_on_the_measurement_biases_it(chain12_true, 
         errors[weight] = max(abs(v - 1.0) for v in result.values.values())
     assert errors[0.05] < 0.01
     assert errors[1.0] > 3.0 * errors[0.05]
-    assert "use maximum likelihood where the data are noisy" in result.remedy
+    assert "use maximum likelihood for noisy data" in result.remedy
 
 
 def test_several_tests_at_once(chain12, chain12_true):
