@@ -123,7 +123,7 @@ def curves(
     log_y: bool = True,
     stems: bool = False,
 ) -> str:
-    """Return an SVG of curves (or stems) over a common ascending axis; empty if there are none."""
+    """Return an SVG of curves (or stems) over a common ascending axis; empty without curves."""
     at = _on_axis(x, log_x)
     heights = [_on_axis(curve.y, log_y) for curve in shown]
     every = np.concatenate([h[np.isfinite(at)] for h in heights]) if heights else np.zeros(0)

@@ -226,7 +226,7 @@ def _fit_exactly(measured: Measured, begin: _Complex, most: int) -> RationalFit 
 def _find_exact_poles(
     basis: RationalBasis, x: _Complex, few: _Complex, begin: _Complex, most: int
 ) -> _Complex | None:
-    """Return the poles of an exact fit; None if there is none."""
+    """Return the poles of an exact fit; None without one."""
     fits = list(fit_increasing_orders(basis, x, few, begin, most))
     least = min(fitted.cost for fitted in fits)
     if least > _EXACT * float(np.sum(np.abs(few) ** 2)):

@@ -193,7 +193,7 @@ def correlation_map(parameters: ParameterSet, covariance: NDArray[np.float64]) -
 
 
 def combinations_map(ident: Identifiability) -> Figure | None:
-    """Return the undetermined combinations as a matrix, unknowns down; None if there are none."""
+    """Return the undetermined combinations as a matrix, unknowns down; None without any."""
     directions = ident.null_directions
     if not directions:
         return None

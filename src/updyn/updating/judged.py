@@ -40,9 +40,8 @@ def judge_tests(
 ) -> Judged:
     """Assess a fit, try separate noise for each sensor, and search for causes of the residual."""
     setup, problem = assembly.setup, fitted.problem
-    reduced, start_solvers = assembly.reduced, None
-    if reduced is not None:
-        start_solvers = reduced.start_solvers
+    reduced = assembly.reduced
+    start_solvers = None if reduced is None else reduced.start_solvers
 
     def judge(fit: Fit, noises: Sequence[NoiseModel]) -> Judgement:
         return judge_fit(

@@ -100,7 +100,7 @@ class Workspace:
 
     @property
     def open_document(self) -> JobDocument:
-        """The open job; `InputError` if there is none."""
+        """The open job; `InputError` without one."""
         if self.document is None:
             raise InputError("no job is open; open one on the page Start")
         return self.document

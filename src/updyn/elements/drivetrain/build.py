@@ -313,7 +313,7 @@ def _build_group(name: str, pieces: Iterable[TorsionSpring | InertiaMatrix], tra
 
 
 def _sum_matrices(blocks: Sequence[_Block], train: Train) -> sp.csr_array | None:
-    """Return the sum of matrices for given nodes, shape (n, n); None if there are none."""
+    """Return the sum of matrices for given nodes, shape (n, n); None without matrices."""
     if not blocks:
         return None
     rows = []

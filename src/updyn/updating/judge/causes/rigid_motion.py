@@ -33,7 +33,7 @@ _FEWEST = 4
 _USUAL, _POSITION = 0.04, 0.02
 #: Deviation in standard deviations above which a sensor does not follow the others: 14 % of the
 #: motion of its node, and odds of 100 to 1 if one sensor in 100 is wrong.
-BEYOND = 3.6
+_BEYOND = 3.6
 #: Difference of squared deviations up to which two explanations are as likely: odds of 20 to 1.
 AS_LIKELY = 3.0
 #: The same for each further wrong sensor: odds of 1 to 1000.
@@ -145,7 +145,7 @@ class RigidMotion:
         than three or than half of the redundant ones are.
         """
         deviations = self.deviations(self.leave_out([]))
-        if deviations.max() <= BEYOND:
+        if deviations.max() <= _BEYOND:
             return []
         order = np.argsort(-deviations)[:_EXAMINED].tolist()
         spare = len(self.sensors) - int(np.linalg.matrix_rank(self.shapes))
@@ -163,7 +163,7 @@ class RigidMotion:
     def _misfit(self, left_out: Sequence[int]) -> float | None:
         """Return the sum of squares of the other sensors; None if one does not follow the rest."""
         deviations, power = self._compare(self.leave_out(left_out))
-        return power if deviations.max() <= BEYOND else None
+        return power if deviations.max() <= _BEYOND else None
 
     def leave_out(self, left_out: Sequence[int]) -> RowMask:
         """Return which sensors are left, shape (n,)."""

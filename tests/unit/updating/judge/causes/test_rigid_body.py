@@ -9,8 +9,11 @@ import pytest
 
 import updyn
 from updyn.elements.structure import Beam, rectangle, structure
+from updyn.updating.judge.causes import rigid_explanation
 from updyn.updating.judge.causes.data_alone import make_finding
 from updyn.updating.judge.causes.rigid_body import RigidBody
+from updyn.updating.judge.causes.rigid_explanation import Explanation, explain_sensors
+from updyn.updating.judge.causes.rigid_motion import RigidMotion
 from updyn.updating.judge.causes.rigid_shapes import RigidShapes
 from updyn.updating.problem.problem import FRFPart
 
@@ -294,3 +297,78 @@ def test_a_model_that_is_far_off_names_the_sensor_all_the_same(bar, add_noise):
     found = updyn.diagnose(stiff, replace(frf, values=values), unknowns)
     assert (found[0].kind, found[0].channels) == ("rigid-body", ("3:X",))
     assert repairs(found[0])[0] == "sign:3:X"
+
+
+# -- thresholds
+@pytest.fixture(scope="module")
+def motion(cube, shapes):
+    """24 sensors of a rigid body: 18 more than its rigid-body modes."""
+    sensors = [f"{node}:{axis}" for node in cube[1] for axis in "XYZ"]
+    return RigidMotion.of(measured_rigidly(cube, sensors, np.linspace(2.0, 18.0, 20)), shapes)
+
+
+def measured_rigidly(cube, sensors, freq):
+    values = np.tile(rigid(cube[1], sensors, ["1:Z"]), (len(freq), 1, 1))
+    variance = 1e-16 * np.abs(values) ** 2
+    return updyn.FRF(freq, values, sensors, ["1:Z"], "accelerance", variance=variance)
+
+
+def test_sound_sensors_deviate_by_4_per_cent_of_their_node_and_2_of_the_rms(motion):
+    std = motion.standard_deviation(motion.leave_out([]))[:, 0]
+    of_node = np.linalg.norm(motion.values.reshape(8, 3), axis=1).repeat(3)
+    rms = np.sqrt(np.mean(np.abs(motion.values) ** 2))
+    assert std == pytest.approx(np.hypot(0.04 * of_node, 0.02 * rms), rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("share", "usable"), [((0.2, 0.22, 0.25, 0.28), True), ((0.2, 0.22, 0.25), False)]
+)
+def test_four_lines_below_three_tenths_of_the_elastic_mode_are_enough(cube, shapes, share, usable):
+    freq = np.append(np.array(share), [0.32, 0.4, 0.5]) * shapes.elastic
+    found = RigidMotion.of(measured_rigidly(cube, CORNERS, freq), shapes)
+    assert (found is not None) == usable
+    if usable:
+        assert found.data.freq == pytest.approx(freq[:4])
+
+
+@pytest.mark.parametrize(
+    ("misfits", "wrong"),
+    [
+        # Odds of 20 to 1 between two sensors, and of 1000 to 1 for each further one.
+        ({(0,): 10.0, (1,): 12.9}, [(0,), (1,)]),
+        ({(0,): 10.0, (1,): 13.1}, [(0,)]),
+        ({(0,): 20.0, (1, 2): 9.9}, [(1, 2)]),
+        ({(0,): 20.0, (1, 2): 16.1}, [(0,)]),
+        # Up to three of the twelve that deviate most.
+        ({(0, 1, 2): 1.0}, [(0, 1, 2)]),
+        ({(0, 1, 2, 3): 1.0}, []),
+        ({(11,): 1.0, (12,): 0.0}, [(11,)]),
+    ],
+)
+def test_the_likeliest_sets_of_wrong_sensors(motion, monkeypatch, misfits, wrong):
+    deviations = np.arange(30.0, 6.0, -1.0)
+    monkeypatch.setattr(RigidMotion, "deviations", lambda self, rows: deviations)
+    monkeypatch.setattr(RigidMotion, "_misfit", lambda self, left_out: misfits.get(left_out))
+    assert motion.find_wrong() == wrong
+
+
+@pytest.mark.parametrize(("share", "unchecked"), [(0.04, True), (0.06, False)])
+def test_a_sensor_of_which_others_show_a_twentieth_is_checked(motion, share, unchecked):
+    """Of a shape (1, a, a), the share 2 a^2 / (1 + 2 a^2) of the first sensor is redundant."""
+    a = np.sqrt(0.5 * share / (1.0 - share))
+    three = {"sensors": motion.sensors[:3], "shapes": np.array([[1.0], [a], [a]])}
+    names = replace(motion, values=np.ones((3, 1), dtype=complex), **three).list_unchecked()
+    assert (str(motion.sensors[0]) in names) == unchecked
+
+
+@pytest.mark.parametrize(
+    ("deviations", "kept"), [((1.9, 2.1), (1.9,)), ((2.1,), ()), ((0.0, 1.7, 1.8), (0.0, 1.7))]
+)
+def test_faults_that_explain_to_two_deviations_and_as_likely_are_named(
+    motion, monkeypatch, deviations, kept
+):
+    """Odds of 20 to 1 are a difference of 3 between the squares."""
+    faults = [Explanation("a fault", "", one) for one in deviations]
+    monkeypatch.setattr(rigid_explanation, "_try_faults", lambda *given: iter(faults))
+    (found,) = explain_sensors(motion, [0]).values()
+    assert tuple(one.deviation for one in found) == kept
