@@ -233,14 +233,16 @@ def _describe_absence(by_kind: Mapping[str, Sequence[_Struct]]) -> str:
 
 def _read_functions(structs: Sequence[_Struct]) -> Functions:
     """Read the functions of structs with the same lines."""
-    freq = _read_lines(structs[0])
+    freq: NDArray[np.float64] | None = None
     out: dict[Pair, NDArray[Any]] = {}
     for struct in structs:
-        if not _are_same(_read_lines(struct), freq):
-            raise struct.error(f"its frequency lines differ from those of {structs[0].name}")
         is_frf = struct.kind == "FRF"
         read = as_numbers if is_frf else as_reals
         values = read(struct.get("y_values.values"), f"{struct.name}.y_values.values", struct.path)
+        lines = _read_lines(struct, len(np.atleast_1d(values)))
+        freq = lines if freq is None else freq
+        if not _are_same(lines, freq):
+            raise struct.error(f"its frequency lines differ from those of {structs[0].name}")
         pairs = _read_pairs(struct)
         if values.shape != (len(freq), len(pairs)):
             raise struct.error(
@@ -254,22 +256,23 @@ def _read_functions(structs: Sequence[_Struct]) -> Functions:
             if pair in out:
                 raise struct.error(f"response {pair[0]!r} with reference {pair[1]!r} occurs twice")
             out[pair] = column
+    assert freq is not None
     return Functions(freq, out)
 
 
-def _read_lines(struct: _Struct) -> NDArray[np.float64]:
+def _read_lines(struct: _Struct, n_lines: int) -> NDArray[np.float64]:
+    """Return the lines in Hz of functions with `n_lines` values."""
     label = struct.text("x_values.quantity.label")
     unit = find_unit(label, "frequency")
     if unit is None:
         raise struct.error(f"x_values in {label!r}; expected frequencies in Hz")
     keys = ("start_value", "increment", "number_of_values")
     start, step, count = (struct.number(f"x_values.{key}") for key in keys)
-    stored = np.atleast_1d(as_numbers(struct.get("y_values.values"), struct.name, struct.path))
-    if count != len(stored) or count < 1:
+    if count != n_lines or count < 1:
         raise struct.error(
-            f"x_values.number_of_values is {count:g}, but y_values.values has {len(stored)} lines"
+            f"x_values.number_of_values is {count:g}, but y_values.values has {n_lines} lines"
         )
-    lines = start + step * np.arange(len(stored), dtype=np.float64)
+    lines = start + step * np.arange(n_lines, dtype=np.float64)
     return np.asarray(lines * _find_scale(struct, "x_values", unit), dtype=np.float64)
 
 
