@@ -1,0 +1,126 @@
+"""The settings of the package: fields of the frozen objects in modules named `settings`."""
+
+from __future__ import annotations
+
+import ast
+import dataclasses
+import functools
+import importlib
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from rooms import SRC, module_of
+
+
+@dataclass(frozen=True)
+class Setting:
+    """A field of a settings object.
+
+    Attributes
+    ----------
+    module, instance, field : str
+        Module, name of the object in it, and name of the field.
+    comment : str
+        The comment above the field: ``[unit] Meaning. Why: reason.``
+    place : str
+        File and line of the field.
+    uses : int
+        How often the package reads the field.
+    """
+
+    module: str
+    instance: str
+    field: str
+    comment: str
+    place: str
+    uses: int
+
+    @property
+    def name(self) -> str:
+        """Return ``package.INSTANCE.field``."""
+        package = self.module.removeprefix("updyn.").removesuffix(".settings")
+        return f"{package}.{self.instance}.{self.field}"
+
+    @property
+    def object(self) -> Any:
+        """Return the settings object."""
+        return getattr(importlib.import_module(self.module), self.instance)
+
+
+@functools.cache
+def list_modules() -> tuple[ModuleType, ...]:
+    """Return the modules of settings."""
+    paths = sorted(SRC.rglob("settings.py"))
+    return tuple(importlib.import_module(module_of(path)) for path in paths)
+
+
+def list_classes() -> list[type]:
+    """Return the classes of all settings objects."""
+    return [
+        value
+        for module in list_modules()
+        for value in vars(module).values()
+        if isinstance(value, type) and value.__module__ == module.__name__
+    ]
+
+
+@functools.cache
+def list_settings() -> tuple[Setting, ...]:
+    """Return all fields of all settings objects."""
+    uses = count_uses()
+    found = []
+    for module in list_modules():
+        path = Path(module.__file__ or "")
+        lines = _field_lines(path)
+        for instance, value in vars(module).items():
+            if isinstance(value, type) or not dataclasses.is_dataclass(value):
+                continue
+            for field in dataclasses.fields(value):
+                line = lines[type(value).__name__, field.name]
+                comment = _comment_above(path.read_text(encoding="utf-8").splitlines(), line)
+                found.append(
+                    Setting(
+                        module.__name__,
+                        instance,
+                        field.name,
+                        comment,
+                        f"{path.relative_to(SRC)}:{line}",
+                        uses.get((instance, field.name), 0),
+                    )
+                )
+    return tuple(found)
+
+
+@functools.cache
+def count_uses() -> dict[tuple[str, str], int]:
+    """Return how often the package reads each attribute of a name."""
+    uses: dict[tuple[str, str], int] = {}
+    for path in SRC.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
+                key = node.value.id, node.attr
+                uses[key] = uses.get(key, 0) + 1
+    return uses
+
+
+def _field_lines(path: Path) -> dict[tuple[str, str], int]:
+    """Return the line of each field by class and name."""
+    return {
+        (node.name, field.target.id): field.lineno
+        for node in ast.parse(path.read_text(encoding="utf-8")).body
+        if isinstance(node, ast.ClassDef)
+        for field in node.body
+        if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name)
+    }
+
+
+def _comment_above(lines: list[str], line: int) -> str:
+    """Return the comment on the lines directly above a line, without its marks."""
+    comment: list[str] = []
+    for text in reversed(lines[: line - 1]):
+        if not text.lstrip().startswith("#:"):
+            break
+        comment.insert(0, text.lstrip().removeprefix("#:").strip())
+    return " ".join(comment)
