@@ -22,6 +22,7 @@ from peers import finite_differences, opentorsion_train, sdynpy_system, textbook
 from peers.measure import AnotherAnswer, Case, backends, best, machine, once, show, steps
 
 from updyn.dynamics.fields import TIERS
+from updyn.dynamics.settings import REDUCTION
 from updyn.updating.problem.problem import FRFPart, Problem
 from updyn.updating.problem.residuals import LogError
 
@@ -58,11 +59,10 @@ def prepared(case: Case, tier: str, backend: str | None) -> FRFPart:
     """The problem in a tier; a reduced one is built and proved at the start."""
     if tier != "reduced":
         return case.problem(tier, backend)
-    from updyn.dynamics.fields import ACCURACY
     from updyn.updating.fit.reducing import Reducing
 
     exact = Problem.of([case.problem("sparse", backend)])
-    reducing = Reducing(exact, ACCURACY)
+    reducing = Reducing(exact, REDUCTION.accuracy)
     reducing.begin()
     return reducing.with_reduced_models(exact).parts[0]
 

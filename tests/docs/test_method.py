@@ -11,9 +11,17 @@ import pytest
 import updyn
 from places import ROOT
 from updyn.demos.gear_train import starting_model, table, true_model
-from updyn.dynamics import fields
-from updyn.updating.fit import answers, null_space, search
-from updyn.updating.judge import alternatives
+from updyn.dynamics.settings import BASIS, CERTIFICATE, LINE_SOLVER, REDUCTION, SHIFTED
+from updyn.updating.fit import search
+from updyn.updating.fit.settings import (
+    ANSWERS,
+    FURTHER_ANSWERS,
+    NULL_SPACE,
+    RESIDUAL_TEST,
+    SEARCH,
+    TRY_STARTS,
+)
+from updyn.updating.judge.settings import EXPERIMENT_ADVICE
 from updyn.updating.problem import coordinates, noise, residuals
 from updyn.updating.problem.lines import _RELATIVE_FLOOR
 from updyn.updating.problem.noise import estimated, neighbours
@@ -24,36 +32,36 @@ TEXT = " ".join((ROOT / "docs" / "method.md").read_text(encoding="utf-8").split(
 @pytest.mark.parametrize(
     "said",
     [
-        f"s_i < {null_space.RANK_TOLERANCE:.0e}".replace("e-0", "e-"),
-        f"standard deviation exceeds {null_space.WIDEST:g} ",
-        f"at most {search.SEARCH_LINES} lines",
-        "at least {:g}, then {:g}, then {:.1f}".format(*search._INFLATED),
+        f"s_i < {NULL_SPACE.rank_tolerance:.0e}".replace("e-0", "e-"),
+        f"standard deviation exceeds {NULL_SPACE.undetermined_std:g} ",
+        f"at most {SEARCH.most_lines} lines",
+        "at least {:g}, then {:g}, then {:.1f}".format(*TRY_STARTS.loss_levels),
         f"`starts` tries ({search.Search().starts}) of {search.Search().max_iterations} steps",
         f"values down to {coordinates._RELAXED:g} ",
-        f"by more than {100 * search._UNSURE:g} % is moved alone",
+        f"by more than {100 * FURTHER_ANSWERS.uncertain_std:g} % is moved alone",
         f"w = 1 / sqrt(1 + (s / {residuals._CLEAR:g})^2)",
         f"s^2 = E|dH|^2 / (|H_X|^2 - {residuals._BIAS:g} E|dH|^2)",
         f"below {residuals.ROUNDING:.0e} of the largest of its line",
-        f"whose log error is at most {search._COST_RATIO:g} times the least",
+        f"whose log error is at most {SEARCH.fitted_cost_ratio:g} times the least",
         "Factors are moved by up to {:.0f} or {:.0f} %".format(
-            *(100 * far for far in search._NEARBY)
+            *(100 * far for far in TRY_STARTS.nearby_logs)
         ),
-        f"loss factors by {search._NEARBY_LOSS:g}; every",
-        f"or {search._HOPS_A_TRY * search.Search().starts} have found nothing better",
-        {0.5: "half of the band"}[search._BAND_SHARE] + ", or any third of the lines",
-        f"size leaves once in {1 / answers._SELDOM:.0f} times",
+        f"loss factors by {TRY_STARTS.nearby_loss:g}; every",
+        f"or {TRY_STARTS.nearby_ratio * search.Search().starts} have found nothing better",
+        {0.5: "half of the band"}[TRY_STARTS.band_share] + ", or any third of the lines",
+        f"size leaves once in {1 / RESIDUAL_TEST.least_probability:.0f} times",
         f"within a factor {math.exp(search.Search().spread):.1f} of the start",
-        f"with a standard deviation above {100 * answers._UNSURE:g} %,",
-        f"within {math.exp(answers.AS_WELL):.0f} to 1 fit equally well",
-        f"differ there by {100 * alternatives._CLEARLY:g} % or more",
+        f"with a standard deviation above {100 * FURTHER_ANSWERS.movable_std:g} %,",
+        f"within {math.exp(ANSWERS.equal_log_odds):.0f} to 1 fit equally well",
+        f"differ there by {100 * EXPERIMENT_ADVICE.distinct_difference:g} % or more",
         (
             f"noise of {100 * noise.ASSUMED['relative']:g} % and a floor of"
             f" {100 * noise.ASSUMED['floor']:g} %"
         ),
         f"a floor of {100 * _RELATIVE_FLOOR:g} % of the rms",
-        f"Up to {fields.DENSE_LIMIT} degrees of freedom",
+        f"Up to {LINE_SOLVER.dense_dofs} degrees of freedom",
         (
-            f"up to {fields._LARGEST_DENSE} where more than {100 * fields.DENSE_FILL:g} % of the"
+            f"up to {LINE_SOLVER.filled_dofs} where more than {100 * LINE_SOLVER.dense_fill:g} % of the"
             " matrix is filled"
         ),
     ],
@@ -139,28 +147,27 @@ def test_every_source_is_cited_and_every_citation_has_its_source() -> None:
 
 
 def test_the_numbers_of_large_models_are_those_of_the_code() -> None:
-    from updyn.dynamics import certificate, fields, reduction, shifted
     from updyn.linalg import solver
     from updyn.updating.fit import reducing
 
     section = TEXT.split("## Large models")[1].split("## ")[0]
     assert (
-        f"up to {fields.DENSE_LIMIT} DOFs ({fields._LARGEST_DENSE} where the matrix is full)"
+        f"up to {LINE_SOLVER.dense_dofs} DOFs ({LINE_SOLVER.filled_dofs} where the matrix is full)"
         in section
     )
     assert f"above {reducing._DOFS} DOFs with {reducing._LINES} lines or more" in section
-    assert f"`accuracy` ({fields.ACCURACY:g}".replace("e-05", "e-5") in section
+    assert f"`accuracy` ({REDUCTION.accuracy:g}".replace("e-05", "e-5") in section
     assert "twice the difference to the answer in a larger basis" in section
     assert "sixteen times r_i^T P^-1 r_j at the four lines" in section
-    assert (certificate._OF_DIFFERENCE, certificate._OF_REMAINING) == (2.0, 16.0)
-    assert certificate._VALIDATION == 4
+    assert (CERTIFICATE.difference_factor, CERTIFICATE.residual_factor) == (2.0, 16.0)
+    assert CERTIFICATE.residual_lines == 4
     assert "rounding: 2 eps" in section
     assert "0.5 eps" in section
-    assert (certificate._IN_ENTRIES, certificate._IN_FACTORS) == (2.0, 0.5)
+    assert (CERTIFICATE.entry_rounding, CERTIFICATE.factor_rounding) == (2.0, 0.5)
     assert "at least 8 and at most 24" in section
     assert reducing._POINTS == (8, 24)
     assert "s = 0.2, 0.5 and 0.8 omega_max^2 in turn" in section
-    assert reduction._BETWEEN == (0.2, 0.5, 0.8)
+    assert REDUCTION.further_shifts == (0.2, 0.5, 0.8)
     assert "loss factors of 0 to 0.3" in section
     assert reducing._SAMPLE_LOSS == 0.3
     words = " ".join(section.split())
@@ -171,16 +178,16 @@ def test_the_numbers_of_large_models_are_those_of_the_code() -> None:
     assert f"(a fifth, the trust radius, above {reducing._HEAVY:,} DOFs" in words
     assert pytest.approx(0.2) == reducing._NEAR_IF_HEAVY * reducing._TRUST_RADIUS
     assert "more than a tenth off that of the last one" in words
-    assert shifted._CLOSE == 0.1
-    assert f"Above {shifted._HUGE:,} DOFs it is made in single precision" in words
+    assert SHIFTED.close_share == 0.1
+    assert f"Above {SHIFTED.double_dofs:,} DOFs it is made in single precision" in words
     assert "Up to a fifth, no eigenvalue changes its sign" in words
     assert solver._FARTHEST == 0.2
     assert "refined to 1e-9 (of P below, 1e-5)" in words
-    assert (shifted._SPANNING, shifted._MEASURING) == (1e-9, 1e-5)
+    assert (BASIS.new_norm, SHIFTED.measuring_error) == (1e-9, 1e-5)
     assert "by 0.003 and then 0.01 of omega_max^2" in words
-    assert shifted._NUDGES_IN_SINGLE == (0.0, 3e-3, 1e-2)
+    assert SHIFTED.moves_in_single == (0.0, 3e-3, 1e-2)
     assert "too large above a fifth of what is allowed" in words
-    assert reduction._MARGIN == 0.2
+    assert REDUCTION.enriched_share == 0.2
     assert (reducing._MAX_STEPS_PER_ROUND, reducing._FIRST_ROUNDS) == (12, 12)
     assert "leaves more than 0.8 of the log error of the one before" in section
     assert reducing._SLOW_DECREASE == 0.8

@@ -20,7 +20,7 @@ from updyn.comparison.fewest import (
 )
 from updyn.comparison.table import NOT_APPLICABLE, Comparison, Row, figures_of, method_facts
 from updyn.dofs import Dof
-from updyn.dynamics.fields import ACCURACY
+from updyn.dynamics.settings import REDUCTION
 from updyn.engines import Engine, opened_engine
 from updyn.errors import InputError, OptionError, ParameterError, suggest
 from updyn.frf import FRF
@@ -459,7 +459,7 @@ def compare(
     title: str = "",
     tier: str | None = None,
     backend: str | None = None,
-    accuracy: float = ACCURACY,
+    accuracy: float = REDUCTION.accuracy,
     regularise: str | float | None = None,
 ) -> Comparison:
     """Run every method on the same model, measurement, lines and unknowns.
@@ -551,7 +551,7 @@ def compare_jointly(
     title: str = "",
     tier: str | None = None,
     backend: str | None = None,
-    accuracy: float = ACCURACY,
+    accuracy: float = REDUCTION.accuracy,
     regularise: str | float | None = None,
 ) -> Comparison:
     """Run every method on several tests of one structure at once.

@@ -26,24 +26,13 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from updyn.dofs import DofSet
+from updyn.dynamics.settings import AFFINE
 from updyn.group import GROUP_QUANTITIES, MATRICES, LossTable
 from updyn.model import Model
 
 __all__ = ["AffineSystem", "State", "Term"]
 
-_DENSE_OWN = 400
 _RATES = {"stiffness": "stiffness_damping", "mass": "mass_damping"}
-
-#: Number of entries times lines added in one step, so that they fit into the processor's cache.
-_CHUNK = 8192
-
-#: Largest number of entries of a system that also stores them by columns, 12 bytes each. Sums then
-#: take a third of the time.
-_COMBINED_TERMS = 2**21
-
-#: Largest total number of entries for finding places by sorted numbers. For so few, sparse arrays
-#: take longer.
-_FEW = 2**14
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -244,7 +233,7 @@ class AffineSystem:
             return
         out[...] = 0.0
         target = out[0] if len(out) == 1 else out
-        step = max(1, _CHUNK // len(out))
+        step = max(1, AFFINE.cached_entries // len(out))
         for slots, at in self._families(c):
             for first in range(0, len(slots), step):
                 chunk = slice(first, first + step)
@@ -294,7 +283,7 @@ def _parts(c: NDArray[Any]) -> NDArray[np.float64]:
 
 def _combine_terms(terms: tuple[Term, ...], nnz: int) -> Any:
     ends = np.cumsum([0, *(len(term.data) for term in terms)])
-    if ends[-1] > _COMBINED_TERMS:
+    if ends[-1] > AFFINE.combined_entries:
         return None
     entries = np.concatenate([t.data for t in terms])
     slots = np.concatenate([t.slots for t in terms])
@@ -306,7 +295,7 @@ def _union(matrices: list[Any], n: int) -> Any:
 
     Adding neighbours in pairs copies each entry once per doubling; booleans never cancel to zero.
     """
-    if sum(m.nnz for m in matrices) + n <= _FEW:
+    if sum(m.nnz for m in matrices) + n <= AFFINE.sorted_entries:
         numbers = np.unique(np.concatenate([_full_positions(m) for m in matrices] + [_diagonal(n)]))
         ends = np.searchsorted(numbers, n * np.arange(n + 1)).astype(np.int32)
         there = np.ones(len(numbers), dtype=np.bool_)
@@ -364,7 +353,7 @@ class _Places:
         begin = _compact_indptr(matrix, rows)
         # Sparse rows save time only if the group is large and its matrix mostly empty.
         local: Any
-        if n <= _DENSE_OWN and matrix.nnz > 0.1 * n**2:
+        if n <= AFFINE.dense_group_dofs and matrix.nnz > 0.1 * n**2:
             local = np.zeros((n, n))
             local[np.repeat(np.arange(n), np.diff(begin)), columns] = data
         else:
@@ -381,7 +370,7 @@ class _Places:
         return rows, self._slots(matrix, rows), number[matrix.indices]
 
     def _slots(self, matrix: Any, rows: NDArray[np.intp]) -> NDArray[Any]:
-        if len(self.indices) <= _FEW:
+        if len(self.indices) <= AFFINE.sorted_entries:
             if self._sorted is None:
                 self._sorted = _full_positions(self)
             found = np.searchsorted(self._sorted, _full_positions(matrix))

@@ -9,17 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.dynamics.affine import AffineSystem
+from updyn.dynamics.settings import BASIS
 
-__all__ = ["INDEPENDENT", "ROWS", "Basis"]
+__all__ = ["Basis"]
 
 _Real = NDArray[np.float64]
-
-#: Directions of a larger basis with a smaller share of the largest square are due to rounding.
-INDEPENDENT = 1e-10
-#: A unit column with a smaller norm after orthogonalisation is due to rounding.
-_NEW = 1e-9
-#: Rows per step; a copy of all rows would take too much memory.
-ROWS = 1 << 16
 
 
 @dataclass(slots=True, eq=False)
@@ -83,7 +77,7 @@ class Basis:
                 X -= block @ (block.T @ (scale**2 * X))
         Q, R = np.linalg.qr(scale * X)
         U, s, _ = np.linalg.svd(R)
-        Q = Q @ U[:, s > _NEW]
+        Q = Q @ U[:, s > BASIS.new_norm]
         Q /= scale
         self._add(Q)
 
@@ -92,7 +86,7 @@ class Basis:
         gram = np.hstack([self.project(self.weight[:, None] ** 2 * b) for b in self._blocks])
         sizes = 1.0 / np.sqrt(np.maximum(np.diag(gram), np.finfo(np.float64).tiny))
         square, axes = np.linalg.eigh(sizes[:, None] * gram * sizes)
-        kept = square > INDEPENDENT * square[-1]
+        kept = square > BASIS.independent_share * square[-1]
         return np.asarray(sizes[:, None] * axes[:, kept] / np.sqrt(square[kept]))
 
     def extend(self, W: _Real) -> None:
@@ -125,8 +119,8 @@ class Basis:
     def rotate(self, C: _Real) -> None:
         """Replace V by V C, C of shape (r, s), in one block."""
         V = np.empty((self.system.n, C.shape[1]))
-        for first in range(0, len(V), ROWS):
-            part = slice(first, first + ROWS)
+        for first in range(0, len(V), BASIS.rows_per_step):
+            part = slice(first, first + BASIS.rows_per_step)
             V[part] = np.hstack([b[part] for b in self._blocks]) @ C
         self._blocks, self._is_normal = [V], False
         self.terms = [C.T @ A @ C for A in self.terms]

@@ -16,21 +16,13 @@ from updyn.dynamics.basis import Basis
 from updyn.dynamics.fields import split_into_blocks
 from updyn.dynamics.line_residuals import ChannelDofs, LineResiduals
 from updyn.dynamics.reduced_solver import ReducedSolver
+from updyn.dynamics.settings import CERTIFICATE
 from updyn.linalg.solver import Factorised
 
 __all__ = ["Certificate", "ErrorEstimate"]
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
-
-#: Factor on the difference to a larger basis.
-_OF_DIFFERENCE = 2.0
-#: Factor on the error of the larger basis by its residuals, for other lines and near resonance.
-_OF_REMAINING = 16.0
-#: Factors on the errors of rounding in the entries of the matrices and in dense factorisations.
-_IN_ENTRIES, _IN_FACTORS = 2.0, 0.5
-#: Lines at which the error of the larger basis is computed.
-_VALIDATION = 4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -125,8 +117,10 @@ class ErrorEstimate:
             channels,
             H,
             level,
-            _OF_DIFFERENCE * np.abs(difference) + _OF_REMAINING * remaining * level,
-            eps * (_IN_ENTRIES * entries * products + _IN_FACTORS * factors),
+            CERTIFICATE.difference_factor * np.abs(difference)
+            + CERTIFICATE.residual_factor * remaining * level,
+            CERTIFICATE.entry_rounding * eps * entries * products
+            + CERTIFICATE.factor_rounding * eps * factors,
         )
 
     @property
@@ -162,7 +156,7 @@ def _columns(rows: list[Any], first: int, last: int) -> Any:
 
 
 def _validation_lines(shares: _Real) -> list[int]:
-    """Return the line of the largest share, and the worst line of each quarter of the band."""
+    """Return the line of the largest share in each part of the band."""
     worst = shares.max(axis=(1, 2))
-    quarters = np.array_split(np.arange(len(worst)), min(_VALIDATION, len(worst)))
-    return [int(q[np.argmax(worst[q])]) for q in quarters]
+    parts = np.array_split(np.arange(len(worst)), min(CERTIFICATE.residual_lines, len(worst)))
+    return [int(part[np.argmax(worst[part])]) for part in parts]

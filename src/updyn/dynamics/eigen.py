@@ -16,11 +16,11 @@ import scipy.linalg as sl
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from updyn.dynamics.settings import EIGEN
 from updyn.errors import SolverError
 from updyn.linalg.threads import use_one_thread
 
 __all__ = [
-    "DENSE_LIMIT",
     "all_pairs",
     "complex_pairs",
     "mass_rank",
@@ -29,18 +29,6 @@ __all__ = [
     "weakest_dof",
 ]
 
-#: Largest number of DOFs for dense solvers.
-DENSE_LIMIT = 800
-
-#: Shift of the second dense pass, relative to the highest wanted eigenvalue.
-_BELOW = 0.01
-#: Shift of the second sparse pass, likewise.
-_BELOW_SPARSE = 0.1
-#: First shift, relative to the largest diagonal ratio K/M; K + s M is then well-conditioned.
-_FIRST_SHIFT = 1e-6
-#: Number of additional modes, so that the last wanted mode is separated from the next.
-_EXTRA = 2
-_RANK = 1e-12
 
 Pairs = tuple[NDArray[Any], NDArray[Any]]
 
@@ -49,16 +37,16 @@ Pairs = tuple[NDArray[Any], NDArray[Any]]
 def mass_rank(M: Any) -> int:
     """Return the number of independent motions with mass: the number of finite eigenvalues.
 
-    With more than `DENSE_LIMIT` DOFs with mass, their number is returned as an upper limit.
+    With more than `EIGEN.dense_dofs` DOFs with mass, their number is returned as an upper limit.
     """
     massive = np.flatnonzero(np.diff(M.indptr))
     massive = massive[M.diagonal()[massive] != 0.0]
-    if len(massive) == 0 or len(massive) > DENSE_LIMIT:
+    if len(massive) == 0 or len(massive) > EIGEN.dense_dofs:
         return len(massive)
     block = M[massive][:, massive].toarray()
     unit = 1.0 / np.sqrt(np.abs(np.diag(block)))
     values = np.linalg.eigvalsh(unit[:, None] * block * unit)
-    return int((np.abs(values) > _RANK * len(massive)).sum())
+    return int((np.abs(values) > EIGEN.zero_share * len(massive)).sum())
 
 
 @use_one_thread
@@ -77,18 +65,17 @@ def real_pairs(K: Any, M: Any, n: int) -> Pairs:
     K and M must be positive semidefinite except for rounding. Raises SolverError if K + s M is
     singular for every s, or modes were missed.
     """
-    N = K.shape[0]
     heavy = np.flatnonzero(np.diff(M.indptr))
-    share = _BELOW
-    if N > DENSE_LIMIT >= len(heavy):
+    share = EIGEN.dense_shift
+    if K.shape[0] > EIGEN.dense_dofs >= len(heavy):
         crude = fine = partial(_few_masses, K, M, heavy, n)
-    elif N <= DENSE_LIMIT or 4 * (n + _EXTRA) > N:
+    elif _is_dense(K.shape[0], n):
         crude = fine = partial(_dense, K.toarray(), M.toarray(), n)
     else:
         crude, fine, share = (
             partial(_sparse, K, M, n, tolerance=1e-2),
             partial(_solve_counted, K, M, n),
-            _BELOW_SPARSE,
+            EIGEN.sparse_shift,
         )
     shift, value = _definite(crude, _first_shift(K, M))
     try:
@@ -108,7 +95,7 @@ def all_pairs(K: Any, M: Any, n: int) -> tuple[NDArray[Any], NDArray[Any], tuple
     """
     k, m = K.toarray(), M.toarray()
     shift, value = _definite(partial(_dense, k, m, n), _first_shift(K, M))
-    for s in dict.fromkeys((_second_shift(value, shift, _BELOW), shift)):
+    for s in dict.fromkeys((_second_shift(value, shift, EIGEN.dense_shift), shift)):
         try:
             nu, V = _decompose(k, m, s, 0)
         except SolverError:
@@ -117,6 +104,11 @@ def all_pairs(K: Any, M: Any, n: int) -> tuple[NDArray[Any], NDArray[Any], tuple
             lowest = slice(None, -n - 1, -1)
             return (1.0 / nu[lowest] - s), V[:, lowest], (V, 1.0 - s * nu, nu)
     raise SolverError(_SINGULAR)
+
+
+def _is_dense(n_dofs: int, n_modes: int) -> bool:
+    """Return whether a dense solver finds some modes of a model faster than a sparse one."""
+    return n_dofs <= EIGEN.dense_dofs or 4 * (n_modes + EIGEN.additional_modes) > n_dofs
 
 
 def _definite(solve: Callable[[float], Pairs], shift: float) -> tuple[float, NDArray[Any]]:
@@ -134,7 +126,7 @@ def _first_shift(K: Any, M: Any) -> float:
     has = (m > 0) & (k > 0)
     if not has.any():
         return 1.0
-    return _FIRST_SHIFT * float((k[has] / m[has]).max())
+    return EIGEN.first_shift * float((k[has] / m[has]).max())
 
 
 def _second_shift(value: NDArray[np.float64], shift: float, share: float) -> float:
@@ -174,7 +166,7 @@ def _few_masses(K: Any, M: Any, heavy: NDArray[np.intp], n: int, shift: float) -
     """Solve a large model with mass on few DOFs exactly, by its flexibility at these DOFs."""
     lu = _factor(K + shift * M)
     weight, axes = np.linalg.eigh(M[heavy][:, heavy].toarray())
-    kept = weight > _RANK * weight[-1]
+    kept = weight > EIGEN.zero_share * weight[-1]
     root = np.zeros((K.shape[0], int(kept.sum())))
     root[heavy] = axes[:, kept] * np.sqrt(weight[kept])
     moved = lu.solve(root)
@@ -234,11 +226,11 @@ def _solve_counted(K: Any, M: Any, n: int, shift: float) -> Pairs:
     basis = None
     below: tuple[int, int] | None = None
     for factor in (2, 6):
-        value, vectors = _sparse(K, M, n + _EXTRA, shift, basis=basis)
+        value, vectors = _sparse(K, M, n + EIGEN.additional_modes, shift, basis=basis)
         below = _count_below(K, M, value, n)
         if below is None or below[0] == below[1]:
             return value[:n], vectors[:, :n]
-        basis = min(factor * (n + _EXTRA) + 40, K.shape[0] - 1)
+        basis = min(factor * (n + EIGEN.additional_modes) + 40, K.shape[0] - 1)
     raise SolverError(f"the eigenvalue solver found too few modes: (there are, found) = {below}")
 
 
@@ -266,13 +258,13 @@ def complex_pairs(K: Any, M: Any, n: int, omega: float) -> Pairs:
     SolverError if the solver fails.
     """
     N = K.shape[0]
-    shift = _BELOW_SPARSE * omega**2
-    if N <= DENSE_LIMIT or 4 * (n + _EXTRA) > N:
+    shift = EIGEN.sparse_shift * omega**2
+    if _is_dense(N, n):
         A = (K + shift * M).toarray()
         unit = 1.0 / np.sqrt(np.abs(np.diag(A)))
         scaled = unit[:, None] * A * unit
         nu, vectors = sl.eig(sl.solve(scaled, unit[:, None] * M.toarray() * unit, assume_a="sym"))
-        kept = np.flatnonzero(np.abs(nu) > _RANK * np.abs(nu).max())
+        kept = np.flatnonzero(np.abs(nu) > EIGEN.zero_share * np.abs(nu).max())
         return 1.0 / nu[kept] - shift, unit[:, None] * vectors[:, kept]
     from scipy.sparse.linalg import ArpackError, LinearOperator, eigs
 
@@ -283,7 +275,10 @@ def complex_pairs(K: Any, M: Any, n: int, omega: float) -> Pairs:
     start = np.random.default_rng(0).standard_normal(N).astype(np.complex128)
     try:
         nu, vectors = eigs(
-            step, k=n + _EXTRA, which="LM", v0=lu.solve((M @ start).astype(np.complex128))
+            step,
+            k=n + EIGEN.additional_modes,
+            which="LM",
+            v0=lu.solve((M @ start).astype(np.complex128)),
         )
     except ArpackError as error:
         raise SolverError(f"the eigenvalue solver failed: {error}") from error
@@ -307,7 +302,7 @@ def state_space_pairs(K: Any, C: Any, M: Any, omega: float) -> Pairs:
     (alpha, beta), vectors = sl.eig(
         np.block([[nil, eye], [-k, -c]]), np.block([[eye, nil], [nil, m]]), homogeneous_eigvals=True
     )
-    finite = np.flatnonzero(np.abs(beta) > _RANK * np.abs(alpha))
+    finite = np.flatnonzero(np.abs(beta) > EIGEN.zero_share * np.abs(alpha))
     s = alpha[finite] / beta[finite]
     above = s.imag > 1e-5
     return -((s[above] * omega) ** 2), unit[:, None] * vectors[:N, finite[above]]

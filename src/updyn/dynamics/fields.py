@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from updyn.dynamics.affine import AffineSystem, State
 from updyn.dynamics.pencil import Pencil, PencilCache, StateWeights
+from updyn.dynamics.settings import LINE_SOLVER, PENCIL
 from updyn.errors import OptionError, SolverError, suggest
 from updyn.linalg.solver import (
     LARGEST_GROWTH,
@@ -29,9 +30,6 @@ from updyn.linalg.solver import (
 from updyn.linalg.threads import use_one_thread
 
 __all__ = [
-    "ACCURACY",
-    "DENSE_FILL",
-    "DENSE_LIMIT",
     "EXACT_TIERS",
     "TIERS",
     "FieldSolver",
@@ -45,19 +43,8 @@ __all__ = [
 EXACT_TIERS = ("dense", "sparse")
 TIERS = (*EXACT_TIERS, "reduced")
 
-#: Default accuracy of a reduced model: the error of a receptance relative to the largest of its
-#: line.
-ACCURACY = 1e-5
-
-#: Largest number of DOFs for dense solution in batches of lines.
-DENSE_LIMIT = 150
-
-#: Fill above which larger models, up to a size, are dense, too. A sparse factorisation then saves
-#: little (PARDISO), or takes two to three times as long (SuperLU).
-DENSE_FILL, _LARGEST_DENSE = 0.3, 2000
 
 _HELD = "with the retained DOFs held "
-_BLOCK_BYTES = 64 * 2**20
 
 
 class FieldSolver(Protocol):
@@ -150,10 +137,7 @@ class LineSolver:
     ) -> LineSolver:
         """Return a solver with tier and backend by size and fill, unless given."""
         if tier is None:
-            filled = system.n <= _LARGEST_DENSE and len(system.indices) > DENSE_FILL * system.n**2
-            tier = "sparse"
-            if system.n <= DENSE_LIMIT or filled:
-                tier = "dense"
+            tier = "dense" if _is_dense(system) else "sparse"
         elif tier not in EXACT_TIERS:
             raise OptionError(f"tier {tier!r}: {suggest(str(tier), EXACT_TIERS)}", key=("tier",))
         return cls(system, tier, check_backend(backend))
@@ -202,13 +186,13 @@ class LineSolver:
         per_line = 16 * n * n_columns
         if self.tier == "dense":
             per_line = 16 * (n * n + 2 * n * n_columns)
-        return max(1, int(_BLOCK_BYTES // max(per_line, 1)))
+        return max(1, int(LINE_SOLVER.block_bytes // max(per_line, 1)))
 
     def pencil(self, state: State, lines: NDArray[np.float64]) -> Pencil | None:
         """Return a solver for all `lines` (Hz) of a state, or None if it does not save time."""
         if self.tier != "dense":
             return None
-        kept = self._kept.setdefault(b"pencil", (PencilCache(),))
+        kept = self._kept.setdefault(b"pencil", (PencilCache(PENCIL.least_lines),))
         return cast("PencilCache", kept[0]).find(self.system, state, lines, self._matrices)
 
     def solve(
@@ -525,3 +509,11 @@ def make_empty_matrix(indptr: NDArray[Any], indices: NDArray[Any]) -> Any:
 def _dense_block(places: Any, values: NDArray[np.complex128]) -> NDArray[np.complex128]:
     block = sp.csr_array((values[places.data], places.indices, places.indptr), shape=places.shape)
     return np.asarray(block.toarray())
+
+
+def _is_dense(system: AffineSystem) -> bool:
+    """Return whether a model is solved dense, by its size and fill."""
+    if system.n <= LINE_SOLVER.dense_dofs:
+        return True
+    filled = len(system.indices) > LINE_SOLVER.dense_fill * system.n**2
+    return filled and system.n <= LINE_SOLVER.filled_dofs

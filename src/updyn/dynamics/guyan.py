@@ -10,13 +10,12 @@ from numpy.typing import NDArray
 from scipy.sparse.linalg import splu
 
 from updyn.dofs import Dof, DofSet
+from updyn.dynamics.settings import STATIC_CONDENSATION
 from updyn.errors import SolverError
 from updyn.model import Model
 
 __all__ = ["reduced_mass"]
 
-#: Largest permitted backward error of the static solution.
-_ACCURATE = 1e-6
 _LOOSE = (
     "with the measured DOFs fixed, the structure can still move without stiffness; its mass cannot"
     " be reduced to them"
@@ -55,6 +54,7 @@ def _solve_static(K: sp.csc_array, loads: NDArray[np.float64]) -> NDArray[np.flo
     except RuntimeError as error:
         raise SolverError(_LOOSE) from error
     level = np.abs(found).max(initial=0.0) + np.abs(right).max(initial=0.0)
-    if not np.abs(scaled @ found - right).max(initial=0.0) <= _ACCURATE * level:
+    residual = np.abs(scaled @ found - right).max(initial=0.0)
+    if not residual <= STATIC_CONDENSATION.backward_error * level:
         raise SolverError(_LOOSE)
     return np.asarray(unit[:, None] * found)

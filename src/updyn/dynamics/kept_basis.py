@@ -10,12 +10,10 @@ from numpy.typing import NDArray
 from updyn.dynamics.affine import State
 from updyn.dynamics.basis import Basis
 from updyn.dynamics.reduction import Reduction
+from updyn.dynamics.settings import REDUCTION
 from updyn.model import Model
 
 __all__ = ["KeptBasis", "begin_reduction"]
-
-#: Limit of a kept basis in bytes. 150,000 DOFs and 334 vectors take 0.4e9.
-_LARGEST = 1 << 30
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,7 +31,7 @@ class KeptBasis:
     def of(cls, model: Model, reduction: Reduction) -> KeptBasis | None:
         """Return the basis of a reduction, or None if it needs more than 1 GiB."""
         basis = reduction.basis
-        if 8 * basis.system.n * basis.size > _LARGEST:
+        if 8 * basis.system.n * basis.size > REDUCTION.kept_bytes:
             return None
         return cls(model, basis.take_leading(basis.size), reduction.band)
 

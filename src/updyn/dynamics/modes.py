@@ -16,13 +16,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from updyn.dofs import Dof, DofSet, positions
 from updyn.dynamics import eigen
+from updyn.dynamics.settings import EIGEN
 from updyn.errors import DataError, ModelError, SolverError, UpdynWarning
 from updyn.model import Matrix, Model
 
 __all__ = ["Modes", "modes"]
 
-#: Largest number of DOFs for complex modes with viscous damping, whose dense solver doubles it.
-_STATE_SPACE_LIMIT = 400
 
 # A stiffness energy below this share of the sum of its absolute terms is zero within rounding.
 _ZERO = 1e3 * np.finfo(np.float64).eps
@@ -183,7 +182,7 @@ def _structural_energy(
 
 def _motion_without_either(model: Model, K: Matrix, M: Matrix) -> str:
     """Return text on the DOF that moves most without stiffness and mass; empty for large models."""
-    if K.shape[0] > eigen.DENSE_LIMIT:
+    if K.shape[0] > EIGEN.dense_dofs:
         return ""
     dof = model.dofs[eigen.weakest_dof(K, M)]
     return f"; it moves DOF {dof} most"
@@ -212,10 +211,11 @@ def _complex(model: Model, K: Matrix, M: Matrix, n: int, real: Modes) -> Modes:
         value = np.zeros(0, dtype=np.complex128)
         shapes = np.zeros((K.shape[0], 0), dtype=np.complex128)
     elif viscous:
-        if K.shape[0] > _STATE_SPACE_LIMIT:
+        most = EIGEN.dense_dofs // 2  # the state has two entries for each DOF
+        if K.shape[0] > most:
             raise ModelError(
                 "complex modes with viscous damping are computed in state space, for at most"
-                f" {_STATE_SPACE_LIMIT} DOFs; the model has {K.shape[0]}. Use complex=False, or"
+                f" {most} DOFs; the model has {K.shape[0]}. Use complex=False, or"
                 " give the damping as loss factors"
             )
         value, shapes = eigen.state_space_pairs(stiffness, C, M, scale)

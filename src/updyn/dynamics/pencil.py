@@ -27,36 +27,14 @@ from numpy.typing import NDArray
 from scipy.linalg import lapack
 
 from updyn.dynamics.affine import AffineSystem, State
+from updyn.dynamics.settings import PENCIL
 from updyn.linalg.solver import LARGEST_PROBE_GROWTH, probe_load, unit_scale
 from updyn.linalg.threads import use_one_thread
 
-__all__ = [
-    "LEAST_LINES",
-    "LEAST_REAL_LINES",
-    "LEAST_REDUCED_LINES",
-    "Pencil",
-    "PencilCache",
-    "StateWeights",
-    "saves_time",
-]
+__all__ = ["Pencil", "PencilCache", "StateWeights", "saves_time"]
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
-
-#: Smallest number of lines of a state for which an eigendecomposition replaces factorisations of
-#: each line. It saves time from 20 lines (up to 50 equations) to 40 lines (100 equations; 33 with
-#: 300). For few lines of the full model, accuracy has priority.
-LEAST_LINES, LEAST_REDUCED_LINES = 64, 40
-#: The same limit in real arithmetic, which takes as long as 4 to 8 factorisations.
-LEAST_REAL_LINES = 16
-
-#: Below this reciprocal condition of the eigenvectors the pencil is treated as defective.
-_INDEPENDENT = 1e-8
-#: Largest accepted backward error of a line.
-_ROUNDING = 1e-12
-#: If the growth of the load on every mode exceeds this share of the limit of singularity, the line
-#: is solved by a factorisation, which identifies the singularity.
-_DOUBTFUL = 1e-4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,12 +64,15 @@ class StateWeights:
         mass = np.where(quantity == "mass", state.factor, 0.0)
         return cls(stiffness, stiffness * state.loss, mass, loss)
 
-    def saves_time(self, n_lines: int, least: int = LEAST_LINES) -> bool:
-        """Return whether one eigendecomposition saves time for this number of lines."""
-        return n_lines >= (least if self.loss is None else LEAST_REAL_LINES)
+    def saves_time(self, n_lines: int, least: int) -> bool:
+        """Return whether one eigendecomposition saves time for this number of lines.
+
+        `least` is the smallest sufficient number of lines if damping makes it complex.
+        """
+        return n_lines >= (least if self.loss is None else PENCIL.least_real_lines)
 
 
-def saves_time(system: AffineSystem, state: State, n_lines: int, least: int = LEAST_LINES) -> bool:
+def saves_time(system: AffineSystem, state: State, n_lines: int, least: int) -> bool:
     """Return whether one eigendecomposition saves time for all `n_lines` lines of a state.
 
     `least` is the smallest sufficient number of lines if damping makes it complex.
@@ -146,7 +127,7 @@ class Pencil:
         theta, X = scipy.linalg.eig(S, overwrite_a=True, check_finite=False)
         factors, pivots, singular = lapack.zgetrf(X)
         size = np.abs(X).sum(axis=0).max()
-        if singular or lapack.zgecon(factors, size)[0] < _INDEPENDENT:
+        if singular or lapack.zgecon(factors, size)[0] < PENCIL.least_condition:
             return None
         F = _solve_lower(L, U, trans="T") * root
         W = lapack.zgetrs(factors, pivots, F.T)[0].T
@@ -217,8 +198,9 @@ class _Check:
             residual -= weight * _times(A, y)
             size = size + norm * np.abs(weight)
         largest, moved = np.abs(b).max(), np.abs(y).max(axis=0)
-        solved = np.abs(residual).max(axis=0) <= _ROUNDING * (size * moved + largest)
-        return np.asarray(solved & (moved <= _DOUBTFUL * LARGEST_PROBE_GROWTH * largest))
+        solved = np.abs(residual).max(axis=0) <= PENCIL.backward_error * (size * moved + largest)
+        most = PENCIL.doubtful_growth * LARGEST_PROBE_GROWTH
+        return np.asarray(solved & (moved <= most * largest))
 
 
 @dataclass(slots=True, eq=False)
@@ -228,7 +210,7 @@ class PencilCache:
     `least` is the smallest number of lines for a pencil if damping makes it complex.
     """
 
-    least: int = LEAST_LINES
+    least: int
     _key: bytes = b""
     _weights: StateWeights | None = None
     _pencils: dict[float, Pencil | None] = field(default_factory=dict)

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from updyn.dynamics.affine import AffineSystem, State, Term
 from updyn.dynamics.basis import Basis
 from updyn.dynamics.fields import solve_dense, solve_lines
-from updyn.dynamics.pencil import LEAST_REDUCED_LINES, Pencil, PencilCache, StateWeights
+from updyn.dynamics.pencil import Pencil, PencilCache, StateWeights
+from updyn.dynamics.settings import PENCIL, REDUCTION
 from updyn.errors import OptionError
 from updyn.linalg.threads import use_one_thread
 
@@ -26,9 +27,6 @@ NOT_CONDENSED = (
     "tier 'reduced': the condensed equation error needs Z_red = H^-1, which multiplies the error of"
     " a reduced model by the condition number of H; use tier 'sparse', or another method"
 )
-
-#: Limits of a block: enough lines for matrix products, but few enough to distribute and to stop.
-_BLOCK_BYTES, _LINES = 192 * 2**20, 32
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,7 +59,7 @@ class ReducedSolver:
     backend: str
     label: str = "reduced"
     _pencils: PencilCache = field(
-        default_factory=lambda: PencilCache(LEAST_REDUCED_LINES), init=False, repr=False
+        default_factory=lambda: PencilCache(PENCIL.least_reduced_lines), init=False, repr=False
     )
 
     tier: ClassVar[str] = "reduced"
@@ -110,7 +108,8 @@ class ReducedSolver:
     def block_size(self, n_columns: int) -> int:
         """Return the number of lines in a block of bounded memory."""
         r = self.system.n
-        return int(np.clip(_BLOCK_BYTES // (48 * r * r + 32 * r * n_columns), 1, _LINES))
+        lines = REDUCTION.block_bytes // (48 * r * r + 32 * r * n_columns)
+        return int(np.clip(lines, 1, REDUCTION.block_lines))
 
     def pencil(self, state: State, lines: _Real) -> Pencil | None:
         """Return a solver for all `lines` (Hz) of a state, or None if it does not save time."""

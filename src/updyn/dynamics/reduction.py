@@ -32,53 +32,23 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from updyn.dynamics.affine import AffineSystem, State
-from updyn.dynamics.basis import INDEPENDENT, ROWS, Basis
+from updyn.dynamics.basis import Basis
 from updyn.dynamics.certificate import Certificate, ErrorEstimate
-from updyn.dynamics.fields import ACCURACY, split_into_blocks
+from updyn.dynamics.fields import split_into_blocks
 from updyn.dynamics.line_residuals import ChannelDofs, LineResiduals
 from updyn.dynamics.reduced_solver import ReducedSolver
+from updyn.dynamics.settings import BASIS, REDUCTION
 from updyn.dynamics.shifted import Shifted
 from updyn.errors import OptionError, SolverError
 from updyn.linalg.solver import Factorised
 from updyn.linalg.threads import use_one_thread
 
-__all__ = ["SAFETY", "Reduction", "VectorsPerState"]
+__all__ = ["Reduction", "VectorsPerState"]
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 #: Coefficients of the terms, lines in Hz, and receptances of shape (n_rows, n_lines, n_columns).
 _Response: TypeAlias = "tuple[_Complex, _Real, _Complex]"
-
-#: Factor on errors by residuals during enrichment.
-SAFETY = 4.0
-#: Smaller directions relative to the largest are omitted from the larger basis.
-_SMALL = 1e-3
-
-_SHIFTS, _MOST_SHIFTS = 3, 32
-#: Number of basis vectors at a shift that needs no more moments.
-_VECTORS_A_SHIFT = 32
-#: Largest number of moments at a shift.
-_DEPTH = 8
-#: For a basis around the start: its shift, in squares of the highest frequency; the largest number
-#: of loads at the references; the number of combinations of the sensors.
-_SEARCH_SHIFT = 0.3
-#: For a basis extended by further states: their shifts in turn, in the same unit.
-_BETWEEN = (0.2, 0.5, 0.8)
-_MOST_REFERENCES = 4
-_COMBINATIONS = 2
-#: Largest number of lines with fields for compression: of a state, and of all states together.
-_LINES_A_STATE, _LINES_OF_STATES = 12, 250
-#: Directions with a smaller share of the permitted error are not added.
-_NEGLIGIBLE_SHARE = 0.05
-#: Number of lines in a pass; largest number of lines checked together, and largest total size of
-#: their residuals.
-_COUNT, _TOGETHER, _TOGETHER_BYTES = 12, 4, 2**28
-#: Number of band pieces, each with one line in a pass with another state's factorisation.
-_PIECES_PER_PASS = 4
-#: Lines without a residual may be worse than lines with one, so a basis is enriched to this share
-#: of the permitted error.
-_MARGIN = 0.2
-_PASSES = 24
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,9 +60,9 @@ class VectorsPerState:
     `lossy` adds vectors for the forces of damping.
     """
 
-    shifts: tuple[float, ...] = (_SEARCH_SHIFT,)
+    shifts: tuple[float, ...] = field(default_factory=lambda: (REDUCTION.search_shift,))
     depth: int = 2
-    combinations: int = _COMBINATIONS
+    combinations: int = field(default_factory=lambda: REDUCTION.sensor_combinations)
     lossy: bool = True
 
 
@@ -127,7 +97,7 @@ class Reduction:
     columns: NDArray[np.intp]
     band: tuple[float, float]
     backend: str
-    accuracy: float = ACCURACY
+    accuracy: float = REDUCTION.accuracy
     extra: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
     poll: Callable[[], object] = lambda: None
     basis: Basis = field(init=False)
@@ -153,10 +123,10 @@ class Reduction:
         loads[self._loaded_dofs, np.arange(len(self._loaded_dofs))] = 1.0
         low, high = (2.0 * np.pi * self.band[0]) ** 2, self.shifted.top
         points = 0.5 * (low + high) - 0.5 * (high - low) * np.cos(
-            np.pi * np.arange(_SHIFTS) / (_SHIFTS - 1)
+            np.pi * np.arange(REDUCTION.first_shifts) / (REDUCTION.first_shifts - 1)
         )
         below = dict(self._expand(state, float(s), loads, self._depth) for s in points)
-        for _ in range(_MOST_SHIFTS - _SHIFTS):
+        for _ in range(REDUCTION.most_shifts - REDUCTION.first_shifts):
             gap = self._find_gap(state, below)
             if gap is None:
                 break
@@ -188,11 +158,12 @@ class Reduction:
     @use_one_thread
     def extend(self, states: Sequence[State], seed: int = 0) -> None:
         """Extend the basis by one factorisation for each state; states that fail are skipped."""
-        rng = np.random.default_rng(seed)
-        for number, state in enumerate(states):
-            shift = _BETWEEN[number % len(_BETWEEN)] * self.shifted.top
+        rng, shifts = np.random.default_rng(seed), itertools.cycle(REDUCTION.further_shifts)
+        for state in states:
+            shift = next(shifts) * self.shifted.top
             with suppress(SolverError):
-                self._expand(state, shift, self._combined_loads(rng, _COMBINATIONS), 1)
+                loads = self._combined_loads(rng, REDUCTION.sensor_combinations)
+                self._expand(state, shift, loads, 1)
 
     @property
     def _loaded_dofs(self) -> NDArray[np.intp]:
@@ -200,7 +171,8 @@ class Reduction:
 
     @property
     def _depth(self) -> int:
-        return int(np.clip(np.ceil(_VECTORS_A_SHIFT / len(self._loaded_dofs)), 1, _DEPTH))
+        moments = -(-REDUCTION.vectors_per_shift // len(self._loaded_dofs))
+        return min(moments, REDUCTION.most_moments)
 
     # -- construction --------------------------------------------------------------------------
     def _begin(self, state: State) -> None:
@@ -210,7 +182,7 @@ class Reduction:
 
     def _combined_loads(self, rng: np.random.Generator, combinations: int) -> _Real:
         """Return unit loads at the references and at random combinations of the sensors."""
-        groups = (self.columns, _MOST_REFERENCES), (self.rows, combinations)
+        groups = (self.columns, REDUCTION.most_references), (self.rows, combinations)
         loads = []
         for dofs, most in groups:
             dofs_in_group = np.unique(dofs)
@@ -306,7 +278,7 @@ class Reduction:
         solver = self.solver()
         gram, total = np.zeros_like(metric), 0
         before: list[_Response] = []
-        most = max(1, min(_LINES_A_STATE, _LINES_OF_STATES // len(states)))
+        most = max(1, min(REDUCTION.lines_per_state, REDUCTION.lines_of_states // len(states)))
         stride = -(-len(freq) // most)
         for number, state in enumerate(states):
             lines = freq[number % stride :: stride]
@@ -316,7 +288,7 @@ class Reduction:
             except SolverError:  # skip the state
                 continue
             before.append((c, lines, solver.at(q, self.rows)[:, :, self._channels.forced]))
-            mixed = q @ rng.standard_normal((len(self._loaded_dofs), _COMBINATIONS))
+            mixed = q @ rng.standard_normal((len(self._loaded_dofs), REDUCTION.sensor_combinations))
             q = np.concatenate([q[:, :, np.unique(self._channels.forced)], mixed], axis=2)
             q = q.reshape(len(q), -1)
             q = q / np.sqrt(np.einsum("rk,rk->k", q.conj(), metric @ q).real)
@@ -351,15 +323,17 @@ class Reduction:
     # -- certification -------------------------------------------------------------------------
     @use_one_thread
     def certify(
-        self, state: State, freq: _Real, *, enrich: bool = True, count: int = _COUNT
+        self, state: State, freq: _Real, *, enrich: bool = True, count: int | None = None
     ) -> Certificate:
         """Return the error at a state, and enrich the basis until the error is small enough.
 
-        Every pass computes residuals at `count` other lines, including the strongest; the last adds
+        Every pass computes residuals at `count` other lines (by default
+        `REDUCTION.lines_per_pass`), including the strongest; the last adds
         nothing to the basis. The certified error exceeds the permitted one if enrichment was
         insufficient. Raises SolverError if K + omega_max^2 M is not definite, or the reduced model
         is singular at a line.
         """
+        count = REDUCTION.lines_per_pass if count is None else count
         (found,) = self._certify_states([state], freq, enrich=enrich, count=count)
         return found
 
@@ -372,16 +346,16 @@ class Reduction:
         with self.shifted.hold():
             definite, size = self.shifted.factor_definite(state), self.basis.size
             level = np.linalg.norm(self._receptance(state, freq), axis=(1, 2))
-            lines = _choose_lines(freq, level, _COUNT, 0)
+            lines = _choose_lines(freq, level, REDUCTION.lines_per_pass, 0)
             estimate = self._check_and_estimate(definite, state, freq, lines, self.accuracy)
             if estimate is None:
                 self._enrich_in_passes(
-                    definite, state, freq, level, _MARGIN * self.accuracy, first=1
+                    definite, state, freq, level, REDUCTION.enriched_share * self.accuracy, first=1
                 )
                 return None
             if estimate.reduction > self.accuracy:
-                worst = _choose_worst_lines(freq, estimate.shares, _COUNT)
-                self._check_all(definite, state, worst, _MARGIN * self.accuracy)
+                worst = _choose_worst_lines(freq, estimate.shares, REDUCTION.lines_per_pass)
+                self._check_all(definite, state, worst, REDUCTION.enriched_share * self.accuracy)
                 return None
             self.basis = self.basis.take_leading(size)
             return estimate.certificate(size, tuple(lines), self.shifted.count)
@@ -393,7 +367,7 @@ class Reduction:
         Close states share a factorisation: P of one is as definite for the next, and at most 1 +
         0.1 times as large. Raises SolverError as `certify`.
         """
-        found = self._certify_states(states, freq, enrich=False, count=_COUNT)
+        found = self._certify_states(states, freq, enrich=False, count=REDUCTION.lines_per_pass)
         return np.array([certificate.error for certificate in found])
 
     def _certify_states(
@@ -409,10 +383,10 @@ class Reduction:
     ) -> Certificate:
         level = np.linalg.norm(self._receptance(state, freq), axis=(1, 2))
         lines = _choose_lines(freq, level, count, 0)
-        for number in range(1, _PASSES + 1):
-            growing = enrich and number < _PASSES
+        for number in range(1, REDUCTION.most_passes + 1):
+            growing = enrich and number < REDUCTION.most_passes
             # In the first pass the basis may already suffice, so no margin is required.
-            margin = _MARGIN if number > 1 else 1.0
+            margin = REDUCTION.enriched_share if number > 1 else 1.0
             allowed = margin * self.accuracy if growing else np.inf
             size = self.basis.size
             estimate = self._check_and_estimate(definite, state, freq, lines, allowed)
@@ -453,7 +427,7 @@ class Reduction:
 
         Unlike `certify`, it does not compute the error at all lines; SolverError as `certify`.
         """
-        allowed = _MARGIN * (self.accuracy if accuracy is None else accuracy)
+        allowed = REDUCTION.enriched_share * (self.accuracy if accuracy is None else accuracy)
         for definite, state in self.shifted.factor_definites(states):
             level = np.linalg.norm(self._receptance(state, freq), axis=(1, 2))
             self._enrich_in_passes(definite, state, freq, level, allowed)
@@ -468,9 +442,9 @@ class Reduction:
         first: int = 0,
     ) -> None:
         """Check lines in passes from number `first` until a pass adds nothing."""
-        for number in range(first, _PASSES):
+        for number in range(first, REDUCTION.most_passes):
             size = self.basis.size
-            lines = _choose_lines(freq, level, _COUNT, number)
+            lines = _choose_lines(freq, level, REDUCTION.lines_per_pass, number)
             self._check_all(definite, state, lines, allowed)
             if self.basis.size == size:
                 break
@@ -481,17 +455,19 @@ class Reduction:
 
         Errors up to `allowed`, by default a fifth of the permitted error, add nothing.
         """
-        allowed = _MARGIN * self.accuracy if allowed is None else allowed
+        allowed = REDUCTION.enriched_share * self.accuracy if allowed is None else allowed
         for definite, state in self.shifted.factor_definites(states):
             self._check_all(definite, state, freq.tolist(), allowed)
 
     @use_one_thread
     def enrich_around(self, states: Sequence[State], freq: _Real) -> None:
         """Enrich the basis once by missing directions at several states, at different lines."""
-        stride = -(-len(freq) // _COUNT)
+        stride = -(-len(freq) // REDUCTION.lines_per_pass)
         for number, (definite, state) in enumerate(self.shifted.factor_definites(states)):
             lines = freq[number % stride :: stride]
-            self._check_all(definite, state, lines.tolist(), _MARGIN * self.accuracy)
+            self._check_all(
+                definite, state, lines.tolist(), REDUCTION.enriched_share * self.accuracy
+            )
 
     @use_one_thread
     def measure_outside(self, state: State, X: _Real) -> _Real:
@@ -522,8 +498,9 @@ class Reduction:
         make the basis accurate for stiffnesses that differ by a factor of e. `level` is the
         approximate magnitude of the response at each line; each pass (`number`) uses other lines.
         """
-        size, lines = self.basis.size, _choose_lines(freq, level, _PIECES_PER_PASS, number)[1:-1]
-        self._check_all(definite, state, lines, _MARGIN * accuracy)
+        size = self.basis.size
+        lines = _choose_lines(freq, level, REDUCTION.nearby_parts, number)[1:-1]
+        self._check_all(definite, state, lines, REDUCTION.enriched_share * accuracy)
         return self.basis.size > size
 
     @use_one_thread
@@ -534,8 +511,8 @@ class Reduction:
             for some in self._group_lines(freq):
                 lines = LineResiduals(solver, self.basis, self._channels, state, some)
                 errors = np.abs(lines.errors(definite.solve(lines.residual())))
-                share = SAFETY * float((errors / self._channels.levels(lines.H)).max())
-                worst[number] = max(worst[number], share)
+                share = float((errors / self._channels.levels(lines.H)).max())
+                worst[number] = max(worst[number], REDUCTION.error_factor * share)
             self.poll()
         return worst
 
@@ -553,10 +530,10 @@ class Reduction:
             return W
         scale = 1.0 / np.sqrt(np.maximum(np.diag(gram), np.finfo(np.float64).tiny))
         size, axes = np.linalg.eigh(scale[:, None] * gram * scale)
-        kept = np.flatnonzero(size > INDEPENDENT * size[-1])[::-1]
+        kept = np.flatnonzero(size > BASIS.independent_share * size[-1])[::-1]
         C = scale[:, None] * axes[:, kept] / np.sqrt(size[kept])
-        for first in range(0, len(W), ROWS):
-            part = slice(first, first + ROWS)
+        for first in range(0, len(W), BASIS.rows_per_step):
+            part = slice(first, first + BASIS.rows_per_step)
             W[part, : len(kept)] = W[part] @ C
         return W[:, : len(kept)]
 
@@ -624,7 +601,7 @@ class Reduction:
     def _group_lines(self, lines: _Real) -> Iterator[_Real]:
         """Yield few lines at a time, fewer for a larger model because of the size of residuals."""
         of_one = 2 * self.system.n * len(self._channels.forced) * np.dtype(np.float64).itemsize
-        step = min(max(_TOGETHER_BYTES // of_one, 1), _TOGETHER)
+        step = min(max(REDUCTION.together_bytes // of_one, 1), REDUCTION.lines_together)
         for first in range(0, len(lines), step):
             yield lines[first : first + step]
 
@@ -645,15 +622,16 @@ class Reduction:
         sizes = np.sqrt(np.maximum(np.diag(gram), 0.0)).reshape(len(lines), 2, -1)
         sizes = np.maximum(np.hypot(sizes[:, 0], sizes[:, 1]), np.finfo(np.float64).tiny)
         errors = np.abs(checked.errors(Y)) / self._channels.levels(checked.H)
-        error = SAFETY * errors.max(axis=(1, 2))
+        error = REDUCTION.error_factor * errors.max(axis=(1, 2))
         # The weight of each force of a line is its part in the largest error, in any unit.
-        shares = SAFETY * errors.max(axis=1) / sizes
+        shares = REDUCTION.error_factor * errors.max(axis=1) / sizes
         weight = np.repeat(shares[:, None], 2, axis=1).ravel()
         gram = weight[:, None] * gram * weight
         gram = 0.5 * (gram + gram.T)
         if error.max() > allowed:
             size, axes = np.linalg.eigh(gram)
-            kept = size > max((_NEGLIGIBLE_SHARE * allowed) ** 2, definite.error**2 * size[-1])
+            negligible = (REDUCTION.negligible_share * allowed) ** 2
+            kept = size > max(negligible, definite.error**2 * size[-1])
             # Already P-orthogonal to the basis, because V^T R = 0.
             self.basis.extend(Y @ (weight[:, None] * axes[:, kept] / np.sqrt(size[kept])))
             if kept.any():
@@ -661,7 +639,7 @@ class Reduction:
         missing = []
         for of_line in np.split(np.arange(len(gram)), len(lines)):
             size, axes = np.linalg.eigh(gram[np.ix_(of_line, of_line)])
-            most = size > _SMALL**2 * size[-1]
+            most = size > REDUCTION.compared_share**2 * size[-1]
             missing.append(Y[:, of_line] @ (weight[of_line, None] * axes[:, most]))
         return np.hstack(missing)
 

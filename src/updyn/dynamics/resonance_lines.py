@@ -9,19 +9,11 @@ from numpy.typing import NDArray
 
 from updyn.dynamics.eigen import mass_rank
 from updyn.dynamics.modes import Modes, modes
+from updyn.dynamics.settings import RESONANCE_LINES
 from updyn.errors import ModelError, SolverError
 from updyn.model import Model
 
 __all__ = ["even_lines", "resonance_lines"]
-
-#: Lines per resonance. The number is even, so no line is the natural frequency itself, at which an
-#: undamped model has no response; the nearest two reach 0.995 of the peak.
-_PER_RESONANCE = 16
-_FEWEST = 4
-#: Loss factor of an undamped resonance, for the width of its lines.
-_LEAST_LOSS = 1e-4
-#: Number of modes of the first computation.
-_FIRST_MODES = 20
 
 
 def even_lines(low: float, high: float, n: int) -> NDArray[np.float64]:
@@ -38,7 +30,7 @@ def resonance_lines(model: Model, low: float, high: float, limit: int) -> NDArra
     along its circle in the complex plane (Kennedy & Pancu, J. Aeronaut. Sci. 14 (1947) 603-625). If
     `limit` permits fewer than four lines for each mode, only the lowest modes are resolved.
     """
-    found = _modes_up_to(model, high, limit // _FEWEST)
+    found = _modes_up_to(model, high, limit // RESONANCE_LINES.least_lines)
     if found is None:
         return np.empty(0)
     # A resonance just outside the band affects the curve at its edge.
@@ -46,10 +38,11 @@ def resonance_lines(model: Model, low: float, high: float, limit: int) -> NDArra
     frequency, loss = found.frequency[inside], found.loss_factor[inside]
     if not len(frequency):
         return np.empty(0)
-    n = int(np.clip(limit // len(frequency), _FEWEST, _PER_RESONANCE))
+    n = max(limit // len(frequency), RESONANCE_LINES.least_lines)
+    n = min(n, RESONANCE_LINES.lines_per_resonance)
     n -= n % 2
     theta = np.pi * ((np.arange(n) + 0.5) / n - 0.5)
-    square = 1.0 + np.outer(np.maximum(loss, _LEAST_LOSS), np.tan(theta))
+    square = 1.0 + np.outer(np.maximum(loss, RESONANCE_LINES.least_loss), np.tan(theta))
     lines = (frequency[:, None] * np.sqrt(np.maximum(square, 0.0))).ravel()
     lines = np.unique(lines[(lines >= low) & (lines <= high)])
     return np.asarray(lines[:limit], dtype=np.float64)
@@ -58,7 +51,7 @@ def resonance_lines(model: Model, low: float, high: float, limit: int) -> NDArra
 def _modes_up_to(model: Model, high: float, most: int) -> Modes | None:
     """Return at most `most` modes of a model up to a frequency, or None if there are no modes."""
     found = None
-    n, most = _FIRST_MODES, min(most, mass_rank(model.mass))
+    n, most = RESONANCE_LINES.first_modes, min(most, mass_rank(model.mass))
     while most > 0:
         n = min(n, most)
         try:

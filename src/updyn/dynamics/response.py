@@ -10,8 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from updyn.dofs import Dof, DofSet
 from updyn.dynamics.affine import AffineSystem
-from updyn.dynamics.fields import ACCURACY, FieldSolver, LineSolver, split_into_blocks
+from updyn.dynamics.fields import FieldSolver, LineSolver, split_into_blocks
 from updyn.dynamics.reduction import Reduction
+from updyn.dynamics.settings import REDUCTION
 from updyn.errors import SolverError
 from updyn.frf import FRF, QUANTITIES, check_decay, check_lines, check_quantity
 from updyn.linalg.solver import check_backend
@@ -29,7 +30,7 @@ def response(
     *,
     tier: str | None = None,
     backend: str | None = None,
-    accuracy: float = ACCURACY,
+    accuracy: float = REDUCTION.accuracy,
     decay: float = 0.0,
 ) -> FRF:
     """Compute frequency response functions exactly, with one full factorisation per line.

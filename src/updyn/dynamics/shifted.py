@@ -12,24 +12,13 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from updyn.dynamics.affine import AffineSystem, State
+from updyn.dynamics.settings import BASIS, SHIFTED
 from updyn.errors import SolverError
 from updyn.linalg.solver import Factorised, SparseSolver
 
 __all__ = ["Shifted"]
 
 _Real = NDArray[np.float64]
-
-#: Two states are close if no mass or stiffness differs by more than this share.
-_CLOSE = 0.1
-#: Permitted relative errors in single precision: of solutions that span a basis, because their
-#: rounding errors would seem new directions (`basis._NEW`), and of solutions that measure errors.
-_SPANNING, _MEASURING = 1e-9, 1e-5
-#: Number of DOFs above which factors are computed in single precision, because double precision may
-#: exceed the memory. Refinement takes as long as single precision saves.
-_HUGE = 400_000
-#: Moves of a shift from a natural frequency, in squares of the highest frequency; in single
-#: precision they are larger, because it is less accurate near one.
-_NUDGES, _NUDGES_IN_SINGLE = (0.0, 1e-4, 1e-3), (0.0, 3e-3, 1e-2)
 
 
 @dataclass(slots=True, eq=False)
@@ -50,7 +39,7 @@ class Shifted:
     _definite: tuple[Factorised, State] | None = field(default=None, init=False)
 
     def __post_init__(self) -> None:
-        single = self.system.n > _HUGE
+        single = self.system.n > SHIFTED.double_dofs
         self._solver = SparseSolver(self.backend, real=True, single=single)
 
     @property
@@ -61,9 +50,9 @@ class Shifted:
     @property
     def _moves(self) -> list[tuple[float, bool]]:
         """Moves of a shift, in order of use, each with whether single precision is required."""
-        moves = [(far, False) for far in _NUDGES]
+        moves = [(far, False) for far in SHIFTED.moves]
         if self._solver.single:  # double precision comes last, because it may exceed the memory
-            moves = [(far, True) for far in _NUDGES_IN_SINGLE] + moves
+            moves = [(far, True) for far in SHIFTED.moves_in_single] + moves
         return moves
 
     def weights(self, state: State, shift: float) -> _Real:
@@ -84,7 +73,7 @@ class Shifted:
         state: State,
         shift: float,
         *,
-        error: float = _SPANNING,
+        error: float,
         single_only: bool = False,
     ) -> Factorised:
         """Factorise K - s M (`shift` s in 1/s^2) and release the previous factorisation.
@@ -109,7 +98,7 @@ class Shifted:
         for far, single_only in moves:
             s = float(shift + far * away)
             try:
-                factorised = self.factorise(state, s, single_only=single_only)
+                factorised = self.factorise(state, s, error=BASIS.new_norm, single_only=single_only)
                 return s, factorised, factorised.solve(loads)
             except SolverError:
                 if (far, single_only) == moves[-1]:
@@ -122,7 +111,8 @@ class Shifted:
         None if the backend does not count, or the frequency is a natural frequency.
         """
         try:
-            return self.factorise(state, (2.0 * np.pi * frequency) ** 2).negative
+            shift = (2.0 * np.pi * frequency) ** 2
+            return self.factorise(state, shift, error=BASIS.new_norm).negative
         except SolverError:
             return None
         finally:
@@ -134,7 +124,8 @@ class Shifted:
         It is valid until the next factorisation or `release`.
         """
         if self._definite is None or not _are_close(state, self._definite[1]):
-            self._definite = self.factorise(state, -self.top, error=_MEASURING), state
+            definite = self.factorise(state, -self.top, error=SHIFTED.measuring_error)
+            self._definite = definite, state
         return self._definite[0]
 
     def factor_definites(self, states: Sequence[State]) -> Iterator[tuple[Factorised, State]]:
@@ -161,4 +152,4 @@ class Shifted:
 def _are_close(state: State, other: State) -> bool:
     """Return whether masses and stiffnesses of two states are close."""
     change = np.abs(state.factor - other.factor)
-    return bool((change <= _CLOSE * np.abs(other.factor)).all())
+    return bool((change <= SHIFTED.close_share * np.abs(other.factor)).all())

@@ -23,11 +23,12 @@ from scipy.sparse.linalg import splu
 
 from updyn.dynamics import eigen
 from updyn.dynamics.affine import AffineSystem, State
+from updyn.dynamics.settings import EIGEN
 from updyn.errors import SolverError
+from updyn.modal.settings import MODE_DERIVATIVE
 from updyn.sensitivity import Unknowns
 
 __all__ = [
-    "WHOLE",
     "RealModes",
     "differentiate_mode",
     "differentiate_modes",
@@ -36,18 +37,6 @@ __all__ = [
 
 _Real = NDArray[np.float64]
 
-#: A strain energy below this share of the sum of its absolute terms is rounding error of zero.
-_ZERO = 1e3 * np.finfo(np.float64).eps
-_ACCURATE = 1e-6
-#: Models with at most this number of DOFs are decomposed completely. With 14 unknowns and 6 modes,
-#: that takes a third of the time of one factorisation per mode at 16 DOFs and the same time at 180;
-#: with 20 modes half at 300.
-WHOLE = 160
-#: Relative distance below which eigenvalues are equal, and relative change of an eigenvalue below
-#: which a coupling is zero.
-_ONE, _UNCOUPLED = 1e-7, 1e-6
-#: A measured shape with less than this share in a subspace does not determine its basis.
-_WITHIN = 0.5
 _SINGULAR = "the equations of the derivative of a mode shape are singular"
 
 
@@ -79,13 +68,13 @@ class RealModes:
         M = _assemble(system, state, "mass")
         finite, limit = eigen.mass_rank(M), (2.0 * np.pi * highest) ** 2
         wanted = min(n + 6, finite)
-        whole = None
+        whole, zero = None, MODE_DERIVATIVE.zero_energy_roundings * np.finfo(np.float64).eps
         while True:
-            if K.shape[0] <= WHOLE:
+            if K.shape[0] <= MODE_DERIVATIVE.most_decomposed_dofs:
                 value, shapes, whole = eigen.all_pairs(K, M, wanted)
             else:
                 value, shapes = eigen.real_pairs(K, M, wanted)
-            noise = _ZERO * np.einsum("in,in->n", np.abs(shapes), abs(K) @ np.abs(shapes))
+            noise = zero * np.einsum("in,in->n", np.abs(shapes), abs(K) @ np.abs(shapes))
             elastic = np.einsum("in,in->n", shapes, K @ shapes) > noise
             if wanted == finite or (elastic.sum() >= n and value[-1] > limit):
                 break
@@ -101,7 +90,8 @@ class RealModes:
 
     def find_repeated(self, which: int) -> NDArray[np.intp]:
         """Return all modes with the eigenvalue of mode `which`, including itself."""
-        return np.flatnonzero(np.abs(self.value - self.value[which]) <= _ONE * self.value[which])
+        reach = MODE_DERIVATIVE.equal_eigenvalues * self.value[which]
+        return np.flatnonzero(np.abs(self.value - self.value[which]) <= reach)
 
 
 def differentiate_mode(
@@ -160,7 +150,7 @@ def _check_uncoupled(by_value: _Real, own_index: int, values: _Real, value: floa
     `by_value`, shape (n, m), is phi_j^T (K' - lambda M') phi of all modes j of the eigenvalue.
     """
     others = np.delete(by_value, own_index, axis=1)
-    if (np.abs(others * values[:, None]) > _UNCOUPLED * value).any():
+    if (np.abs(others * values[:, None]) > MODE_DERIVATIVE.uncoupled_change * value).any():
         raise SolverError(
             f"{by_value.shape[1]} modes of the model coincide at"
             f" {np.sqrt(value) / (2.0 * np.pi):.6g} Hz, and the unknowns couple them: they have no"
@@ -226,7 +216,7 @@ def _differentiate_by_expansion(
     # V^T (K - lambda M) V is diagonal, and zero for the modes of the eigenvalue itself.
     own_value = np.full(len(mass), np.inf)
     np.divide(stiffness, mass, out=own_value, where=mass > 0.0)
-    same = np.abs(own_value[:, None] - value) <= _ONE * value
+    same = np.abs(own_value[:, None] - value) <= MODE_DERIVATIVE.equal_eigenvalues * value
     gap = np.where(same, 1.0, stiffness[:, None] - mass[:, None] * value)
     shares = np.where(same, 0.0, -projected / gap)
     wanted = V if rows is None else V[rows]
@@ -283,12 +273,10 @@ def separate_repeated_modes(
             )
             mixed = _compute_couplings(system, unknowns, values, turned, float(modes.value[first]))
             level = np.sum(mixed, axis=0).diagonal()
+            reach = MODE_DERIVATIVE.uncoupled_change * modes.value[first]
             start = 0
             for stop in range(1, len(group) + 1):
-                if (
-                    stop == len(group)
-                    or abs(level[stop] - level[start]) > _UNCOUPLED * modes.value[first]
-                ):
+                if stop == len(group) or abs(level[stop] - level[start]) > reach:
                     part = turned[:, start:stop]
                     turned[:, start:stop] = part @ _rotate_towards_measured(
                         shapes_at_sensors(part), measured
@@ -348,7 +336,7 @@ def _rotate_towards_measured(shapes_at_sensors: _Real, measured: _Real) -> _Real
     share = np.linalg.lstsq(shapes_at_sensors, measured, rcond=None)[0]
     near = np.linalg.norm(shapes_at_sensors @ share, axis=0)
     order = np.argsort(-near, kind="stable")[: len(share)]
-    order = order[near[order] ** 2 > _WITHIN]
+    order = order[near[order] ** 2 > MODE_DERIVATIVE.least_share_within]
     return np.asarray(np.linalg.qr(np.hstack([share[:, order], np.eye(len(share))]))[0])
 
 
@@ -375,7 +363,7 @@ def _solve_with_pivots(
     size = np.abs(modes.K.diagonal()) + value * np.abs(modes.M.diagonal())
     scale = 1.0 / np.sqrt(np.where(size > 0, size, 1.0))  # equal translations and rotations
     scale[pivots] = 0.0
-    dense = len(loads) <= eigen.DENSE_LIMIT
+    dense = len(loads) <= EIGEN.dense_dofs
     A = (_scaled_full if dense else _scaled_sparse)(modes, value, scale, pivots)
     B = scale[:, None] * loads
     try:
@@ -387,7 +375,7 @@ def _solve_with_pivots(
                 X = splu(A, permc_spec="MMD_AT_PLUS_A").solve(B)
     except (RuntimeError, np.linalg.LinAlgError, scipy.linalg.LinAlgWarning) as error:
         raise SolverError(_SINGULAR) from error
-    if not np.linalg.norm(A @ X - B) <= _ACCURATE * np.linalg.norm(B):
+    if not np.linalg.norm(A @ X - B) <= MODE_DERIVATIVE.largest_residual * np.linalg.norm(B):
         raise SolverError(_SINGULAR)
     return np.asarray(scale[:, None] * X)
 

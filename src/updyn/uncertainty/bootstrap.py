@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.dynamics.fields import ACCURACY
+from updyn.dynamics.settings import REDUCTION
 from updyn.engines import Engine, opened_engine
 from updyn.errors import OptionError, SolverError, suggest
 from updyn.uncertainty.counts import MOST_DRAWS, check_count
@@ -66,7 +66,7 @@ def bootstrap(
     seed: int = 0,
     kind: str = "parametric",
     *,
-    accuracy: float = ACCURACY,
+    accuracy: float = REDUCTION.accuracy,
     engine: int | Client | Engine | None = None,
     callback: Callable[[WorkProgress], bool | None] | None = None,
 ) -> Draws:

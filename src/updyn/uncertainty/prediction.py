@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtri
 
 from updyn.dofs import Dof, DofSet
-from updyn.dynamics.fields import ACCURACY
+from updyn.dynamics.settings import REDUCTION
 from updyn.errors import DataError, OptionError, SolverError
 from updyn.frf import FRF, check_lines
 from updyn.uncertainty.draws import Draws
@@ -51,7 +51,7 @@ def predict(
     quantity: str | None = None,
     test: str | None = None,
     seed: int = 0,
-    accuracy: float = ACCURACY,
+    accuracy: float = REDUCTION.accuracy,
 ) -> Band:
     """Predict an FRF with an uncertainty band.
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from updyn.dynamics.fields import ACCURACY
+from updyn.dynamics.settings import REDUCTION
 from updyn.engines import Engine, opened_engine
 from updyn.errors import OptionError, SolverError, suggest
 from updyn.uncertainty.counts import check_count
@@ -21,7 +21,7 @@ from updyn.uncertainty.model_error import model_error_of, model_error_remark
 from updyn.uncertainty.progress import WorkCounter, WorkProgress
 from updyn.uncertainty.restored import RestoredFit, find_positions, restore
 from updyn.uncertainty.surrogate import describe_excess, run_about
-from updyn.updating.fit.search import MOST_STARTS
+from updyn.updating.fit.settings import SEARCH
 from updyn.updating.problem.coordinates import Coordinates
 from updyn.updating.problem.problem import Problem
 from updyn.updating.problem.session import Session, Stopped
@@ -54,7 +54,7 @@ def profile(
     level: float = 0.95,
     starts: int | None = None,
     seed: int = 0,
-    accuracy: float = ACCURACY,
+    accuracy: float = REDUCTION.accuracy,
     engine: int | Client | Engine | None = None,
     callback: Callable[[WorkProgress], bool | None] | None = None,
 ) -> Profiles:
@@ -117,7 +117,7 @@ def profile(
     if not 0.0 < level < 1.0:
         raise OptionError(f"level = {level!r}: expected a share between 0 and 1, such as 0.95")
     if starts is not None:
-        starts = check_count("starts", starts, "starts", 0, MOST_STARTS)
+        starts = check_count("starts", starts, "starts", 0, SEARCH.most_tries)
     with opened_engine(engine) as engine_of_run:
         session = Session(engine_of_run)
         restored = restore(result, session)

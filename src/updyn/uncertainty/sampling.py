@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaln, logsumexp
 
-from updyn.dynamics.fields import ACCURACY
+from updyn.dynamics.settings import REDUCTION
 from updyn.engines import Engine, opened_engine
 from updyn.errors import OptionError, SolverError
 from updyn.uncertainty.counts import MOST_DRAWS, MOST_EVALUATIONS, check_count
@@ -24,7 +24,7 @@ from updyn.uncertainty.model_error import model_error_of, model_error_remark
 from updyn.uncertainty.progress import WorkCounter, WorkProgress
 from updyn.uncertainty.restored import RestoredFit, restore, std_of
 from updyn.uncertainty.surrogate import describe_excess, run_about
-from updyn.updating.fit.search import MOST_STARTS
+from updyn.updating.fit.settings import SEARCH
 from updyn.updating.problem.problem import Problem
 from updyn.updating.problem.session import Session, Stopped
 from updyn.updating.result import JointResult, UpdateResult
@@ -69,7 +69,7 @@ def sample(
     *,
     starts: int | None = None,
     max_evaluations: int = 200_000,
-    accuracy: float = ACCURACY,
+    accuracy: float = REDUCTION.accuracy,
     engine: int | Client | Engine | None = None,
     callback: Callable[[WorkProgress], bool | None] | None = None,
 ) -> Draws:
@@ -137,7 +137,7 @@ def sample(
         "max_evaluations", max_evaluations, "evaluations", 0, MOST_EVALUATIONS
     )
     if starts is not None:
-        starts = check_count("starts", starts, "starts", 0, MOST_STARTS)
+        starts = check_count("starts", starts, "starts", 0, SEARCH.most_tries)
     _check_installed()
     with opened_engine(engine) as engine_of_run:
         session = Session(engine_of_run)

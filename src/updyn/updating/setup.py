@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from updyn.dynamics.fields import ACCURACY
+from updyn.dynamics.settings import REDUCTION
 from updyn.engines import Engine
 from updyn.errors import OptionError
 from updyn.frf import FRF
@@ -59,7 +59,7 @@ class RunOptions:
     title: str = ""
     tier: str | None = None
     backend: str | None = None
-    accuracy: float = ACCURACY
+    accuracy: float = REDUCTION.accuracy
     checkpoint: str | Path | None = None
     resume: bool = False
     regularise: str | float | None = None
@@ -78,7 +78,7 @@ class RunOptions:
             )
         if not is_number(self.accuracy):
             raise OptionError(
-                f"accuracy = {self.accuracy!r}: expected a number, such as {ACCURACY:g}",
+                f"accuracy = {self.accuracy!r}: expected a number, such as {REDUCTION.accuracy:g}",
                 key=("accuracy",),
             )
 

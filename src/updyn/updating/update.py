@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from numpy.typing import ArrayLike
 
 from updyn.dofs import Dof
-from updyn.dynamics.fields import ACCURACY
+from updyn.dynamics.settings import REDUCTION
 from updyn.engines import Engine
 from updyn.errors import OptionError
 from updyn.frf import FRF
@@ -56,7 +56,7 @@ def update(
     title: str = "",
     tier: str | None = None,
     backend: str | None = None,
-    accuracy: float = ACCURACY,
+    accuracy: float = REDUCTION.accuracy,
     checkpoint: str | Path | None = None,
     resume: bool = False,
     regularise: str | float | None = None,
@@ -183,7 +183,7 @@ def update_jointly(
     title: str = "",
     tier: str | None = None,
     backend: str | None = None,
-    accuracy: float = ACCURACY,
+    accuracy: float = REDUCTION.accuracy,
     checkpoint: str | Path | None = None,
     resume: bool = False,
     regularise: str | float | None = None,

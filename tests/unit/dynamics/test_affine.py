@@ -5,8 +5,9 @@ import pytest
 import scipy.sparse as sp
 
 import updyn
-from updyn.dynamics import affine
+from overriding import override
 from updyn.dynamics.affine import AffineSystem, State
+from updyn.dynamics.settings import AFFINE
 from updyn.sensitivity import Unknowns
 
 
@@ -116,8 +117,8 @@ def test_term_times_a_field_is_the_matrix_product(n):
 @pytest.mark.parametrize(("chunk", "beside"), [(2, 0), (8192, 0), (8192, 100)])
 def test_sums_in_pieces_and_at_once(n_lines, chunk, beside, monkeypatch):
     """Two groups that fill the whole pattern, whose entries are mixed together, and one that does not."""
-    monkeypatch.setattr(affine, "_CHUNK", chunk)
-    monkeypatch.setattr(affine, "_COMBINED_TERMS", beside)
+    override(monkeypatch, AFFINE, cached_entries=chunk)
+    override(monkeypatch, AFFINE, combined_entries=beside)
     rng = np.random.default_rng(2)
     A, B, C = (X @ X.T for X in rng.standard_normal((3, 4, 4)))
     groups = {
@@ -136,7 +137,7 @@ def test_sums_in_pieces_and_at_once(n_lines, chunk, beside, monkeypatch):
 @pytest.mark.parametrize("beside", [0, 100])
 def test_real_sums_stay_real(model, beside, monkeypatch):
     """K - 4 M with weights on the terms, as `terms` lists them."""
-    monkeypatch.setattr(affine, "_COMBINED_TERMS", beside)
+    override(monkeypatch, AFFINE, combined_entries=beside)
     system = AffineSystem.compile(model)
     values = system.real_values(np.array([1.0, -4.0, 1.0, -4.0, 0.0, 1.0]))
     assert values.dtype == np.float64
@@ -210,7 +211,7 @@ def test_a_matrix_of_zeros_is_a_term_without_rows() -> None:
 
 @pytest.mark.parametrize("few", [0, 10**6])
 def test_full_matrices_and_others_have_a_full_pattern(few, monkeypatch):
-    monkeypatch.setattr(affine, "_FEW", few)
+    override(monkeypatch, AFFINE, sorted_entries=few)
     rng = np.random.default_rng(1)
     A, B = rng.standard_normal((2, 6, 6))
     corner = np.zeros((6, 6))
@@ -248,7 +249,7 @@ def test_small_patterns_are_those_of_large_ones(monkeypatch):
         groups[f"g{i}"] = updyn.Group(sp.csr_array(A), sp.csr_array(np.diag(np.diag(A))))
     model = updyn.Model.from_groups(groups, [f"{i + 1}:X" for i in range(n)])
     few = AffineSystem.compile(model)
-    monkeypatch.setattr(affine, "_FEW", 0)
+    override(monkeypatch, AFFINE, sorted_entries=0)
     many = AffineSystem.compile(model)
     np.testing.assert_array_equal(few.indptr, many.indptr)
     np.testing.assert_array_equal(few.indices, many.indices)

@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 
 import updyn
+from overriding import override
 from updyn.dynamics import fields
 from updyn.dynamics.affine import AffineSystem
 from updyn.dynamics.fields import LineSolver, split_into_blocks
+from updyn.dynamics.settings import LINE_SOLVER
 from updyn.errors import OptionError, SolverError
 
 
@@ -32,8 +34,10 @@ def test_tier_by_size_and_by_force():
     small = AffineSystem.compile(chain(5))
     assert LineSolver.choose(small).tier == "dense"
     assert LineSolver.choose(small, "sparse").tier == "sparse"
-    assert LineSolver.choose(AffineSystem.compile(chain(fields.DENSE_LIMIT))).tier == "dense"
-    assert LineSolver.choose(AffineSystem.compile(chain(fields.DENSE_LIMIT + 1))).tier == "sparse"
+    assert LineSolver.choose(AffineSystem.compile(chain(LINE_SOLVER.dense_dofs))).tier == "dense"
+    assert (
+        LineSolver.choose(AffineSystem.compile(chain(LINE_SOLVER.dense_dofs + 1))).tier == "sparse"
+    )
     with pytest.raises(OptionError, match=r"tier 'spares': .*sparse"):
         LineSolver.choose(small, "spares")
     with pytest.raises(OptionError, match="backend 'mumps'"):
@@ -43,7 +47,7 @@ def test_tier_by_size_and_by_force():
 @pytest.mark.parametrize(("share", "tier"), [(0.7, "dense"), (0.5, "sparse")])
 def test_tier_by_fill(share, tier):
     """A full block of 70 % of the DOFs fills half of the matrix, one of 50 % a quarter."""
-    n = fields.DENSE_LIMIT + 50
+    n = LINE_SOLVER.dense_dofs + 50
     K = np.eye(n)
     K[: int(share * n), : int(share * n)] += 1.0
     system = AffineSystem.compile(
@@ -111,10 +115,10 @@ def test_natural_frequency_with_retained_dofs_held_is_named(tier):
 @pytest.mark.parametrize("tier", fields.EXACT_TIERS)
 def test_block_size_is_bounded_memory_and_at_least_one_line(tier, monkeypatch):
     solver = LineSolver.choose(AffineSystem.compile(chain(20)), tier)
-    monkeypatch.setattr(fields, "_BLOCK_BYTES", 10**6)
+    override(monkeypatch, LINE_SOLVER, block_bytes=10**6)
     many = solver.block_size(2)
     assert 1 < many <= 10**6 / (16 * 20 * 2)
-    monkeypatch.setattr(fields, "_BLOCK_BYTES", 1)
+    override(monkeypatch, LINE_SOLVER, block_bytes=1)
     assert solver.block_size(2) == 1
 
 

@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 
 import updyn
+from overriding import override
 from reduced_cases import moved, plate, true_error
-from updyn.dynamics import kept_basis
 from updyn.dynamics.affine import AffineSystem
 from updyn.dynamics.kept_basis import KeptBasis, begin_reduction
 from updyn.dynamics.reduction import Reduction
+from updyn.dynamics.settings import REDUCTION
 
 LINES = np.linspace(5.0, 60.0, 80)
 BAND = float(LINES[0]), float(LINES[-1])
@@ -95,7 +96,7 @@ def test_a_large_one_is_not_kept(model, monkeypatch) -> None:
     reduction = reduction_of(model)
     reduction.build(reduction.system.start)
     taken = 8 * model.n_dofs * reduction.basis.size
-    monkeypatch.setattr(kept_basis, "_LARGEST", taken)
+    override(monkeypatch, REDUCTION, kept_bytes=taken)
     assert KeptBasis.of(model, reduction) is not None
-    monkeypatch.setattr(kept_basis, "_LARGEST", taken - 1)
+    override(monkeypatch, REDUCTION, kept_bytes=taken - 1)
     assert KeptBasis.of(model, reduction) is None

@@ -7,8 +7,9 @@ import pytest
 import scipy.sparse as sp
 
 import updyn
+from overriding import override
 from places import DATA
-from updyn.dynamics import eigen
+from updyn.dynamics.settings import EIGEN
 from updyn.elements.beam import BeamSupport, beam
 from updyn.errors import DataError, ModelError, SolverError, UpdynWarning
 
@@ -283,7 +284,7 @@ def test_sparse_and_dense_agree(monkeypatch):
         dense = updyn.modes(model, 10)
         dense_complex = updyn.modes(model, 8, complex=True)
         with monkeypatch.context() as patch:
-            patch.setattr(eigen, "DENSE_LIMIT", 50)
+            override(patch, EIGEN, dense_dofs=50)
             sparse = updyn.modes(model, 10)
             sparse_complex = updyn.modes(model, 8, complex=True)
         assert sparse.frequency == pytest.approx(dense.frequency, rel=1e-8)

@@ -10,20 +10,15 @@ import updyn
 from updyn import sensitivity
 from updyn.dynamics.affine import AffineSystem
 from updyn.dynamics.fields import LineSolver
-from updyn.dynamics.pencil import (
-    LEAST_LINES,
-    LEAST_REAL_LINES,
-    LEAST_REDUCED_LINES,
-    Pencil,
-    saves_time,
-)
+from updyn.dynamics.pencil import Pencil, saves_time
 from updyn.dynamics.reduction import Reduction
+from updyn.dynamics.settings import PENCIL
 from updyn.errors import SolverError
 from updyn.sensitivity import Unknowns
 from updyn.updating.problem.problem import FRFPart, Problem
 from updyn.updating.problem.residuals import LogError
 
-FREQ = np.geomspace(0.5, 60.0, LEAST_LINES)
+FREQ = np.geomspace(0.5, 60.0, PENCIL.least_lines)
 READ, LOADED = np.array([2, 9, 19]), np.array([0, 9])
 
 
@@ -97,7 +92,7 @@ def test_loss_factors_of_several_groups():
 
 @pytest.mark.parametrize("loss", [0.0, 0.03])
 def test_one_loss_factor_needs_real_arithmetic_and_fewer_lines(loss):
-    model, few = chain([loss, loss]), np.linspace(1.0, 9.0, LEAST_REAL_LINES)
+    model, few = chain([loss, loss]), np.linspace(1.0, 9.0, PENCIL.least_real_lines)
     pencil = pencil_of(model, few)
     assert np.isrealobj(pencil.V)
     assert np.isrealobj(pencil.constant) == (loss == 0.0)
@@ -142,7 +137,7 @@ def test_pencil_without_a_full_set_of_eigenvectors(shift):
         {"joint": updyn.Group(joint, loss_factor=loss), "rest": updyn.Group(rest, np.eye(2))},
         ["1:X", "2:X"],
     )
-    near = np.linspace(9.0, 11.0, LEAST_LINES)  # around the double eigenvalue, 10.1 Hz
+    near = np.linspace(9.0, 11.0, PENCIL.least_lines)  # around the double eigenvalue, 10.1 Hz
     agree(model, near, share=1e-10)
 
 
@@ -203,8 +198,8 @@ def test_what_depends_on_the_line_is_solved_line_by_line():
 
 def test_choice_depends_on_lines_and_state():
     system = AffineSystem.compile(chain([0.01, 0.02]))
-    assert saves_time(system, system.start, LEAST_LINES)
-    assert not saves_time(system, system.start, LEAST_LINES - 1)
+    assert saves_time(system, system.start, PENCIL.least_lines, PENCIL.least_lines)
+    assert not saves_time(system, system.start, PENCIL.least_lines - 1, PENCIL.least_lines)
     assert pencil_of(chain([0.01, 0.02]), FREQ[:-1]) is None
     sparse = LineSolver.choose(system, "sparse")
     assert sparse.pencil(system.start, FREQ) is None
@@ -229,7 +224,7 @@ def test_state_that_was_asked_for_last_is_kept():
 @pytest.mark.parametrize("highest", [1.0, 2048.0, 2140.0, 60.0])
 def test_lines_that_are_nearly_as_high_share_a_pencil_whatever_was_asked_before(highest):
     """Stretched by a few per cent as a cause stretches them, across a power of 2 as well."""
-    freq = np.linspace(0.1, 1.0, LEAST_LINES) * highest
+    freq = np.linspace(0.1, 1.0, PENCIL.least_lines) * highest
     stretched = [factor * freq for factor in (0.93, 1.0, 1.07, 0.95, 1.02)]
     solver = solver_of(chain([0.01, 0.05]))
     start = solver.system.start
@@ -288,7 +283,7 @@ def test_derivatives_agree_with_those_of_solves_line_by_line():
 def test_reduced_model():
     reduction = reduction_of_chain()
     solver = reduction.solver()
-    few = FREQ[:LEAST_REDUCED_LINES]  # its error is larger than that of rounding
+    few = FREQ[: PENCIL.least_reduced_lines]  # its error is larger than that of rounding
     for freq in (FREQ, few):
         assert_at_once_as_one_by_one(solver, freq)
     assert solver.pencil(solver.system.start, few[1:]) is None

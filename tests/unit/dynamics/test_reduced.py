@@ -7,13 +7,14 @@ import pytest
 import scipy.sparse as sp
 
 import updyn
+from overriding import override
 from reduced_cases import moved, plate, true_error
 from updyn import sensitivity
-from updyn.dynamics import shifted
 from updyn.dynamics.affine import AffineSystem, State
 from updyn.dynamics.basis import Basis
 from updyn.dynamics.fields import LineSolver
 from updyn.dynamics.reduction import Reduction
+from updyn.dynamics.settings import SHIFTED
 from updyn.errors import OptionError
 from updyn.linalg.solver import check_backend
 from updyn.sensitivity import Unknowns
@@ -197,7 +198,7 @@ def test_in_single_precision_bases_and_their_errors_are_as_in_double(
     system = AffineSystem.compile(plate())
     state, made = softened(system, size), []
     for most in (0, 10**9):
-        monkeypatch.setattr(shifted, "_HUGE", most)
+        override(monkeypatch, SHIFTED, double_dofs=most)
         about = SENSORS, FORCES, (BAND[0], BAND[-1])
         reduction = Reduction(system, *about, check_backend(backend))
         assert reduction.shifted._solver.single is (most == 0)

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 import scipy.linalg
 
+from overriding import override
 from reduced_cases import plate
-from updyn.dynamics import shifted
 from updyn.dynamics.affine import AffineSystem
+from updyn.dynamics.settings import SHIFTED
 from updyn.dynamics.shifted import Shifted
 from updyn.linalg.solver import BACKENDS
 
@@ -29,7 +30,7 @@ def matrices(system: AffineSystem) -> tuple[np.ndarray, np.ndarray]:
 def test_in_single_precision_a_shift_near_an_eigenvalue_is_moved_out_of_the_band(
     monkeypatch: pytest.MonkeyPatch, backend: str, mode: int
 ) -> None:
-    monkeypatch.setattr(shifted, "_HUGE", 0)
+    override(monkeypatch, SHIFTED, double_dofs=0)
     system = AffineSystem.compile(plate())
     K, M = matrices(system)
     eigenvalues = scipy.linalg.eigh(K, M, eigvals_only=True)
@@ -47,7 +48,7 @@ def test_in_single_precision_a_shift_near_an_eigenvalue_is_moved_out_of_the_band
 
 @pytest.mark.parametrize("backend", ABLE)
 def test_a_shift_far_from_eigenvalues_stays(monkeypatch: pytest.MonkeyPatch, backend: str) -> None:
-    monkeypatch.setattr(shifted, "_HUGE", 0)
+    override(monkeypatch, SHIFTED, double_dofs=0)
     system = AffineSystem.compile(plate())
     K, M = matrices(system)
     first, second = scipy.linalg.eigh(K, M, eigvals_only=True)[:2]
@@ -62,8 +63,8 @@ def test_a_shift_far_from_eigenvalues_stays(monkeypatch: pytest.MonkeyPatch, bac
 def test_without_a_shift_that_does_double_precision_takes_over(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(shifted, "_HUGE", 0)
-    monkeypatch.setattr(shifted, "_NUDGES_IN_SINGLE", (0.0,))
+    override(monkeypatch, SHIFTED, double_dofs=0)
+    override(monkeypatch, SHIFTED, moves_in_single=(0.0,))
     system = AffineSystem.compile(plate())
     K, M = matrices(system)
     near = float(scipy.linalg.eigh(K, M, eigvals_only=True)[4]) * (1.0 + 1e-9)

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from updyn import sensitivity
 from updyn.dynamics.affine import AffineSystem, State
 from updyn.dynamics.fields import FieldSolver, LineSolver, split_into_blocks
-from updyn.dynamics.pencil import LEAST_LINES, LEAST_REDUCED_LINES, saves_time
+from updyn.dynamics.pencil import saves_time
+from updyn.dynamics.settings import PENCIL
 from updyn.frf import FRF, QUANTITIES
 from updyn.model import Model
 from updyn.sensitivity import Unknowns
@@ -196,7 +197,7 @@ class FRFPart:
     def _shares_decomposition(self) -> bool:
         """Whether one eigendecomposition of a dense model serves all lines."""
         system = self.solver.system
-        least = LEAST_REDUCED_LINES if self.solver.tier == "reduced" else LEAST_LINES
+        least = PENCIL.least_reduced_lines if self.solver.tier == "reduced" else PENCIL.least_lines
         return saves_time(system, system.start, len(self.frf.freq), least)
 
     @property

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 import updyn
-from updyn.dynamics import fields
+from overriding import override
+from updyn.dynamics.settings import LINE_SOLVER
 from updyn.errors import DofError, OptionError
 from updyn.frf import FRF
 from updyn.updating.problem.coordinates import Coordinates
@@ -81,7 +82,7 @@ def test_blocks_of_lines_change_nothing(chain12, unknowns, monkeypatch):
     problem, x = FRFPart.build(chain12, data, unknowns), np.array([0.2, 0.05, -0.1, 0.02])
     whole = list(problem.blocks(x))
     assert len(whole) == 1
-    monkeypatch.setattr(fields, "_BLOCK_BYTES", 16 * 12 * 12 * 4)
+    override(monkeypatch, LINE_SOLVER, block_bytes=16 * 12 * 12 * 4)
     parts = list(problem.blocks(x))
     assert len(parts) > 2
     assert np.concatenate([p.H for p in parts]) == pytest.approx(whole[0].H, rel=1e-13)

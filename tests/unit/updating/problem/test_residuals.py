@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import updyn
-from updyn.dynamics import fields
+from overriding import override
+from updyn.dynamics.settings import LINE_SOLVER
 from updyn.errors import DataError
 from updyn.updating.problem.local import reduce_blocks
 from updyn.updating.problem.problem import FRFPart, Problem
@@ -100,7 +101,7 @@ def test_zero_at_the_truth(problem, residual):
 def test_blocks_of_lines_change_nothing(problem, residual, monkeypatch):
     x = np.array([0.1, 0.06, -0.2, 0.15])
     whole = residual.local(Problem.of([problem]), x)
-    monkeypatch.setattr(fields, "_BLOCK_BYTES", 16 * 12 * 12 * 5)
+    override(monkeypatch, LINE_SOLVER, block_bytes=16 * 12 * 12 * 5)
     parts = residual.local(Problem.of([problem]), x)
     assert parts.cost == pytest.approx(whole.cost, rel=1e-12)
     assert parts.gradient == pytest.approx(whole.gradient, rel=1e-9)
@@ -284,7 +285,7 @@ def test_weighted_log_error_by_its_definition_and_central_differences(problem, m
         assert J[i] == pytest.approx(expected, rel=1e-5, abs=1e-7)
     expected = 0.5 * np.sum(np.abs(by_hand(x)) ** 2)
     assert error.local(Problem.of([part]), x).cost == pytest.approx(expected, rel=1e-10)
-    monkeypatch.setattr(fields, "_BLOCK_BYTES", 16 * 12 * 12 * 5)
+    override(monkeypatch, LINE_SOLVER, block_bytes=16 * 12 * 12 * 5)
     assert error.local(Problem.of([part]), x).cost == pytest.approx(expected, rel=1e-10)
 
 

@@ -1,0 +1,253 @@
+"""Numbers that decide how responses, modes and reduced models are computed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class AffineSettings:
+    """Storage of the matrices of a compiled model; only time and memory depend on it."""
+
+    #: [DOFs] Largest group whose matrix is stored dense, if more than a tenth of it is filled. Why:
+    #: a sparse product saves time only for large, mostly empty matrices.
+    dense_group_dofs: int = 400
+    #: [entries] Matrix entries times lines that are added in one step. Why: they fit into the
+    #: processor's cache.
+    cached_entries: int = 8192
+    #: [entries] Largest number of entries of all terms that are stored by columns, too. Why: sums
+    #: then take a third of the time, for 12 bytes an entry.
+    combined_entries: int = 2**21
+    #: [entries] Largest number of entries whose places are found by sorted numbers. Why: for so
+    #: few, sparse arrays take longer.
+    sorted_entries: int = 2**14
+
+
+@dataclass(frozen=True)
+class BasisSettings:
+    """Independence of basis vectors."""
+
+    #: [1] Share of the largest squared size from which a direction is independent; smaller ones are
+    #: omitted. Why: a Gram matrix has squared sizes, whose rounding is some 1e3 times eps.
+    independent_share: float = 1e-10
+    #: [1] Norm of an orthogonalised unit column from which it is a new direction, and permitted
+    #: error of the solutions that span a basis. Why: a larger error of a solution would appear as a
+    #: direction.
+    new_norm: float = 1e-9
+    #: [rows] Rows of a basis that are multiplied in one step. Why: a copy of all rows would take
+    #: too much memory.
+    rows_per_step: int = 2**16
+
+
+@dataclass(frozen=True)
+class CertificateSettings:
+    """Factors of the stated error of a reduced model."""
+
+    #: [1] Factor on the difference to the larger basis; larger values state larger errors. Why:
+    #: chosen so that stated errors are above the true ones (benchmarks/error.py).
+    difference_factor: float = 2.0
+    #: [1] Factor on the error of the larger basis by its residuals. Why: it has to cover other
+    #: lines and natural frequencies, where Z is not close to P (benchmarks/error.py).
+    residual_factor: float = 16.0
+    #: [eps] Factor on the errors by rounding of the matrix entries. Why: about the two roundings of
+    #: an entry, of its computation and of the sum.
+    entry_rounding: float = 2.0
+    #: [eps] Factor on the errors by rounding in dense factorisations. Why: a rounding is half a
+    #: unit in the last place.
+    factor_rounding: float = 0.5
+    #: [lines] Lines at which the error of the larger basis is computed: the worst of as many parts
+    #: of the band. Why: each costs a solution of the full model for each reference.
+    residual_lines: int = 4
+
+
+@dataclass(frozen=True)
+class EigenSettings:
+    """Eigensolvers."""
+
+    #: [DOFs] Largest model for dense eigensolvers; half as many with viscous damping, which doubles
+    #: the matrices. Why: beyond it, sparse solvers take less time.
+    dense_dofs: int = 800
+    #: [1] Shift of the second dense pass, as a share of the highest wanted eigenvalue. Why: the
+    #: error of an eigenvalue is least if the shift is near it, and low modes count more.
+    dense_shift: float = 0.01
+    #: [1] Shift of the second sparse pass, as a share of the highest wanted eigenvalue. Why:
+    #: Lanczos iterations converge faster for a shift near the wanted eigenvalues.
+    sparse_shift: float = 0.1
+    #: [1] First shift, as a share of the largest diagonal ratio K/M. Why: K + s M is then
+    #: well-conditioned.
+    first_shift: float = 1e-6
+    #: [modes] Modes that are computed in addition to the wanted ones. Why: they show the gap after
+    #: the last wanted mode.
+    additional_modes: int = 2
+    #: [1] Share of the largest eigenvalue below which one is zero. Why: rounding; eps times several
+    #: hundred DOFs is below 1e-12.
+    zero_share: float = 1e-12
+
+
+@dataclass(frozen=True)
+class LineSolverSettings:
+    """Choice between dense and sparse solution of the full model."""
+
+    #: [DOFs] Largest model that is solved dense. Why: many lines in one call save the overhead of
+    #: sparse factorisations (benchmarks/tiers.py).
+    dense_dofs: int = 150
+    #: [1] Fill of the matrix from which larger models are solved dense, too. Why: a sparse
+    #: factorisation then saves little (PARDISO) or takes longer (SuperLU).
+    dense_fill: float = 0.3
+    #: [DOFs] Largest filled model that is solved dense. Why: memory of a dense matrix, and time
+    #: that grows with the third power.
+    filled_dofs: int = 2000
+    #: [bytes] Memory of a block of lines; larger blocks are distributed less evenly. Why: chosen to
+    #: be small compared with the memory of a worker.
+    block_bytes: int = 64 * 2**20
+
+
+@dataclass(frozen=True)
+class StaticCondensationSettings:
+    """Static condensation."""
+
+    #: [1] Largest permitted backward error of the static solution. Why: far above rounding (1e-16)
+    #: and far below that of a singular matrix (about 1).
+    backward_error: float = 1e-6
+
+
+@dataclass(frozen=True)
+class PencilSettings:
+    """Eigendecomposition of a state in place of factorisations at each line."""
+
+    #: [lines] Smallest number of lines of the full model for an eigendecomposition. Why: it saves
+    #: time from 40 lines for 100 equations; for fewer lines, accuracy has priority.
+    least_lines: int = 64
+    #: [lines] Smallest number of lines of a reduced model for an eigendecomposition. Why: it saves
+    #: time from 40 lines for 100 equations.
+    least_reduced_lines: int = 40
+    #: [lines] Smallest number of lines if the decomposition is real. Why: it takes as long as 4 to
+    #: 8 factorisations.
+    least_real_lines: int = 16
+    #: [1] Reciprocal condition of the eigenvectors below which they count as dependent. Why: half
+    #: the digits of double precision are lost.
+    least_condition: float = 1e-8
+    #: [1] Largest accepted backward error of a line. Why: rounding of some thousand operations.
+    backward_error: float = 1e-12
+    #: [1] Growth of the probe load, as a share of the limit of singularity, above which a line is
+    #: factorised. Why: the factorisation identifies the singularity; the margin of 1e4 keeps the
+    #: decision away from rounding.
+    doubtful_growth: float = 1e-4
+
+
+@dataclass(frozen=True)
+class ReductionSettings:
+    """Construction, enrichment and size of reduced models."""
+
+    #: [1] Default permitted error of a receptance, relative to the largest of its line. Why: far
+    #: below the errors of measurements, 1e-3 at best.
+    accuracy: float = 1e-5
+    #: [1] Factor on errors by residuals during enrichment. Why: Z differs from P near natural
+    #: frequencies; the certificate checks the result.
+    error_factor: float = 4.0
+    #: [1] Share of the largest missing direction from which one is added to the larger basis. Why:
+    #: smaller ones change an error estimate by 0.1 % or less.
+    compared_share: float = 1e-3
+    #: [shifts] Shifts of a new basis. Why: both ends and the middle of the band.
+    first_shifts: int = 3
+    #: [shifts] Largest number of shifts, if modes are missed between them. Why: a limit of effort.
+    most_shifts: int = 32
+    #: [vectors] Basis vectors of a shift that needs no more moments. Why: chosen; few loads need
+    #: moments to find the modes of the band.
+    vectors_per_shift: int = 32
+    #: [moments] Largest number of moments at a shift. Why: further ones converge to the same modes.
+    most_moments: int = 8
+    #: [1] Shift of a basis around the start, in squares of the highest frequency. Why: inside the
+    #: band, in its lower half, where most fitted modes are.
+    search_shift: float = 0.3
+    #: [1] Shifts of further states in turn, in squares of the highest frequency. Why: spread over
+    #: the band.
+    further_shifts: tuple[float, ...] = (0.2, 0.5, 0.8)
+    #: [loads] Largest number of loads at the references at a state; more are combined. Why: a limit
+    #: of effort (Gallivan, Vandendorpe & Van Dooren, 2004).
+    most_references: int = 4
+    #: [loads] Random combinations of the sensors at a state. Why: each state has others, so few
+    #: suffice (Gallivan, Vandendorpe & Van Dooren, 2004).
+    sensor_combinations: int = 2
+    #: [lines] Largest number of lines of a state whose fields are used for compression. Why: other
+    #: states use other lines.
+    lines_per_state: int = 12
+    #: [lines] Largest number of such lines of all states. Why: a limit of effort.
+    lines_of_states: int = 250
+    #: [1] Share of the permitted error below which a direction is not added. Why: twenty such
+    #: directions together reach the permitted error.
+    negligible_share: float = 0.05
+    #: [lines] Lines that are checked in a pass. Why: each costs a solution of the full model.
+    lines_per_pass: int = 12
+    #: [lines] Largest number of lines that are checked together. Why: directions that several lines
+    #: miss are added once; more lines need more memory.
+    lines_together: int = 4
+    #: [bytes] Largest size of the residuals of lines checked together. Why: a limit of memory.
+    together_bytes: int = 2**28
+    #: [parts] Parts of the band with a line each in a pass with the factors of another state. Why:
+    #: such a pass is cheap and is repeated at other lines.
+    nearby_parts: int = 4
+    #: [1] Share of the permitted error to which a basis is enriched. Why: lines without a residual
+    #: may be worse than lines with one.
+    enriched_share: float = 0.2
+    #: [passes] Largest number of passes of an enrichment. Why: a limit of effort; the certificate
+    #: states the error that is reached.
+    most_passes: int = 24
+    #: [bytes] Memory of a block of lines of a reduced model. Why: enough lines for matrix products.
+    block_bytes: int = 192 * 2**20
+    #: [lines] Largest number of lines in such a block. Why: few enough to distribute them and to
+    #: stop between blocks.
+    block_lines: int = 32
+    #: [bytes] Largest basis that is kept after an update. Why: 150,000 DOFs and 334 vectors take
+    #: 0.4e9.
+    kept_bytes: int = 2**30
+
+
+@dataclass(frozen=True)
+class ResonanceLineSettings:
+    """Lines that resolve resonances."""
+
+    #: [lines] Lines for each resonance, an even number, so that none is the natural frequency
+    #: itself. Why: the nearest two reach 0.995 of the peak.
+    lines_per_resonance: int = 16
+    #: [lines] Smallest number of lines for a resonance; the highest modes are omitted before. Why:
+    #: fewer do not show its shape.
+    least_lines: int = 4
+    #: [1] Loss factor of an undamped resonance, for the width of its lines. Why: below the damping
+    #: of real structures.
+    least_loss: float = 1e-4
+    #: [modes] Modes of the first computation, doubled until they cover the band. Why: chosen; only
+    #: the time depends on it.
+    first_modes: int = 20
+
+
+@dataclass(frozen=True)
+class ShiftedSettings:
+    """Factorisations of K - s M."""
+
+    #: [1] Largest relative difference of masses and stiffnesses of two states that share factors.
+    #: Why: P of one is then at most 1.1 times that of the other.
+    close_share: float = 0.1
+    #: [1] Permitted error, in single precision, of solutions that measure errors. Why: an error
+    #: needs few digits.
+    measuring_error: float = 1e-5
+    #: [DOFs] Largest model that is factorised in double precision. Why: beyond it, memory may be
+    #: too small; refinement takes as long as single precision saves.
+    double_dofs: int = 400_000
+    #: [1] Moves of a shift that is a natural frequency, in squares of the highest frequency. Why:
+    #: each is ten times as large, to reach a regular matrix.
+    moves: tuple[float, ...] = (0.0, 1e-4, 1e-3)
+    #: [1] The same in single precision. Why: it is less accurate near a natural frequency.
+    moves_in_single: tuple[float, ...] = (0.0, 3e-3, 1e-2)
+
+
+AFFINE = AffineSettings()
+BASIS = BasisSettings()
+CERTIFICATE = CertificateSettings()
+EIGEN = EigenSettings()
+LINE_SOLVER = LineSolverSettings()
+STATIC_CONDENSATION = StaticCondensationSettings()
+PENCIL = PencilSettings()
+REDUCTION = ReductionSettings()
+RESONANCE_LINES = ResonanceLineSettings()
+SHIFTED = ShiftedSettings()
