@@ -8,12 +8,9 @@ import numpy as np
 
 from updyn.correlation import auto_mac
 from updyn.modal.mode_set import ModeSet
+from updyn.modal.settings import PHYSICAL_MODE
 
 __all__ = ["AlikePair", "find_alike_pairs"]
-
-#: MAC from which two shapes are commonly considered equal (R. J. Allemang, Sound and Vibration 37
-#: (8) (2003) 14-21).
-_SAME_SHAPE = 0.9
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +32,7 @@ def find_alike_pairs(modes: ModeSet) -> list[AlikePair]:
     mac, frequency = auto_mac(modes.shapes), modes.frequency
     width = frequency * modes.loss_factor
     found = []
-    for i, j in np.argwhere(np.triu(mac >= _SAME_SHAPE, 1)).tolist():
+    for i, j in np.argwhere(np.triu(mac >= PHYSICAL_MODE.alike_mac, 1)).tolist():
         overlap = bool(frequency[j] - frequency[i] < width[i] + width[j])
         found.append(AlikePair(float(frequency[i]), float(frequency[j]), float(mac[i, j]), overlap))
     return sorted(found, key=lambda pair: (not pair.overlap, -pair.mac))

@@ -15,16 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.modal.refine import Errors, LineWindow, Weights, WindowFit, fit_residues
+from updyn.modal.settings import CHANNEL_FIT, POLE_REFINEMENT
 
 __all__ = ["Backbone", "Level", "fit_backbone", "motion", "predict_gain"]
 
 _Complex = NDArray[np.complex128]
 _Real = NDArray[np.float64]
-
-#: Largest number of Gauss-Newton steps; the iteration ends with an expected decrease of the cost
-#: below `_GAIN`, as in `refine`.
-_STEPS, _GAIN = 30, 1e-3
-_TINY = 1e-300
 
 
 def motion(x: _Complex, pole: complex, shift: complex, width: float) -> _Real:
@@ -42,11 +38,11 @@ def motion(x: _Complex, pole: complex, shift: complex, width: float) -> _Real:
     root = np.sqrt(np.maximum(half**2 + third**3, 0.0))
     single = -np.copysign(np.cbrt(np.abs(half) + root), half)
     size = np.sqrt(np.maximum(-third, 0.0))
-    cosine = np.clip(-half / np.maximum(size**3, _TINY), -1.0, 1.0)
+    cosine = np.clip(-half / np.maximum(size**3, CHANNEL_FIT.smallest_divisor), -1.0, 1.0)
     several = 2.0 * size * np.cos(np.arccos(cosine) / 3.0)
     one = half**2 + third**3 >= 0.0
     t = np.where(one, single - third / np.where(single == 0.0, 1.0, single), several)
-    return np.asarray(1.0 / np.maximum(square / 3.0 + t, _TINY))
+    return np.asarray(1.0 / np.maximum(square / 3.0 + t, CHANNEL_FIT.smallest_divisor))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -112,7 +108,7 @@ class Level:
     def of(cls, residues: _Complex, runs: NDArray[np.intp]) -> Level:
         """Return the level for forces of equal amplitude, from residues of all channels."""
         squares = np.bincount(runs, np.abs(residues) ** 2)
-        return cls(runs, squares / max(float(squares.max()), _TINY))
+        return cls(runs, squares / max(float(squares.max()), CHANNEL_FIT.smallest_divisor))
 
     def join(self, by_run: list[NDArray[Any]]) -> NDArray[Any]:
         """Return the values of all channels, shape (p, ...), from those of each run."""
@@ -201,9 +197,9 @@ def fit_backbone(
 ) -> Backbone:
     """Fit a window by one mode with an amplitude-dependent pole, from initial pole and shift."""
     current, damping = _fit_at(window, pole, shift, weights, level), 0.0
-    for _ in range(_STEPS):
+    for _ in range(POLE_REFINEMENT.most_steps):
         step, expected_decrease = _compute_step(current, damping)
-        if expected_decrease < _GAIN * min(1.0, current.cost):
+        if expected_decrease < POLE_REFINEMENT.settled_decrease * min(1.0, current.cost):
             break
         width = float(window.width(np.array([current.pole]))[0])
         step *= width / max(1.0, float(np.max(np.abs(step))))

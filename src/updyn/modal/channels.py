@@ -13,15 +13,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from updyn.modal.settings import CHANNEL_FIT
+
 __all__ = ["Columns"]
 
 _Real = NDArray[np.float64]
-
-_TINY = 1e-300
-#: The coefficient of a column is 0 if less than this share is linearly independent of the others.
-_SPANNED = 1e-14
-#: Largest number of elements of column products in memory at once.
-_BLOCK = 2_000_000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,13 +50,13 @@ class Columns:
 
         `deviation` are standard deviations, shape (p, n) or, common to all channels, (1, n).
         """
-        size = np.linalg.norm(A, axis=0) + _TINY
+        size = np.linalg.norm(A, axis=0) + CHANNEL_FIT.smallest_divisor
         logs = np.log(deviation)
         common_weights = np.exp(-np.mean(logs, axis=0))
         scaled = (A / size) * common_weights[:, None]
         Q, R = np.linalg.qr(scaled)
         diagonal = np.abs(np.diagonal(R))
-        is_independent = diagonal > _SPANNED * diagonal.max(initial=0.0)
+        is_independent = diagonal > CHANNEL_FIT.independent_share * diagonal.max(initial=0.0)
         if not is_independent.all():  # the others span it
             Q, R = np.linalg.qr(scaled[:, is_independent])
         to_coefficients = np.zeros((A.shape[1], Q.shape[1]), dtype=Q.dtype)
@@ -129,7 +125,7 @@ class Columns:
         if self.channel_weights is None:
             return np.asarray(np.sum(np.abs(self.Q) ** 2, axis=1)[None])
         assert self.gram is not None
-        together = max(1, _BLOCK // self.Q.size)
+        together = max(1, CHANNEL_FIT.block_elements // self.Q.size)
         parts = []
         for start in range(0, len(self.channel_weights), together):
             solved = np.linalg.solve(self.gram[start : start + together], self.Q.conj().T)
@@ -151,7 +147,7 @@ def _products(channel_weights: _Real, left: NDArray[Any], right: NDArray[Any]) -
         first, second = np.triu_indices(i)
     dtype = np.result_type(left, right)
     out = np.zeros((len(channel_weights), len(first)), dtype=dtype)
-    rows = max(1, _BLOCK // max(1, len(first)))
+    rows = max(1, CHANNEL_FIT.block_elements // max(1, len(first)))
     for start in range(0, n, rows):
         part = slice(start, start + rows)
         pairs = np.ascontiguousarray(left[part][:, first].conj() * right[part][:, second])

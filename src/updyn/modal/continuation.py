@@ -8,17 +8,10 @@ import numpy as np
 
 from updyn.errors import DataError
 from updyn.frf import FRF, QUANTITIES
+from updyn.modal.settings import DECAY_REMOVAL, VECTOR_FITTING
 from updyn.modal.vector_fitting import RationalBasis, fit_by_cross_validation
 
 __all__ = ["remove_decay"]
-
-#: Number and loss factor of the initial poles; largest number of poles, and lines for each.
-_FIRST, _LOSS = 4, 0.01
-_POLES, _LINES = 40, 4
-#: Smallest number of lines, for a pole in each half of them.
-_FEWEST = 2 * _LINES
-#: Channels below this share of the loudest may be noise and have less weight in the fit.
-_FAINT = 0.1
 
 
 def remove_decay(frf: FRF) -> FRF:
@@ -35,9 +28,10 @@ def remove_decay(frf: FRF) -> FRF:
     if not frf.values[moving].any():
         return replace(frf, decay=0.0)
     omega = 2.0 * np.pi * frf.freq[moving]
-    if len(omega) < _FEWEST:
+    least = 2 * DECAY_REMOVAL.lines_per_pole  # a pole in each half of the lines
+    if len(omega) < least:
         raise DataError(
-            f"the damping of an exponential window is taken out of at least {_FEWEST} lines above 0"
+            f"the damping of an exponential window is taken out of at least {least} lines above 0"
             f" Hz, found {len(omega)}; widen the band, or leave the damping in (remove_damping ="
             " False)",
             key=("band",),
@@ -50,10 +44,10 @@ def remove_decay(frf: FRF) -> FRF:
     factor = ((1j * omega + frf.decay) ** power)[:, None]
     flat = frf.values[moving].reshape(len(omega), -1) * factor
     size = np.sqrt(np.mean(np.abs(flat) ** 2, axis=0))
-    size = np.maximum(size, _FAINT * size.max())
-    most = max(1, min(_POLES, len(omega) // _LINES))
-    at = np.linspace(omega[0] / unit, 1.0, min(_FIRST, most) + 2)[1:-1]
-    begin = (at**2 * (1.0 + 1j * _LOSS)).astype(np.complex128)
+    size = np.maximum(size, DECAY_REMOVAL.least_level * size.max())
+    most = max(1, min(DECAY_REMOVAL.most_poles, len(omega) // DECAY_REMOVAL.lines_per_pole))
+    at = np.linspace(omega[0] / unit, 1.0, min(VECTOR_FITTING.first_poles, most) + 2)[1:-1]
+    begin = (at**2 * (1.0 + 1j * VECTOR_FITTING.new_loss_factor)).astype(np.complex128)
     fitted, _ = fit_by_cross_validation(
         RationalBasis(2, mirrored=False), with_decay, flat / size, begin, most
     )

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from updyn.modal.measured import Measured
 from updyn.modal.refine import Errors, LineWindow, Weights, WindowFit, fit_with_unknown_noise
 from updyn.modal.search import Visibility
+from updyn.modal.settings import CHANNEL_FIT, POLE_BUNDLE, POLE_REFINEMENT
 
 __all__ = [
     "Mode",
@@ -25,13 +26,6 @@ __all__ = [
 
 _Complex = NDArray[np.complex128]
 _Real = NDArray[np.float64]
-
-#: Poles within this multiple of the sum of their widths may be one mode.
-_CLOSE = 1.5
-#: Largest ratio of the widths of poles that may be one mode.
-_DAMPED = 4.0
-#: Smallest width of a pole as a share of its size; the width of an undamped pole is zero.
-_UNDAMPED = 1e-6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -108,14 +102,16 @@ def bundle_poles(measured: Measured, fits: Sequence[WeightedFit]) -> list[list[t
     added = np.array([fits[k].added[r] >= 0 for k, r in at], dtype=np.bool_)
     mirrored = measured.axis.mirrored
     along = poles.imag if mirrored else poles.real
-    width = np.maximum(np.abs(poles.real if mirrored else poles.imag), _UNDAMPED * np.abs(poles))
+    least_width = POLE_REFINEMENT.least_width_share * np.abs(poles)
+    width = np.maximum(np.abs(poles.real if mirrored else poles.imag), least_width)
     order = np.argsort(along, kind="stable")
     bundles: list[list[int]] = []
     for r in order[~added[order]].tolist():
         for bundle in reversed(bundles):
             last = bundle[-1]
             ratio = max(width[r], width[last]) / min(width[r], width[last])
-            if along[r] - along[last] < _CLOSE * (width[r] + width[last]) and ratio < _DAMPED:
+            reach = POLE_BUNDLE.largest_distance * (width[r] + width[last])
+            if along[r] - along[last] < reach and ratio < POLE_BUNDLE.largest_width_ratio:
                 bundle.append(r)
                 break
         else:
@@ -186,7 +182,7 @@ def make_mode(
     weight = 1.0 / (fit.weights.channel * fit.weights.line) ** 2
     weight = np.broadcast_to(weight, squared_error.shape)
     quality = 1.0 - np.sum((squared_error * weight)[:, at]) / max(
-        np.sum((without * weight)[:, at]), 1e-300
+        np.sum((without * weight)[:, at]), CHANNEL_FIT.smallest_divisor
     )
     worths = np.sum((without - squared_error) * weight, axis=1)
     shows = Visibility.of(window, pole, residues, at, worths)

@@ -26,7 +26,8 @@ from updyn.modal.mode_set import ModeSet
 from updyn.modal.picks import add_picks, check_picks, start_pole_at
 from updyn.modal.refine import Errors, LineWindow
 from updyn.modal.runs import extract_modes, is_split_off
-from updyn.modal.search import LEAST, Visibility
+from updyn.modal.search import Visibility
+from updyn.modal.settings import MODE_WINDOW, NOISE_FREE_DATA, PHYSICAL_MODE, VECTOR_FITTING
 from updyn.modal.settle import collect_poles, fit_all_windows
 from updyn.modal.sides import Sides
 from updyn.modal.stabilisation import Diagram, find_stable_poles
@@ -40,25 +41,6 @@ _Complex = NDArray[np.complex128]
 _Real = NDArray[np.float64]
 
 DAMPING = ("structural", "viscous")
-
-#: The residue of a mode has at most two shapes: its third singular value is below this share of the
-#: first.
-_SHAPES = 0.3
-#: Largest share of a second shape in a mode that is visible in single channels only.
-_LOCAL = 0.1
-#: Smallest number of lines for each mode of data without noise.
-_LINES_A_MODE = 4
-#: Lines for each pole in the test for noise.
-_LINES_A_POLE = 8
-#: For data without noise: largest unexplained share of modes, and of an exact fit; number of
-#: additional poles outside the band, and of combinations of the functions.
-_NEARLY, _EXACT, _OUTSIDE, _STRONGEST = 1e-4, 1e-18, 16, 12
-#: Up to this number of lines, data are first treated as free of noise, with this number of initial
-#: poles of this loss factor.
-_RATIONAL, _FIRST, _LOSS = 160, 4, 0.01
-#: The selected exact fit is that of the fewest poles with a cost at most this factor above the
-#: smallest.
-_AS_GOOD = 1e3
 
 
 @use_one_thread
@@ -132,7 +114,7 @@ def identify_with_picks(
     picks = check_picks(poles)
     frf = remove_decay(frf.select(band=band))
     measured = Measured.of(frf, mirrored=damping == "viscous")
-    if len(measured.x) <= _RATIONAL:
+    if len(measured.x) <= NOISE_FREE_DATA.most_lines:
         modes = _identify_noise_free(measured)
         if modes:
             if picks:
@@ -156,10 +138,11 @@ def _refine_exact_modes(measured: Measured, modes: list[Mode]) -> list[Mode]:
     Only the polynomial for modes outside the window limits the accuracy of such data; vector
     fitting from the known poles also finds poles outside the band.
     """
-    if not modes or min(mode.quality for mode in modes) < 1.0 - _NEARLY:
+    if not modes or min(mode.quality for mode in modes) < 1.0 - NOISE_FREE_DATA.unexplained_share:
         return modes
     begin = np.array([mode.pole for mode in modes])
-    most = min(len(begin) + _OUTSIDE, len(measured.x) // _LINES_A_MODE)
+    most = len(measured.x) // MODE_WINDOW.lines_per_mode
+    most = min(len(begin) + NOISE_FREE_DATA.outside_poles, most)
     whole = _fit_exactly(measured, begin, most) if len(begin) <= most else None
     if whole is None:
         return modes
@@ -188,9 +171,10 @@ def _identify_noise_free(measured: Measured) -> list[Mode]:
 
     Few lines may be too far apart for a search part by part, but determine all poles together.
     """
-    axis, most = measured.axis, len(measured.x) // _LINES_A_MODE
-    f = np.linspace(measured.freq[0], measured.freq[-1], min(_FIRST, most) + 2)[1:-1]
-    whole = _fit_exactly(measured, axis.pole(f, _LOSS), most)
+    axis, most = measured.axis, len(measured.x) // MODE_WINDOW.lines_per_mode
+    first = min(VECTOR_FITTING.first_poles, most)
+    f = np.linspace(measured.freq[0], measured.freq[-1], first + 2)[1:-1]
+    whole = _fit_exactly(measured, axis.pole(f, VECTOR_FITTING.new_loss_factor), most)
     if whole is None:
         return []
     Y = measured.cube.reshape(len(measured.x), -1).T
@@ -211,11 +195,12 @@ def _fit_exactly(measured: Measured, begin: _Complex, most: int) -> RationalFit 
     Most noisy data are excluded by a subset of the lines, at lower cost.
     """
     Y = measured.cube.reshape(len(measured.x), -1)
-    strongest = np.linalg.svd(Y, full_matrices=False)[2][:_STRONGEST].conj().T
-    few = np.asarray(Y @ strongest)
+    combinations = np.linalg.svd(Y, full_matrices=False)[2].conj().T
+    few = np.asarray(Y @ combinations[:, : NOISE_FREE_DATA.strongest_functions])
     basis = RationalBasis(2, measured.axis.mirrored)
     poles: _Complex | None = None
-    for step in sorted({max(1, len(few) // (_LINES_A_POLE * most)), 1}, reverse=True):
+    coarse = max(1, len(few) // (NOISE_FREE_DATA.test_lines_per_pole * most))
+    for step in sorted({coarse, 1}, reverse=True):
         poles = _find_exact_poles(basis, measured.x[::step], few[::step], begin, most)
         if poles is None:
             return None
@@ -229,10 +214,11 @@ def _find_exact_poles(
     """Return the poles of an exact fit; None without one."""
     fits = list(fit_increasing_orders(basis, x, few, begin, most))
     least = min(fitted.cost for fitted in fits)
-    if least > _EXACT * float(np.sum(np.abs(few) ** 2)):
+    if least > NOISE_FREE_DATA.exact_squares * float(np.sum(np.abs(few) ** 2)):
         return None
     # Further poles only fit rounding errors.
-    return next(fitted for fitted in fits if fitted.cost <= _AS_GOOD * least).poles
+    largest = NOISE_FREE_DATA.cost_margin * least
+    return next(fitted for fitted in fits if fitted.cost <= largest).poles
 
 
 def _make_mode_set(
@@ -319,8 +305,9 @@ def _is_physical(measured: Measured, mode: Mode) -> bool:
     """Return whether a mode is physical, not an artefact of real data."""
     sizes = np.linalg.svd(mode.residues.reshape(measured.level.shape), compute_uv=False)
     if mode.visibility.everywhere:
-        shaped = len(sizes) < 3 or sizes[2] < _SHAPES * sizes[0]
+        shaped = len(sizes) < 3 or sizes[2] < PHYSICAL_MODE.further_shape_share * sizes[0]
     else:  # a mode of a light part, with a single shape
-        shaped = mode.visibility.somewhere and (len(sizes) < 2 or sizes[1] < _LOCAL * sizes[0])
-    explains = not mode.visibility.cancelled and mode.quality >= LEAST
+        single = len(sizes) < 2 or sizes[1] < PHYSICAL_MODE.local_shape_share * sizes[0]
+        shaped = mode.visibility.somewhere and single
+    explains = not mode.visibility.cancelled and mode.quality >= PHYSICAL_MODE.least_explained_share
     return bool(explains and shaped and mode.everywhere)

@@ -19,7 +19,6 @@ from updyn.modal.envelope import Envelope
 from updyn.modal.fits import Mode, WeightedFit, make_mode, take_means
 from updyn.modal.measured import Measured
 from updyn.modal.refine import (
-    ROUGH,
     ChannelNoise,
     LineWindow,
     Weights,
@@ -28,6 +27,7 @@ from updyn.modal.refine import (
     fit_poles,
     fit_residues,
 )
+from updyn.modal.settings import LEANING_PEAK, POLE_REFINEMENT, UNEXPLAINED_PEAK
 from updyn.modal.settle import estimate_envelope
 
 __all__ = ["Bundle", "Leaning", "PolesByRun", "find_leaning"]
@@ -35,12 +35,6 @@ __all__ = ["Bundle", "Leaning", "PolesByRun", "find_leaning"]
 _Complex = NDArray[np.complex128]
 _Real = NDArray[np.float64]
 
-#: Rounds, each with the leaning peaks and the noise of the previous one.
-_ROUNDS = 2
-#: Largest number of poles into which a linear fit splits one leaning peak.
-_MOST = 3
-#: Probability that noise makes any peak of the band lean, as in `unexplained`.
-_ALPHA = 0.01
 #: Largest shift in widths: above 8 / (3 sqrt 3) the motion is not unique (A. H. Nayfeh & D. T.
 #: Mook, Nonlinear Oscillations, 1979, section 4.1), and the nonlinearity is not weak.
 _LARGEST = 8.0 / (3.0 * np.sqrt(3.0))
@@ -118,7 +112,7 @@ def find_leaning(
     Forces at all references are assumed to have the same amplitude.
     """
     found: list[Leaning] = []
-    for _ in range(_ROUNDS):
+    for _ in range(LEANING_PEAK.iterations):
         envelope = _estimate_envelope(measured, fits, found)
         found = [
             peak
@@ -178,7 +172,8 @@ def _find_in_bundle(
 
     yield from filter(None, (compare(claim.members, claim) for claim in bundle.claims))
     taken: set[tuple[int, int]] = set()
-    for length in range(min(_MOST, len(bundle.members)), 0, -1):  # the fewest modes first
+    most = min(LEANING_PEAK.most_poles, len(bundle.members))
+    for length in range(most, 0, -1):  # the fewest modes first
         tried = [compare(members, None) for members in bundle.rows(length, taken)]
         for peak in sorted(filter(None, tried), key=lambda peak: -peak.gain):
             if not peak.members & taken:
@@ -223,14 +218,16 @@ def _compare(
     inflation = 2.0 * float(np.mean(window.inflation(common.poles, weights)[part]))
     # Noise estimated from n - m lines increases deviances by n / (n - m).
     few = n_f / max(n_f - common.columns.Q.shape[1], 1)
-    alarm = -np.log(_ALPHA / count)  # for two squares of unit variance
+    alarm = -np.log(UNEXPLAINED_PEAK.false_alarm / count)  # for two squares of unit variance
     one_more = inflation * max(np.log(2 * p * n_f), few * alarm)
     more = len(part) - 1
     least = one_more - more * inflation * (np.log(2 * p * n_f) + p * np.log(2 * n_f))
     alone = replace(
         window, fixed_poles=np.concatenate([window.fixed_poles, np.delete(common.poles, part)])
     )
-    one = fit_poles(alone, take_means(fit, part, 1), weights, ROUGH) if more else common
+    one, rough = common, POLE_REFINEMENT.rough_decrease
+    if more:
+        one = fit_poles(alone, take_means(fit, part, 1), weights, rough)
     at = 0 if more else part[0]
     pole, level = complex(one.poles[at]), Level.of(one.residues[at], measured.runs[1])
     needed = one.cost - common.cost + 0.5 * least if claim is None else one.cost - claim.cost
@@ -267,7 +264,7 @@ def _chance_agreement(p: int, count: int) -> float:
     """
     if p < 3:
         return 0.0
-    ratio = scipy.special.fdtri(2, p - 2, 1.0 - _ALPHA / count)
+    ratio = scipy.special.fdtri(2, p - 2, 1.0 - UNEXPLAINED_PEAK.false_alarm / count)
     return float(2.0 * (p - 1) / (p - 2) * ratio)
 
 

@@ -15,13 +15,12 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from updyn.modal.settings import STABILISATION
+
 __all__ = ["fit_orders"]
 
 _Complex = NDArray[np.complex128]
 _Real = NDArray[np.float64]
-
-#: A pole with a relative real part below this limit counts as undamped.
-_UNSTABLE = 1e-4
 
 
 def fit_orders(omega: _Real, Y: _Complex, orders: Iterable[int]) -> Iterator[_Complex]:
@@ -80,5 +79,5 @@ def _find_roots(M: _Real, n: int, n_r: int, step: float, omega: _Real) -> _Compl
         s = -np.log(z) / step
     inside = np.isfinite(s) & (s.imag > 0.0) & (s.imag < np.pi / step)
     s = s[inside] + 1j * omega[0]
-    s = s[s.real < _UNSTABLE * np.abs(s)]
+    s = s[s.real < STABILISATION.unstable_share * np.abs(s)]
     return np.asarray(-np.abs(s.real) + 1j * s.imag)

@@ -12,23 +12,12 @@ from updyn.frf import FRF, QUANTITIES
 from updyn.modal.axis import Axis
 from updyn.modal.envelope import Envelope
 from updyn.modal.refine import LineWindow
+from updyn.modal.settings import MODE_WINDOW
 
 __all__ = ["Measured", "group_overlapping"]
 
 _Complex = NDArray[np.complex128]
 _Real = NDArray[np.float64]
-
-#: Largest number of modes in a window, and its extent beyond them in half-power bandwidths and
-#: lines.
-_TOGETHER, _BEYOND, _LINES = 6, 4.0, 20
-#: Largest loss factor of a mode.
-_HEAVY = 0.5
-#: Smallest number of lines.
-_FEWEST = 4
-#: Smallest number of lines in a window for each fixed pole.
-_LINES_A_POLE = 5
-#: Negative damping up to this value is rounding error.
-_ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,11 +36,11 @@ class Measured:
         """Return the functions of an FRF; `mirrored` states viscous damping (`Axis`)."""
         moving = frf.freq > 0.0
         freq = frf.freq[moving]
-        if len(freq) < _FEWEST:
+        if len(freq) < MODE_WINDOW.least_lines:
             raise DataError(
                 f"modes: {len(freq)} {'line is' if len(freq) == 1 else 'lines are'} too few to"
                 " identify a mode; expected at least"
-                f" {_FEWEST}, better 30"
+                f" {MODE_WINDOW.least_lines}, better 30"
             )
         omega = 2.0 * np.pi * freq
         values = (
@@ -82,11 +71,10 @@ class Measured:
 
     def lines_of(self, poles: _Complex) -> slice:
         """Return the lines of a window around some poles."""
-        f, bandwidth = self.axis.frequency(poles), self.bandwidth(poles)
-        first, last = np.searchsorted(
-            self.freq, [np.min(f - _BEYOND * bandwidth), np.max(f + _BEYOND * bandwidth)]
-        )
-        few = max(0, _LINES + 4 * len(poles) - (last - first)) // 2
+        f, reach = self.axis.frequency(poles), MODE_WINDOW.bandwidths_beyond * self.bandwidth(poles)
+        first, last = np.searchsorted(self.freq, [np.min(f - reach), np.max(f + reach)])
+        least = MODE_WINDOW.fewest_window_lines + MODE_WINDOW.lines_per_mode * len(poles)
+        few = max(0, least - (last - first)) // 2
         return slice(int(max(0, first - few - 1)), int(min(len(self.freq), last + few + 1)))
 
     def window(
@@ -99,7 +87,7 @@ class Measured:
         freq = self.freq[lines]
         frequency = self.axis.frequency(others)
         beyond = np.maximum(freq[0] - frequency, frequency - freq[-1])
-        order = np.argsort(beyond, kind="stable")[: len(freq) // _LINES_A_POLE]
+        order = np.argsort(beyond, kind="stable")[: len(freq) // MODE_WINDOW.lines_per_fixed_pole]
         near = order[beyond[order] < freq[-1] - freq[0]]
         x, Y = self.x[lines], self.cube[lines].reshape(len(freq), -1).T
         if residues is None:
@@ -119,28 +107,30 @@ class Measured:
 
     def bandwidth(self, poles: _Complex) -> _Real:
         """Return the half-power bandwidths in Hz."""
-        return np.asarray(self.axis.frequency(poles) * np.clip(self.axis.loss(poles), 0.0, _HEAVY))
+        loss = np.clip(self.axis.loss(poles), 0.0, MODE_WINDOW.largest_loss_factor)
+        return np.asarray(self.axis.frequency(poles) * loss)
 
     def is_inside(self, poles: _Complex) -> NDArray[np.bool_]:
         """Return which poles may be modes within the band."""
         frequency, loss = self.axis.frequency(poles), self.axis.loss(poles)
         within = (frequency >= self.freq[0]) & (frequency <= self.freq[-1])
-        return np.asarray(within & (loss > -_ROUNDING) & (loss < _HEAVY))
+        damped = loss > -MODE_WINDOW.damping_rounding
+        return np.asarray(within & damped & (loss < MODE_WINDOW.largest_loss_factor))
 
 
 def group_overlapping(frequency: _Real, bandwidth: _Real) -> list[slice]:
     """Return groups of neighbours with overlapping lines, at most a few in each."""
     groups, first = [], 0
-    reach = np.maximum.accumulate(frequency + _BEYOND * bandwidth)
-    gap = frequency[1:] - _BEYOND * bandwidth[1:] - reach[:-1]
+    reach = np.maximum.accumulate(frequency + MODE_WINDOW.bandwidths_beyond * bandwidth)
+    gap = frequency[1:] - MODE_WINDOW.bandwidths_beyond * bandwidth[1:] - reach[:-1]
     while first < len(frequency):
-        ahead = gap[first : first + _TOGETHER]
+        ahead = gap[first : first + MODE_WINDOW.most_modes]
         if (ahead > 0.0).any():
             last = first + 1 + int(np.argmax(ahead > 0.0))
-        elif len(ahead) < _TOGETHER:
+        elif len(ahead) < MODE_WINDOW.most_modes:
             last = len(frequency)
         else:
-            half = _TOGETHER // 2
+            half = MODE_WINDOW.most_modes // 2
             last = first + 1 + half + int(np.argmax(np.diff(frequency[first + half :])[:half]))
         groups.append(slice(first, last))
         first = last

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from updyn.frf import FRF
 from updyn.modal.mode_set import ModeSet
+from updyn.modal.settings import RESONANCE_PEAK
 from updyn.modal.sides import Sides
 
 __all__ = ["find_resonance_peaks"]
@@ -18,24 +19,13 @@ __all__ = ["find_resonance_peaks"]
 _Complex = NDArray[np.complex128]
 _Real = NDArray[np.float64]
 
-#: Smallest height of a peak over the higher of the two adjacent valleys, in dB of amplitude: 6 dB
-#: is a factor of 2. A resonance without overlap by others within 1.7 of its half-power bandwidths
-#: is higher.
-HEIGHT = 6.0
-#: Smallest MAC of the FRF matrix at a peak with that of an adjacent line. For noise that is
-#: independent from line to line it is 1 / (number of channels) on average.
-_LASTING = 0.7
-#: Largest number of peaks, the highest over their valleys: as many as the modes of a typical test.
-_MOST = 30
-#: Smallest numbers of lines and channels: with three channels, one in 100 lines of noise is a peak
-#: similar to its neighbour.
-_FEWEST, _CHANNELS = 8, 4
-
 
 def find_resonance_peaks(frf: FRF) -> ModeSet | None:
     """Return the peaks of a measurement as undamped modes of any scale; None without peaks."""
     moving = np.flatnonzero(np.abs(frf.s) > 0.0)
-    if len(moving) < _FEWEST or frf.values[0].size < _CHANNELS:
+    if len(moving) < RESONANCE_PEAK.least_lines:
+        return None
+    if frf.values[0].size < RESONANCE_PEAK.least_channels:
         return None
     found = frf.select(lines=frf.freq[moving]).converted("accelerance")
     sides = Sides.of(found)
@@ -44,10 +34,11 @@ def find_resonance_peaks(frf: FRF) -> ModeSet | None:
     if not level.all():  # zero response at a line
         level = np.maximum(level, np.finfo(np.float64).tiny)
     peaks, height = find_prominences(20.0 * np.log10(level))
-    peaks, height = peaks[height >= HEIGHT], height[height >= HEIGHT]
+    high = height >= RESONANCE_PEAK.least_height
+    peaks, height = peaks[high], height[high]
     lasting = np.array([_is_lasting(scaled, k) for k in peaks], dtype=np.bool_)
     peaks, height = peaks[lasting], height[lasting]
-    peaks = np.sort(peaks[np.argsort(-height, kind="stable")[:_MOST]])
+    peaks = np.sort(peaks[np.argsort(-height, kind="stable")[: RESONANCE_PEAK.most_peaks]])
     if not peaks.size:
         return None
     shapes = [_dominant_shape(sides, found.values[k]) for k in peaks]
@@ -78,7 +69,7 @@ def _is_lasting(scaled: _Complex, k: int) -> bool:
     norm = float(np.vdot(here, here).real)
     for other in (scaled[k - 1].ravel(), scaled[k + 1].ravel()):
         size = float(np.vdot(other, other).real) * norm
-        if size > 0.0 and abs(np.vdot(here, other)) ** 2 >= _LASTING * size:
+        if size > 0.0 and abs(np.vdot(here, other)) ** 2 >= RESONANCE_PEAK.lasting_mac * size:
             return True
     return False
 

@@ -11,18 +11,13 @@ from updyn.errors import DataError
 from updyn.group import is_number
 from updyn.modal.fits import WeightedFit
 from updyn.modal.measured import Measured
+from updyn.modal.settings import CHANNEL_FIT, POLE_PICK
 from updyn.modal.settle import collect_poles, fit_all_windows
 from updyn.modal.stabilisation import Diagram
 
 __all__ = ["add_picks", "check_picks", "start_pole_at"]
 
 _Complex = NDArray[np.complex128]
-
-#: Largest relative distance of a pick from a frequency of the diagram.
-_NEAR = 1e-5
-#: Poles closer than this share of a half-power bandwidth are one. A pole of the diagram is a pole
-#: of the fits up to this share.
-_MERGED, _SAME = 0.1, 0.5
 
 
 def check_picks(poles: Sequence[float]) -> list[float]:
@@ -48,11 +43,11 @@ def start_pole_at(
         )
     axis, stable = measured.axis, np.flatnonzero(diagram.stable)
     off = np.abs(diagram.frequency[stable] / frequency - 1.0)
-    if off.min(initial=np.inf) > _NEAR:
+    if off.min(initial=np.inf) > POLE_PICK.diagram_distance:
         line = measured.spacing / frequency
         loss = max(float(np.median(axis.loss(others))) if len(others) else line, line)
         return complex(axis.pole(np.array([frequency]), loss)[0])
-    nearby = stable[off <= off.min() + _NEAR]
+    nearby = stable[off <= off.min() + POLE_PICK.diagram_distance]
     best = nearby[np.argmax(diagram.order[nearby])]
     size, ratio = 2.0 * np.pi * diagram.frequency[best], diagram.damping[best]
     s = complex(-size * ratio, size * np.sqrt(1.0 - ratio**2))
@@ -97,7 +92,7 @@ def add_picks(
 def _find_same(measured: Measured, poles: _Complex, pole: complex) -> NDArray[np.bool_]:
     """Return which poles of the fits are the same as one of the diagram."""
     width = np.abs(poles.real if measured.axis.mirrored else poles.imag)
-    return np.asarray(np.abs(poles - pole) < _SAME * width)
+    return np.asarray(np.abs(poles - pole) < POLE_PICK.same_distance * width)
 
 
 def _check_added(
@@ -116,8 +111,8 @@ def _check_added(
     for mode in at[np.abs(at - end) < reach]:
         if not (np.abs(other_frequencies - mode) < reach).any():
             raise DataError(f"{name} takes the place of the mode at {mode:.6g} Hz")
-    near = np.abs(others - last) < _MERGED * bandwidth / np.maximum(
-        other_frequencies, 1e-300
+    near = np.abs(others - last) < POLE_PICK.merged_distance * bandwidth / np.maximum(
+        other_frequencies, CHANNEL_FIT.smallest_divisor
     ) * np.abs(others)
     if near.any():
         raise DataError(f"{name} merges with the mode at {other_frequencies[near][0]:.6g} Hz")

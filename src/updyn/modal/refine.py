@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 
 from updyn.modal.channels import Columns
 from updyn.modal.envelope import Envelope
+from updyn.modal.settings import CHANNEL_FIT, POLE_REFINEMENT
 from updyn.modal.vector_fitting import RationalBasis
 
 __all__ = [
-    "ROUGH",
     "ChannelNoise",
     "Errors",
     "LineWindow",
@@ -37,25 +37,6 @@ __all__ = [
 
 _Complex = NDArray[np.complex128]
 _Real = NDArray[np.float64]
-
-#: Largest number of steps. The iteration ends with a step below the share `_SETTLED` of the pole
-#: width, or with an expected decrease of the cost below `GAIN`; half of the decrease is the square
-#: of a standard deviation of one pole.
-_STEPS, _SETTLED = 30, 1e-10
-GAIN, ROUGH = 1e-3, 0.3
-#: Rounds of alternating estimation of weights from residuals and poles from weights.
-_REWEIGHTINGS = 2
-#: Smallest assumed share of its noise in the residual of a value.
-_LEAST_SHARE = 0.05
-#: Iterations of the estimation of proportional noise and floor.
-_NOISE_ITERATIONS = 20
-#: Values of channels that fit into the second-level cache of a processor with their temporaries.
-_CACHED = 1 << 14
-#: Noise below this share of the largest value of a channel is rounding error.
-_ROUNDING = 1e-12
-_TINY = 1e-300
-#: Smallest width of a pole as a share of its size; the width of an undamped pole is zero.
-_UNDAMPED = 1e-6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -105,7 +86,7 @@ class LineWindow:
     def width(self, poles: _Complex) -> _Real:
         """Return the distance of the half-power points from the poles in the unit of x, (k,)."""
         width = np.abs(poles.real if self.basis.mirrored else poles.imag)
-        return np.maximum(width, _UNDAMPED * np.abs(poles))
+        return np.maximum(width, POLE_REFINEMENT.least_width_share * np.abs(poles))
 
     def near(self, pole: complex) -> NDArray[np.bool_]:
         """Return the lines in the half-power band of a pole, but at least the three nearest."""
@@ -117,7 +98,7 @@ class LineWindow:
     def powers(self) -> _Complex:
         """The polynomial for all modes outside the window, shape (n_f, degree + 1)."""
         middle = 0.5 * (self.x[0] + self.x[-1])
-        reach = max(float(np.abs(self.x[-1] - middle)), _TINY)
+        reach = max(float(np.abs(self.x[-1] - middle)), CHANNEL_FIT.smallest_divisor)
         return np.asarray(((self.x[:, None] - middle) / reach) ** np.arange(self.basis.degree + 1))
 
     def columns(self, poles: _Complex) -> NDArray[Any]:
@@ -196,7 +177,7 @@ class ChannelNoise:
         Comput. 21 (2009) 793-830, equation 4.2).
         """
         # Channels are independent: groups of them stay in the processor's cache over all updates.
-        together = max(1, _CACHED // size.shape[1])
+        together = max(1, POLE_REFINEMENT.cached_values // size.shape[1])
         parts = [
             _estimate_noise(squares[start : start + together], size[start : start + together])
             for start in range(0, len(size), together)
@@ -211,17 +192,18 @@ class ChannelNoise:
 
 def _estimate_noise(squares: _Real, size: _Real) -> tuple[_Real, _Real]:
     """Return the most likely share and floor of the noise of each channel (`ChannelNoise.of`)."""
-    least = _ROUNDING**2 * size.max(axis=1) + _TINY
+    smallest = CHANNEL_FIT.smallest_divisor
+    least = POLE_REFINEMENT.noise_rounding**2 * size.max(axis=1) + smallest
     floor = 0.5 * np.mean(squares, axis=1) + least
-    share = floor / (np.mean(size, axis=1) + _TINY)
+    share = floor / (np.mean(size, axis=1) + smallest)
     inverse, ratio = np.empty_like(size), np.empty_like(size)
-    for _ in range(_NOISE_ITERATIONS):
+    for _ in range(POLE_REFINEMENT.noise_iterations):
         np.multiply(size, share[:, None], out=inverse)
         inverse += floor[:, None]
         np.reciprocal(inverse, out=inverse)
         np.multiply(squares, inverse, out=ratio)
         ratio *= inverse
-        share = share * _dot_rows(size, ratio) / (_dot_rows(size, inverse) + _TINY)
+        share = share * _dot_rows(size, ratio) / (_dot_rows(size, inverse) + smallest)
         floor = np.maximum(floor * np.sum(ratio, axis=1) / np.sum(inverse, axis=1), least)
     return share, floor
 
@@ -244,7 +226,7 @@ class Weights:
     @classmethod
     def of(cls, size: _Real) -> Weights:
         """Return weights that normalise each channel by its rms, from squared values."""
-        level = np.sqrt(np.mean(size, axis=1, keepdims=True)) + _TINY
+        level = np.sqrt(np.mean(size, axis=1, keepdims=True)) + CHANNEL_FIT.smallest_divisor
         return cls(level, np.ones((1, size.shape[1])))
 
     @property
@@ -334,7 +316,8 @@ class WindowFit:
         remaining = 1.0 - np.mean(self.envelope.inflation(Q)) * self.columns.leverage()
         if remaining.shape[1] > n_f:  # real and imaginary parts
             remaining = 0.5 * (remaining[:, :n_f] + remaining[:, n_f:])
-        return np.asarray(self.squared_error / np.maximum(remaining, _LEAST_SHARE))
+        remaining = np.maximum(remaining, POLE_REFINEMENT.least_noise_share)
+        return np.asarray(self.squared_error / remaining)
 
     @property
     def pole_columns(self) -> list[list[int]]:
@@ -354,7 +337,8 @@ class WindowFit:
                 self.weights[:, columns_of_pole, None],
                 self.columns.covariance(columns_of_pole),
             )
-            spread = spread + _TINY * np.eye(len(columns_of_pole))  # keeps it regular
+            # Keep it regular.
+            spread = spread + CHANNEL_FIT.smallest_divisor * np.eye(len(columns_of_pole))
             out[r] = np.sum((found.conj() * np.linalg.solve(spread, found)).real, axis=(1, 2))
         return out
 
@@ -442,29 +426,41 @@ def estimate_errors(window: LineWindow, fitted: WindowFit, weights: Weights) -> 
 
 
 def fit_with_unknown_noise(
-    window: LineWindow, poles: _Complex, weights: Weights, gain: float = GAIN
+    window: LineWindow,
+    poles: _Complex,
+    weights: Weights,
+    gain: float | None = None,
 ) -> tuple[WindowFit, Weights]:
     """Return the fit of maximum likelihood for unknown noise, and its weights.
 
-    Steps with an expected decrease of the cost below `gain` are omitted.
+    The argument `gain` is that of `fit_poles`.
     """
     fitted = fit_poles(window, poles, weights, gain)
-    for _ in range(_REWEIGHTINGS):
+    for _ in range(POLE_REFINEMENT.reweightings):
         weights = Weights.from_residual(fitted)
         fitted = fit_poles(window, fitted.poles, weights, gain)
     return fitted, weights
 
 
 def fit_poles(
-    window: LineWindow, poles: _Complex, weights: Weights, gain: float = GAIN
+    window: LineWindow,
+    poles: _Complex,
+    weights: Weights,
+    gain: float | None = None,
 ) -> WindowFit:
-    """Return the fit with poles of smallest cost for given weights."""
+    """Return the fit with poles of smallest cost for given weights.
+
+    Steps with an expected decrease of the cost below `gain` are omitted.
+    """
+    if gain is None:
+        gain = POLE_REFINEMENT.settled_decrease
     current, damping = fit_residues(window, poles, weights), 0.0
     widths = window.width(poles)  # upper limit of a step
-    for _ in range(_STEPS if len(poles) else 0):
+    for _ in range(POLE_REFINEMENT.most_steps if len(poles) else 0):
         step, expected_decrease = current.compute_damped_step(damping)
         longest = float(np.max(np.abs(step) / widths, initial=0.0))
-        if longest < _SETTLED or expected_decrease < gain * min(1.0, current.cost):
+        least = gain * min(1.0, current.cost)
+        if longest < POLE_REFINEMENT.settled_step or expected_decrease < least:
             break
         proposed = fit_residues(window, current.poles + step / max(1.0, longest), weights)
         if proposed.cost <= current.cost:

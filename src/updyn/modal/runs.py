@@ -35,30 +35,12 @@ from updyn.modal.refine import (
     fit_poles,
     fit_residues,
 )
+from updyn.modal.settings import POLE_BUNDLE
 
 __all__ = ["extract_modes", "is_split_off"]
 
 _Complex = NDArray[np.complex128]
 _Real = NDArray[np.float64]
-
-#: Largest number of modes with poles for each run that replace the poles of a bundle.
-_TOGETHER = 3
-#: The pole of a run that does not contain a mode is more than this number of widths away from the
-#: common poles.
-_REACH = 3.0
-#: MAC of equal shapes, and smallest number of channels for this comparison.
-_ALIKE, _TELL = 0.97, 4
-#: A mode that explains this share of the residual of all other modes is not part of another mode.
-_SURE = 0.5
-#: A run contains a pole if its worth is more than this share of that of the strongest pole in the
-#: run.
-_KNOWN = 0.01
-#: Poles for each run are tried if the expected decrease of a first step is this share of the
-#: required gain.
-_PROMISED = 0.25
-#: Smallest effective number of runs that contain a mode, from the distribution of its squares over
-#: the runs.
-_RUNS = 1.2
 
 
 def extract_modes(measured: Measured, fits: Sequence[WeightedFit]) -> list[Mode]:
@@ -112,7 +94,7 @@ def is_split_off(mode: Mode, modes: list[Mode], shape: tuple[int, ...], mirrored
     Then it explains less than half of the residual without it, and has the shape of the other on
     the fixed side. `shape` are the numbers of responses and references.
     """
-    if mode.quality >= _SURE:
+    if mode.quality >= POLE_BUNDLE.own_share:
         return False
     shapes, width = _shapes_of_unit_length(mode, shape), _pole_width(mode.pole, mirrored)
     for other in modes:
@@ -123,7 +105,8 @@ def is_split_off(mode: Mode, modes: list[Mode], shape: tuple[int, ...], mirrored
             abs(np.vdot(a, b)) ** 2
             for a, b in zip(shapes, _shapes_of_unit_length(other, shape), strict=True)
         ]
-        if max((mac for mac, n in zip(macs, shape, strict=True) if n > 1), default=0.0) > _ALIKE:
+        largest = max((mac for mac, n in zip(macs, shape, strict=True) if n > 1), default=0.0)
+        if largest > POLE_BUNDLE.same_shape_mac:
             return True
     return False
 
@@ -153,12 +136,13 @@ def _group_by_shape(
     parts: list[tuple[list[int], tuple[NDArray[np.intp], ...]]] = []
     remaining = list(range(len(bundle)))
     for side, roving in ((residues, columns), (residues.swapaxes(1, 2), rows)):
-        if side.shape[1] < _TELL:
+        if side.shape[1] < POLE_BUNDLE.least_channels:
             continue
         shapes = np.array([np.linalg.svd(one)[0][:, 0] for one in side])
         mac = np.abs(shapes.conj() @ shapes.T) ** 2
         for seed in range(len(bundle)):
-            similar = [r for r in remaining if seed in remaining and mac[seed, r] > _ALIKE]
+            alike = mac[seed] > POLE_BUNDLE.same_shape_mac
+            similar = [r for r in remaining if seed in remaining and alike[r]]
             if len(similar) > 1:
                 parts.append(([bundle[r] for r in similar], (roving,)))
                 remaining = [r for r in remaining if r not in similar]
@@ -193,7 +177,8 @@ def _may_rove(fit: WeightedFit, bundle: list[int], runs: NDArray[np.intp]) -> bo
     rounding = 1e-12 * size[known, None, None] * np.eye(len(columns))
     step = np.linalg.solve(normal + rounding, gradient)
     expected_decrease = float(np.sum((gradient.conj() * step).real))
-    return bool(expected_decrease > _PROMISED * (count - 1) * np.log(2 * found.error.size))
+    required = (count - 1) * np.log(2 * found.error.size)
+    return bool(expected_decrease > POLE_BUNDLE.promised_share * required)
 
 
 @dataclass(frozen=True, slots=True)
@@ -217,7 +202,7 @@ class _Criterion:
     @property
     def most(self) -> int:
         """Largest number of modes with poles for each run to try."""
-        return min(self.shapes, len(self.bundle) - 1, _TOGETHER) if self.fewer else 1
+        return min(self.shapes, len(self.bundle) - 1, POLE_BUNDLE.most_modes) if self.fewer else 1
 
     @classmethod
     def of(cls, fit: WeightedFit, bundle: list[int], runs: NDArray[np.intp]) -> _Criterion:
@@ -249,7 +234,8 @@ def _count_shapes(fit: WeightedFit, bundle: list[int], runs: NDArray[np.intp]) -
     different: list[_Complex] = []
     for r in sorted(bundle, key=lambda r: -float(fit.window_fit.cost_increase[r])):
         shape = np.linalg.svd(fit.window_fit.residues[r][order].reshape(count, -1))[2][0]
-        if all(abs(np.vdot(shape, other)) ** 2 <= _ALIKE for other in different):
+        macs = [abs(np.vdot(shape, other)) ** 2 for other in different]
+        if all(mac <= POLE_BUNDLE.same_shape_mac for mac in macs):
             different.append(shape)
     return len(different)
 
@@ -263,7 +249,7 @@ def _are_in_separate_runs(fit: WeightedFit, bundle: list[int], runs: NDArray[np.
     increase = np.array(
         [np.bincount(runs, one) for one in fit.window_fit.cost_increase_by_channel[bundle]]
     )
-    known = increase > _KNOWN * increase.max(axis=0)
+    known = increase > POLE_BUNDLE.known_share * increase.max(axis=0)
     return bool((known.sum(axis=0) == 1).all())
 
 
@@ -327,7 +313,9 @@ def _find_modes_by_run(
         errors = Errors(noise[r], np.concatenate(common[r]))
         mode = make_mode(fit, pole, spread, residues[r], errors, squares, without)
         share = np.bincount(runs, np.abs(residues[r]) ** 2)
-        everywhere = float(np.sum(share)) ** 2 >= _RUNS * float(np.sum(share**2))
+        squares_of_share = float(np.sum(share**2))
+        least_sum = POLE_BUNDLE.least_effective_runs * squares_of_share
+        everywhere = float(np.sum(share)) ** 2 >= least_sum
         complete = replace(mode, everywhere=everywhere, by_channel=each[runs, r], single=modes > 1)
         out.append(complete)
     evidence = deviance(fit.window_fit) - fitted - criterion.least(modes * count, modes)
@@ -338,7 +326,8 @@ def _have_strayed(fit: WeightedFit, bundle: list[int], poles: _Complex) -> NDArr
     """Return which poles of a run are undamped, or far from the common poles."""
     window, shared = fit.window, fit.window_fit.poles[bundle]
     damped = np.array([_is_damped(complex(pole), window) for pole in poles])
-    along, reach = position(shared, window), _REACH * float(np.max(window.width(shared)))
+    along = position(shared, window)
+    reach = POLE_BUNDLE.run_reach * float(np.max(window.width(shared)))
     near = np.abs(position(poles, window) - 0.5 * (along.min() + along.max()))
     return ~damped | (near > 0.5 * np.ptp(along) + reach)
 

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.modal.refine import (
-    ROUGH,
     LineWindow,
     Weights,
     WindowFit,
@@ -22,9 +21,9 @@ from updyn.modal.refine import (
     fit_residues,
     fit_with_unknown_noise,
 )
+from updyn.modal.settings import CHANNEL_FIT, MODE_SEARCH, PHYSICAL_MODE, POLE_REFINEMENT
 
 __all__ = [
-    "LEAST",
     "Visibility",
     "chance_gain",
     "is_mode",
@@ -34,27 +33,6 @@ __all__ = [
 
 _Complex = NDArray[np.complex128]
 _Real = NDArray[np.float64]
-
-#: Smallest share of the residual in its half-power band that a mode explains. The test against
-#: chance decides: a smallest share of a half loses true modes of dense bands, most of which the
-#: neighbours explain (of 40 modes with 5 % noise 96.0 % are found instead of 98.2 %, of 60 modes
-#: 88.5 % instead of 91.5 %; of spurious ones there are 15 instead of 16).
-LEAST = 0.1
-#: Smallest share of a mode in all channels together at its own frequency; its inverse is the
-#: largest share that other modes may cancel.
-_VISIBLE_SHARE = 0.1
-#: Smallest share of a mode of a light part in one channel, for a visible peak there.
-_PEAK = 0.5
-#: Number of rejected poles after which the search ends.
-_MOST_REJECTED = 3
-#: Trial poles next to a pole are at this share of its width on either side.
-_SIDE_DISTANCE = 0.7
-#: A trial pole is refined if its expected gain is this share of the smallest gain. A pole of half
-#: width a explains 4 a b / ((a + b)^2 + d^2) of one of half width b at a distance d: on the grid,
-#: with d up to a / 2 and b from a / 2 to 2 a, at least 0.86.
-_PROMISING = 0.5
-#: A fit with a residual below this share of the squared values is exact.
-_EXACT = 1e-11
 
 
 def chance_gain(window: LineWindow) -> float:
@@ -74,26 +52,28 @@ def search_window(window: LineWindow, stable: _Complex, trials: _Complex, most: 
     Before any mode is known, a window full of modes looks like correlated noise, so stable poles
     and poles within their widths are tested as in white noise; `fit_all_windows` removes ripples.
     """
-    none = np.zeros(0, dtype=np.complex128)
+    none, rough = np.zeros(0, dtype=np.complex128), POLE_REFINEMENT.rough_decrease
     fitted, weights = fit_with_unknown_noise(window, none, Weights.of(np.abs(window.Y) ** 2))
     total = float(np.sum(np.abs(window.Y) ** 2))
     rejected: list[complex] = []
-    while len(fitted.poles) < most and len(rejected) < _MOST_REJECTED:
-        if float(np.sum(fitted.squared_error)) <= _EXACT * total:
+    while len(fitted.poles) < most and len(rejected) < MODE_SEARCH.most_rejected:
+        if float(np.sum(fitted.squared_error)) <= MODE_SEARCH.exact_squares * total:
             break
         widths = window.width(fitted.poles)
-        sides = [fitted.poles - _SIDE_DISTANCE * widths, fitted.poles + _SIDE_DISTANCE * widths]
+        aside = MODE_SEARCH.side_distance * widths
+        sides = [fitted.poles - aside, fitted.poles + aside]
         trial_poles = np.concatenate([stable, trials, *sides])
         gains = _estimate_gains(window, fitted, weights, trial_poles)
         for pole in rejected:
             gains[np.abs(trial_poles - pole) <= window.width(trial_poles)] = 0.0
         best = trial_poles[int(np.argmax(gains))]
-        if gains.max() < _PROMISING * chance_gain(window) * fitted.cost / fitted.error.size:
+        least = MODE_SEARCH.promising_share * chance_gain(window)
+        if gains.max() < least * fitted.cost / fitted.error.size:
             break
-        more = fit_poles(window, np.append(fitted.poles, best), weights, ROUGH)
+        more = fit_poles(window, np.append(fitted.poles, best), weights, rough)
         stays = bool((np.abs(stable - best) <= window.width(stable)).any())
         if is_mode(window, fitted, more, weights, white=stays):
-            fitted, weights = fit_with_unknown_noise(window, more.poles, weights, ROUGH)
+            fitted, weights = fit_with_unknown_noise(window, more.poles, weights, rough)
         else:
             rejected.append(complex(best))
     return fitted
@@ -115,7 +95,7 @@ def is_mode(
     if not shows_on_lines(window, fitted, more, weights, inflation):
         return False
     at = window.near(pole)
-    if _compute_explained_share(at, fitted, more, weights) < LEAST:
+    if _compute_explained_share(at, fitted, more, weights) < PHYSICAL_MODE.least_explained_share:
         return False
     shows = Visibility.of(window, pole, more.residues[-1], at, more.cost_increase_by_channel[-1])
     return shows.everywhere or shows.somewhere
@@ -144,7 +124,7 @@ def _compute_explained_share(
     """Return the share of the residual at some lines that the last pole explains."""
     weight = 1.0 / (weights.channel * weights.line[:, at]) ** 2
     before, after = (float(np.sum(fit.squared_error[:, at] * weight)) for fit in (fitted, more))
-    return 1.0 - after / max(before, 1e-300)
+    return 1.0 - after / max(before, CHANNEL_FIT.smallest_divisor)
 
 
 @dataclass(frozen=True, slots=True)
@@ -175,15 +155,16 @@ class Visibility:
         """
         squares = np.abs(residues) ** 2 * np.sum(np.abs(1.0 / (window.x[at] - pole)) ** 2)
         measured = np.abs(window.measured_channels) ** 2
-        whole = np.maximum(np.sum(measured[:, at], axis=1), 1e-300)
+        whole = np.maximum(np.sum(measured[:, at], axis=1), CHANNEL_FIT.smallest_divisor)
         # Median over the window, because any pole is large at an antiresonance of the channel.
         level = np.median(measured, axis=1) * np.count_nonzero(at)
         known = worths > np.log(2 * window.Y.size)
         share = np.sum(squares) / np.sum(whole)
+        is_peak = squares >= PHYSICAL_MODE.local_peak_share**2 * np.maximum(whole, level)
         return cls(
-            bool(share >= _VISIBLE_SHARE**2),
-            bool(np.any(known & (squares >= _PEAK**2 * np.maximum(whole, level)))),
-            bool(share > 1.0 / _VISIBLE_SHARE**2),
+            bool(share >= PHYSICAL_MODE.visible_share**2),
+            bool(np.any(known & is_peak)),
+            bool(share > 1.0 / PHYSICAL_MODE.visible_share**2),
         )
 
 

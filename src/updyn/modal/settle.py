@@ -22,23 +22,12 @@ from updyn.modal.refine import (
     fit_with_unknown_noise,
 )
 from updyn.modal.search import chance_gain, shows_on_lines
+from updyn.modal.settings import WINDOW_SWEEP
 
 __all__ = ["collect_poles", "estimate_envelope", "fit_all_windows"]
 
 _Complex = NDArray[np.complex128]
 _Real = NDArray[np.float64]
-
-#: Fits with the noise of the windows, each from the poles of the previous one.
-_SWEEPS = 2
-#: Up to this number of channels, each channel has its own weights on each line.
-_OWN = 4096
-#: Number of lines, including those of neighbouring windows, for the estimate of proportional noise
-#: and floor of each channel in a window. More would mix noise levels, which may differ by 60 dB
-#: over a band of accelerances.
-_NOISE_LINES = 60
-#: A pole with a gain of this multiple of the smallest gain is a mode for any noise, without a fit
-#: that omits it. The value affects only the computing time.
-_CLEAR_EXCESS = 20.0
 
 
 def collect_poles(fits: Sequence[WeightedFit]) -> _Complex:
@@ -58,7 +47,7 @@ def fit_all_windows(
     residuals: _Residuals | None = None
     residues: _Complex | None = None
     fits: list[WeightedFit] = []
-    for _ in range(1 + _SWEEPS):
+    for _ in range(1 + WINDOW_SWEEP.sweeps):
         fits = []
         for group in group_overlapping(measured.axis.frequency(poles), measured.bandwidth(poles)):
             group_poles = poles[group]
@@ -126,7 +115,7 @@ class _Residuals:
         for window in nearest.tolist():
             chosen.append(window)
             lines += self.squares[window].shape[1]
-            if lines >= _NOISE_LINES:
+            if lines >= WINDOW_SWEEP.noise_lines:
                 break
         squares, sizes = ([part[k] for k in chosen] for part in (self.squares, self.sizes))
         return ChannelNoise.of(np.hstack(squares), np.hstack(sizes))
@@ -145,7 +134,7 @@ def _prune_poles(
         size = fit_residues(window, poles, weights).size
         deviation = noise.deviation(size)
         weights = Weights(np.ones((1, 1)), deviation)
-        if len(deviation) > _OWN:
+        if len(deviation) > WINDOW_SWEEP.most_weighted_channels:
             weights = Weights.near(deviation)
     while True:
         if noise is None:
@@ -186,7 +175,7 @@ def _yield_excess_gains(
         if not inside:
             yield -np.inf
             continue
-        if excess[r] > _CLEAR_EXCESS * least:
+        if excess[r] > WINDOW_SWEEP.clear_excess * least:
             yield float(excess[r])
             continue
         without = fit_residues(window, np.delete(fitted.poles, r), weights)

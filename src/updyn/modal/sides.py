@@ -15,15 +15,12 @@ from numpy.typing import NDArray
 
 from updyn.dofs import Dof
 from updyn.frf import FRF
+from updyn.modal.settings import CHANNEL_FIT, PHYSICAL_MODE
 
 __all__ = ["Sides"]
 
 _Complex = NDArray[np.complex128]
 _Real = NDArray[np.float64]
-
-#: A singular value of a residue above this share of the first is another mode at the same
-#: frequency.
-_SECOND = 0.3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,7 +100,7 @@ class Sides:
         scaled = product * self.row_scale[:, None] * self.column_scale
         U, s, Vh = np.linalg.svd(scaled, full_matrices=False)
         largest = max(1, min(len(s), len(self.rows) or len(s)))
-        rank = max(1, int((s[:largest] > _SECOND * s[0]).sum()))
+        rank = max(1, int((s[:largest] > PHYSICAL_MODE.further_shape_share * s[0]).sum()))
         U, W = U[:, :rank] * np.sqrt(s[:rank]), Vh[:rank].T * np.sqrt(s[:rank])
         return U / self.row_scale[:, None], W / self.column_scale[:, None]
 
@@ -158,7 +155,7 @@ def _real_part(shape: _Complex, slope: _Complex) -> _Complex:
     x, y = (shape * turn).real, (shape * turn).imag
     slope = slope * turn
     along = x @ slope / (x @ x)
-    turned = (y - 1j * x) @ slope / max(x @ x - y @ y, 1e-300)
+    turned = (y - 1j * x) @ slope / max(x @ x - y @ y, CHANNEL_FIT.smallest_divisor)
     return np.asarray(slope - np.outer(x, along) + np.outer(y, turned))
 
 

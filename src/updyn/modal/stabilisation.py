@@ -13,25 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.modal.lscf import fit_orders
+from updyn.modal.settings import CHANNEL_FIT, STABILISATION
 
 __all__ = ["Diagram", "find_stable_poles"]
 
 _Complex = NDArray[np.complex128]
 _Real = NDArray[np.float64]
-
-#: Lines of a part of the band without its overlaps, each half as long.
-_PART = 200
-#: Largest order, step of the orders, and smallest number of lines for each order.
-_LARGEST, _STEP, _LINES = 32, 2, 5
-#: A pole is stable if the next order has one within this share of its damping, or of the distance
-#: of the lines.
-_NEAR, _BETWEEN = 0.3, 0.2
-#: Number of consecutive orders of a stable pole.
-_STABLE_ORDERS = 3
-#: Largest number of columns in a fit; if there are more, their strongest combinations.
-_COLUMNS = 4
-#: Largest damping ratio of a mode.
-_HEAVY = 0.3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,7 +41,8 @@ def find_stable_poles(freq: _Real, Y: _Complex) -> tuple[_Complex, Diagram]:
     for first, last, low, high in _split_band(freq):
         fits = _fit_part(freq[first:last], Y[first:last])
         lines = 2.0 * np.pi * float(np.median(np.diff(freq[first:last])))
-        chains, stable = _find_chains([poles for _, poles in fits], _BETWEEN * lines)
+        least = STABILISATION.line_distance * lines
+        chains, stable = _find_chains([poles for _, poles in fits], least)
         within_part = [chain for chain in chains if low <= abs(chain) / (2.0 * np.pi) < high]
         found.append(np.array(within_part, dtype=np.complex128))
         for (order, poles), marks in zip(fits, stable, strict=True):
@@ -68,7 +56,7 @@ def find_stable_poles(freq: _Real, Y: _Complex) -> tuple[_Complex, Diagram]:
     diagram = Diagram(
         np.array([order for order, _, _ in rows], dtype=np.int_),
         size / (2.0 * np.pi),
-        np.array([-p.real for _, p, _ in rows]) / np.maximum(size, 1e-300),
+        np.array([-p.real for _, p, _ in rows]) / np.maximum(size, CHANNEL_FIT.smallest_divisor),
         np.array([mark for _, _, mark in rows], dtype=np.bool_),
     )
     return poles[np.argsort(np.abs(poles), kind="stable")], diagram
@@ -77,7 +65,7 @@ def find_stable_poles(freq: _Real, Y: _Complex) -> tuple[_Complex, Diagram]:
 def _split_band(freq: _Real) -> list[tuple[int, int, float, float]]:
     """Return parts of the band: first and last line, and limits of the part in frequency."""
     n = len(freq)
-    count = max(1, round(n / _PART))
+    count = max(1, round(n / STABILISATION.part_lines))
     edges = np.linspace(0, n, count + 1).astype(int)
     half = -(-n // (2 * count))
     out = []
@@ -92,13 +80,14 @@ def _split_band(freq: _Real) -> list[tuple[int, int, float, float]]:
 def _fit_part(freq: _Real, Y: _Complex) -> list[tuple[int, _Complex]]:
     """Return orders and poles of the fits of one part."""
     Y = _combine_columns(Y)
-    largest = max(2, min(_LARGEST, len(freq) // _LINES))
-    orders = list(range(2, largest + 1, _STEP))
+    largest = max(2, min(STABILISATION.largest_order, len(freq) // STABILISATION.lines_per_order))
+    orders = list(range(2, largest + 1, STABILISATION.order_step))
     omega = 2.0 * np.pi * freq
     fits = []
     for order, poles in zip(orders, fit_orders(omega, Y, orders), strict=True):
         size = np.abs(poles)
-        inside = (size <= omega[-1]) & (size >= omega[0]) & (-poles.real < _HEAVY * size)
+        light = -poles.real < STABILISATION.largest_damping_ratio * size
+        inside = (size <= omega[-1]) & (size >= omega[0]) & light
         fits.append((order, poles[inside]))
     return fits
 
@@ -107,11 +96,11 @@ def _combine_columns(Y: _Complex) -> _Complex:
     """Return the functions with the smaller side as columns, or its strongest combinations."""
     if Y.shape[2] > Y.shape[1]:
         Y = Y.transpose(0, 2, 1)
-    if Y.shape[2] <= _COLUMNS:
+    if Y.shape[2] <= STABILISATION.most_columns:
         return Y
     rows = Y.reshape(-1, Y.shape[2])
     gram = (rows.conj().T @ rows).real
-    strongest = np.linalg.eigh(gram)[1][:, ::-1][:, :_COLUMNS]
+    strongest = np.linalg.eigh(gram)[1][:, ::-1][:, : STABILISATION.most_columns]
     return np.asarray(Y @ strongest)
 
 
@@ -128,8 +117,8 @@ def _find_chains(
             longer[i], marks[i] = length[j] + 1, True
         before, length = poles, longer
         stable.append(marks)
-    chains = [complex(p) for p, n in zip(before, length, strict=True) if n >= _STABLE_ORDERS]
-    return chains, stable
+    long = before[length >= STABILISATION.stable_orders]
+    return [complex(p) for p in long], stable
 
 
 def _pair_nearest(poles: _Complex, before: _Complex, least: float) -> list[tuple[int, int]]:
@@ -137,7 +126,7 @@ def _pair_nearest(poles: _Complex, before: _Complex, least: float) -> list[tuple
     if not len(poles) or not len(before):
         return []
     distance = np.abs(poles[:, None] - before)
-    reach = np.maximum(_NEAR * -before.real, least)
+    reach = np.maximum(STABILISATION.damping_distance * -before.real, least)
     share = distance / reach
     pairs: list[tuple[int, int]] = []
     for flat in np.argsort(share, axis=None, kind="stable"):

@@ -10,18 +10,12 @@ from numpy.typing import NDArray
 from updyn.errors import DataError
 from updyn.frf import FRF, QUANTITIES
 from updyn.modal.mode_set import ModeSet
+from updyn.modal.settings import SYNTHESIS, UNEXPLAINED_PEAK
 
-__all__ = ["REACH", "band_of_modes", "line_weights", "synthesise"]
+__all__ = ["band_of_modes", "line_weights", "synthesise"]
 
 _Complex = NDArray[np.complex128]
 _Real = NDArray[np.float64]
-
-#: Lines on either side in the average power for the weight of a line, as in
-#: `updyn.modal.unexplained` for the level around a peak.
-_AROUND = 15
-#: Half-power bandwidths from a mode at which its FRF has fallen to a tenth of the peak:
-#: 1 / sqrt(1 + (2 * 5)^2).
-REACH = 5.0
 
 
 def line_weights(frf: FRF) -> _Real:
@@ -33,8 +27,9 @@ def line_weights(frf: FRF) -> _Real:
     power = np.abs(frf.values) ** 2
     mean = power.mean(axis=0)
     power = np.divide(power, mean, out=np.zeros_like(power), where=mean > 0.0).mean(axis=(1, 2))
-    padded = np.pad(power, _AROUND, mode="edge")
-    around = np.convolve(padded, np.full(2 * _AROUND + 1, 1.0 / (2 * _AROUND + 1)), "valid")
+    lines = UNEXPLAINED_PEAK.narrow_surroundings
+    padded = np.pad(power, lines, mode="edge")
+    around = np.convolve(padded, np.full(2 * lines + 1, 1.0 / (2 * lines + 1)), "valid")
     heard = (around > 0.0) & (np.abs(frf.s) > 0.0)
     return np.divide(1.0, np.sqrt(around), out=np.zeros_like(around), where=heard)
 
@@ -45,7 +40,7 @@ def band_of_modes(modes: ModeSet, frf: FRF) -> NDArray[np.bool_]:
     These are the lines from five half-power bandwidths below the lowest mode to five above the
     highest; all lines if none is between.
     """
-    reach = REACH * modes.frequency * np.nan_to_num(modes.loss_factor)
+    reach = SYNTHESIS.band_bandwidths * modes.frequency * np.nan_to_num(modes.loss_factor)
     low, high = (modes.frequency - reach).min(), (modes.frequency + reach).max()
     inside = (frf.freq >= low) & (frf.freq <= high)
     return inside if inside.any() else np.ones_like(inside)

@@ -14,23 +14,12 @@ from numpy.typing import NDArray
 
 from updyn.modal.measured import Measured, group_overlapping
 from updyn.modal.search import search_window
+from updyn.modal.settings import MODE_SEARCH, MODE_WINDOW
 
 __all__ = ["search_band"]
 
 _Complex = NDArray[np.complex128]
 _Real = NDArray[np.float64]
-
-#: Lines of a tile without candidates, and additional lines on either side of its window: enough for
-#: a polynomial of degree 3 to follow the modes outside.
-_TILE, _MARGIN = 60, 15
-#: Even grid of trial poles: step in half-power bandwidths, and largest number.
-_GRID, _TRIALS = 0.5, 200
-#: Half-power bandwidths of trial poles in lines, if no candidate indicates the width of modes.
-_WIDTHS = (1.0, 4.0)
-#: Largest loss factor of a trial pole.
-_LARGEST = 0.3
-#: Smallest number of lines for each mode of a window.
-_LINES_A_MODE = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +41,7 @@ def search_band(measured: Measured, candidates: _Complex) -> _Complex:
     for tile in _split_into_tiles(measured, candidates):
         tile_candidates, after = candidates[tile.candidates], candidates[tile.candidates.stop :]
         window = measured.window(tile.lines, np.concatenate([found, after]))
-        most = max(1, (tile.lines.stop - tile.lines.start) // _LINES_A_MODE)
+        most = max(1, (tile.lines.stop - tile.lines.start) // MODE_WINDOW.lines_per_mode)
         poles = search_window(
             window, tile_candidates, _make_trial_poles(measured, tile_candidates, tile), most
         ).poles
@@ -88,11 +77,11 @@ def _split_into_tiles(measured: Measured, candidates: _Complex) -> Iterator[_Til
 
 def _tile_gap(freq: _Real, next_candidate: int, first: int, last: int) -> Iterator[_Tile]:
     """Yield tiles of lines without candidates."""
-    count = max(1, round((last - first) / _TILE))
+    count = max(1, round((last - first) / MODE_SEARCH.tile_lines))
     edges = np.linspace(first, last, count + 1).astype(int)
-    none = slice(next_candidate, next_candidate)
+    none, margin = slice(next_candidate, next_candidate), MODE_SEARCH.margin_lines
     for a, b in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
-        lines = slice(max(0, a - _MARGIN), min(len(freq), b + _MARGIN))
+        lines = slice(max(0, a - margin), min(len(freq), b + margin))
         yield _Tile(none, lines, *_tile_limits(freq, a, b))
 
 
@@ -111,10 +100,10 @@ def _make_trial_poles(measured: Measured, tile_candidates: _Complex, tile: _Tile
     if len(tile_candidates):
         losses = [float(np.median(axis.loss(tile_candidates)))]
     else:
-        losses = [width * measured.spacing / f[len(f) // 2] for width in _WIDTHS]
+        losses = [width * measured.spacing / f[len(f) // 2] for width in MODE_SEARCH.trial_widths]
     trials = []
     for loss in losses:
-        steps = (f[-1] - f[0]) / max(_GRID * loss * f[0], f[-1] * 1e-9)
-        at = np.linspace(f[0], f[-1], int(np.clip(steps, 2, _TRIALS)))
-        trials.append(axis.pole(at, float(np.clip(loss, 1e-6, _LARGEST))))
+        steps = (f[-1] - f[0]) / max(MODE_SEARCH.grid_step * loss * f[0], f[-1] * 1e-9)
+        at = np.linspace(f[0], f[-1], int(np.clip(steps, 2, MODE_SEARCH.most_trials)))
+        trials.append(axis.pole(at, float(np.clip(loss, 1e-6, MODE_SEARCH.largest_trial_loss))))
     return np.concatenate(trials)

@@ -8,31 +8,20 @@ import scipy.special
 from numpy.typing import NDArray
 
 from updyn.modal.measured import Measured
+from updyn.modal.settings import UNEXPLAINED_PEAK
 
 __all__ = ["describe_unexplained", "find_unexplained"]
 
 _Complex = NDArray[np.complex128]
 _Real = NDArray[np.float64]
 
-#: Smallest height of a peak over its surroundings, in dB, as a test engineer would see a peak.
-_HEIGHT = 10.0
-#: Probability that noise alone has a peak anywhere in the band.
-_ALPHA = 0.01
-#: Lines on either side for the median level around a peak: for narrow and wide peaks.
-_AROUND = (15, 60)
-#: Lines on either side that are not higher than a peak.
-_HIGHEST = 2
-#: A peak belongs to a mode within the sum of these numbers of half-power bandwidths and lines.
-_BANDWIDTHS, _LINES = 1.0, 2.0
-#: Largest number of peaks in a message.
-_NAMED = 8
-
 
 def describe_unexplained(peaks: _Real) -> str:
     """Return the frequencies of significant peaks without a mode, as text; empty for none."""
     if not len(peaks):
         return ""
-    shown = ", ".join(f"{f:.6g}" for f in peaks[:_NAMED]) + ", ..." * (len(peaks) > _NAMED)
+    most = UNEXPLAINED_PEAK.listed_peaks
+    shown = ", ".join(f"{f:.6g}" for f in peaks[:most]) + ", ..." * (len(peaks) > most)
     return f"{'Peak' if len(peaks) == 1 else 'Peaks'} without a mode: {shown} Hz"
 
 
@@ -45,16 +34,18 @@ def find_unexplained(measured: Measured, poles: _Complex) -> _Real:
     channels = measured.cube.reshape(n, -1)
     power = np.sum(np.abs(channels) ** 2, axis=1)
     p = int(np.count_nonzero(np.any(channels, axis=0)))
-    least = max(10.0 ** (0.1 * _HEIGHT), _noise_peak(p, n))
+    least = max(10.0 ** (0.1 * UNEXPLAINED_PEAK.least_height), _noise_peak(p, n))
     over = np.zeros(n, dtype=np.bool_)
-    for lines in _AROUND:
+    for lines in (UNEXPLAINED_PEAK.narrow_surroundings, UNEXPLAINED_PEAK.wide_surroundings):
         if n > 2 * lines:
             over |= power > least * scipy.ndimage.median_filter(power, 2 * lines + 1)
-    highest = power >= scipy.ndimage.maximum_filter1d(power, 2 * _HIGHEST + 1)
+    width = 2 * UNEXPLAINED_PEAK.dominated_lines + 1
+    highest = power >= scipy.ndimage.maximum_filter1d(power, width)
     highest[[0, -1]] = False  # edges of a slope
     peaks = measured.freq[over & highest]
     at = measured.axis.frequency(poles)
-    reach = _BANDWIDTHS * measured.bandwidth(poles) + _LINES * measured.spacing
+    reach = UNEXPLAINED_PEAK.mode_bandwidths * measured.bandwidth(poles)
+    reach = reach + UNEXPLAINED_PEAK.mode_lines * measured.spacing
     is_unexplained = np.abs(peaks[:, None] - at) > reach
     return np.asarray(peaks[is_unexplained.all(axis=1)])
 
@@ -66,7 +57,7 @@ def _noise_peak(p: int, n: int) -> float:
     is as accurate as a mean of half as many: 0.48 m for exponential variables, 0.64 m for normal
     ones (H. Cramer, Mathematical Methods of Statistics, 1946, section 28.5).
     """
-    lines = 2 * _AROUND[0] + 1
-    probability = 1.0 - _ALPHA / (len(_AROUND) * n)
+    lines = 2 * UNEXPLAINED_PEAK.narrow_surroundings + 1
+    probability = 1.0 - UNEXPLAINED_PEAK.false_alarm / (2 * n)  # two surroundings
     over_mean = scipy.special.fdtri(2 * p, p * lines, probability)
     return float(over_mean * p / scipy.special.gammaincinv(p, 0.5))

@@ -17,6 +17,8 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from updyn.modal.settings import VECTOR_FITTING
+
 __all__ = [
     "RationalBasis",
     "RationalFit",
@@ -28,24 +30,6 @@ __all__ = [
 ]
 
 _Complex = NDArray[np.complex128]
-
-_SWEEPS, _SETTLED = 6, 1e-11
-#: A residual below this share of the data is rounding error.
-_ROUNDING = 1e-12
-#: Poles are added until this number of further poles does not improve the prediction.
-_PATIENCE = 4
-#: Smallest relative improvement of the prediction.
-_BETTER = 0.02
-#: The selected fit is that of the fewest poles with a prediction at most this factor worse than the
-#: best.
-_AS_GOOD = 1.05
-#: Relative error of the prediction that is rounding error.
-_EXACT = 1e-10
-#: Loss factor of a new pole.
-_NEW = 0.01
-_TINY = 1e-14
-#: Imaginary part below which a mirrored pole is real.
-_OWN_IMAGE = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,7 +111,7 @@ def fit_increasing_orders(
         poles = _relocate_poles(basis, x, Y, poles)
         fitted = fit(basis, x, Y, poles)
         yield fitted
-        if fitted.cost <= _ROUNDING**2 * float(np.sum(np.abs(Y) ** 2)):
+        if fitted.cost <= VECTOR_FITTING.residual_rounding**2 * float(np.sum(np.abs(Y) ** 2)):
             return
         poles = np.append(poles, _place_pole(basis, x, Y - fitted.at(x), poles))
 
@@ -152,13 +136,15 @@ def fit_by_cross_validation(
             squares += float(np.sum(np.abs(one.at(x[other]) - Y[other]) ** 2))
         errors.append(float(np.sqrt(squares / total)))
         fits.append((pair[0], pair[1]))
-        if errors[-1] < _EXACT:
+        if errors[-1] < VECTOR_FITTING.exact_prediction:
             break
-        if len(errors) > _PATIENCE:
-            before, latest = min(errors[:-_PATIENCE]), min(errors[-_PATIENCE:])
-            if latest > (1.0 - _BETTER) * before:
+        recent = VECTOR_FITTING.patience
+        if len(errors) > recent:
+            before, latest = min(errors[:-recent]), min(errors[-recent:])
+            if latest > (1.0 - VECTOR_FITTING.least_improvement) * before:
                 break
-    best = int(np.flatnonzero(np.array(errors) <= _AS_GOOD * min(errors) + _EXACT)[0])
+    largest = VECTOR_FITTING.prediction_margin * min(errors) + VECTOR_FITTING.exact_prediction
+    best = int(np.flatnonzero(np.array(errors) <= largest)[0])
     pair = fits[best]
     *_, last = fit_increasing_orders(basis, x, Y, pair[0].poles, len(pair[0].poles))
     return last, pair
@@ -169,7 +155,8 @@ def fit(basis: RationalBasis, x: _Complex, Y: _Complex, poles: _Complex) -> Rati
     A = basis.parts(_columns(basis, x, poles))
     norms = np.linalg.norm(A, axis=0)
     scale = np.where(norms > 0, norms, 1.0)  # the fraction of a distant pole may vanish
-    weights = np.linalg.lstsq(A / scale, basis.parts(Y), rcond=_TINY)[0] / scale[:, None]
+    scaled = np.linalg.lstsq(A / scale, basis.parts(Y), rcond=VECTOR_FITTING.rounding)[0]
+    weights = scaled / scale[:, None]
     return RationalFit(
         basis, poles, weights, float(np.sum(np.abs(basis.parts(Y) - A @ weights) ** 2))
     )
@@ -182,9 +169,9 @@ def _columns(basis: RationalBasis, x: _Complex, poles: _Complex) -> _Complex:
 def _place_pole(basis: RationalBasis, x: _Complex, error: _Complex, poles: _Complex) -> complex:
     """Return a new pole next to the line with the largest error."""
     at = complex(x[int(np.argmax(np.sum(np.abs(error) ** 2, axis=1)))])
-    away = 1j * _NEW * abs(at)
+    away = 1j * VECTOR_FITTING.new_loss_factor * abs(at)
     if basis.mirrored:
-        away = -0.5 * _NEW * abs(at)
+        away = -0.5 * VECTOR_FITTING.new_loss_factor * abs(at)
     while (np.abs(poles - at - away) < 1e-9 * abs(at)).any():  # distinct from all others
         away *= 0.5
     return at + away
@@ -192,14 +179,15 @@ def _place_pole(basis: RationalBasis, x: _Complex, error: _Complex, poles: _Comp
 
 def _relocate_poles(basis: RationalBasis, x: _Complex, Y: _Complex, poles: _Complex) -> _Complex:
     """Relocate the poles until they converge."""
-    for _ in range(_SWEEPS):
+    for _ in range(VECTOR_FITTING.sweeps):
         before = poles
         try:
             poles = _compute_zeros(basis, x, Y, poles)
         except np.linalg.LinAlgError:  # two poles coincide: too many poles
             break
         # The order of the poles may change.
-        if max((np.abs(before - p).min() / abs(p) for p in poles), default=0.0) < _SETTLED:
+        change = max((np.abs(before - p).min() / abs(p) for p in poles), default=0.0)
+        if change < VECTOR_FITTING.settled_change:
             break
     return poles
 
@@ -249,13 +237,15 @@ def compute_sigma_zeros(
     A[:n, :n], A[:n, n], A[n, :n], A[n, n] = np.diag(poles), 1.0, residues, c[-1]
     B[:n, :n] = np.eye(n)
     above, below = scipy.linalg.eig(A, B, right=False, homogeneous_eigvals=True)
-    finite = np.abs(below) > _TINY * np.abs(above)
+    finite = np.abs(below) > VECTOR_FITTING.rounding * np.abs(above)
     return _stable(basis, above[finite] / below[finite])
 
 
 def _stable(basis: RationalBasis, poles: _Complex) -> _Complex:
     """Return stable poles: unstable ones reflected, and the upper one of each mirrored pair."""
     if not basis.mirrored:
-        return np.asarray(poles.real + 1j * np.maximum(np.abs(poles.imag), _TINY))
-    imag = np.where(np.abs(poles.imag) > _OWN_IMAGE * np.abs(poles), poles.imag, 0.0)
-    return np.asarray(-np.maximum(np.abs(poles.real), _TINY) + 1j * imag)[imag >= 0]
+        return np.asarray(poles.real + 1j * np.maximum(np.abs(poles.imag), VECTOR_FITTING.rounding))
+    paired = np.abs(poles.imag) > VECTOR_FITTING.real_pole_share * np.abs(poles)
+    imag = np.where(paired, poles.imag, 0.0)
+    real = -np.maximum(np.abs(poles.real), VECTOR_FITTING.rounding)
+    return np.asarray(real + 1j * imag)[imag >= 0]

@@ -14,8 +14,9 @@ from updyn.errors import DataError
 from updyn.frf import FRF, QUANTITIES, unit
 from updyn.modal import ModeSet, cmif, synthesise
 from updyn.modal.indicator import Indicator
+from updyn.modal.settings import SYNTHESIS
 from updyn.modal.stabilisation import Diagram
-from updyn.modal.synthesis import REACH, band_of_modes, line_weights
+from updyn.modal.synthesis import band_of_modes, line_weights
 from updyn.report.formats import format_count
 from updyn.report.overlay import DRAWING_BUDGET
 from updyn.report.plots import Figure, encode_array, encode_numbers, escape_label
@@ -255,7 +256,7 @@ def picker_data(found: IdentifiedModes) -> dict[str, Any]:
         "quantity": frf.quantity,
         "channels": channels,
         "worst": int(np.flatnonzero(shown == found.worst)[0]),
-        "reach": REACH,
+        "reach": SYNTHESIS.band_bandwidths,
         "together": units.pop() if len(units) == 1 and len(channels) > 1 else "",
         "note": found.note,
         "modes": _list_modes(modes, found.poles, chosen=True)

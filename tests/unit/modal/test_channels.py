@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from overriding import override
 from updyn.modal.channels import Columns
+from updyn.modal.settings import CHANNEL_FIT
 
 
 def case(is_complex: bool, own: bool):
@@ -69,7 +71,7 @@ def test_a_column_that_the_others_span_counts_for_nothing() -> None:
 def test_memory_is_bounded_in_parts_of_the_lines(monkeypatch: pytest.MonkeyPatch) -> None:
     A, Y, T, deviation = case(True, True)
     whole = Columns.of(A, deviation)
-    monkeypatch.setattr("updyn.modal.channels._BLOCK", 40)
+    override(monkeypatch, CHANNEL_FIT, block_elements=40)
     parts = Columns.of(A, deviation)
     assert parts.fit(Y)[0] == pytest.approx(whole.fit(Y)[0])
     assert parts.leverage() == pytest.approx(whole.leverage())

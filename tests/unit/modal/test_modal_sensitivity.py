@@ -12,8 +12,9 @@ import updyn
 from updyn.dynamics.affine import AffineSystem
 from updyn.elements.beam import Segment, beam
 from updyn.errors import SolverError
-from updyn.modal.sensitivity import WHOLE, RealModes, differentiate_modes, separate_repeated_modes
+from updyn.modal.sensitivity import RealModes, differentiate_modes, separate_repeated_modes
 from updyn.modal.sensitivity import differentiate_mode as slopes_of_one
+from updyn.modal.settings import MODE_DERIVATIVE
 from updyn.model import Model
 from updyn.sensitivity import Unknowns
 from updyn.updating.problem.parameters import ParameterSet
@@ -44,7 +45,7 @@ def differentiate_mode(
     about = (system, unknowns, values, rows)
     along = np.cos(np.arange(system.n))[:, None]
     value, shape = slopes_of_one(modes, which, *about, along)
-    assert (modes.whole is not None) == (system.n <= WHOLE)
+    assert (modes.whole is not None) == (system.n <= MODE_DERIVATIVE.most_decomposed_dofs)
     by_value, by_shape = differentiate_modes(modes, np.array([which]), *about, along)
     level = np.abs(shape).max() + np.abs(modes.shapes[rows, which]).max()
     assert by_value[0] == pytest.approx(value, rel=1e-8, abs=1e-9 * modes.value[which])

@@ -13,10 +13,9 @@ from numpy.typing import NDArray
 
 from updyn.correlation.modes import BY_FREQUENCY
 from updyn.errors import SolverError
-from updyn.modal.sensitivity import WHOLE
+from updyn.modal.settings import MODE_DERIVATIVE
 from updyn.updating.fit.answer import Answer
 from updyn.updating.fit.answers import (
-    AS_WELL,
     are_distinct,
     choose_answer,
     find_promising_points,
@@ -42,6 +41,7 @@ from updyn.updating.fit.methods.searching import SearchingMethod
 from updyn.updating.fit.models import Models
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.search import scatter_points, thin_problem
+from updyn.updating.fit.settings import ANSWERS
 from updyn.updating.fit.trust_region import TrustRegion
 from updyn.updating.fit.valley import find_valleys, fix_unknown
 from updyn.updating.problem.local import Local, join_locals
@@ -307,7 +307,10 @@ class MaximumLikelihood(SearchingMethod):
             agreed = sum(end <= best.negative_log_likelihood + _WORTH for end in ends)
             number = len(select_as_likely(best, found, _WORTH))
             enough = overdetermined and agreed > 2 * number**2 + 3 * number + 2
-            exhausted = problem.system.n > WHOLE and len(monitor.history) - n_before >= most
+            exhausted = (
+                problem.system.n > MODE_DERIVATIVE.most_decomposed_dofs
+                and len(monitor.history) - n_before >= most
+            )
             if enough or exhausted or monitor.stopped:
                 break
             with suppress(Stopped, SolverError):
@@ -395,7 +398,10 @@ class MaximumLikelihood(SearchingMethod):
             with suppress(Stopped, SolverError):
                 problem, x = _descend_with_weights(models, x, monitor, settings, at)
                 misfit = _negative_log_likelihood(problem, *_weigh(problem, noises, x), x)
-                if models.is_known(x, at) and misfit >= at.negative_log_likelihood - AS_WELL:
+                if (
+                    models.is_known(x, at)
+                    and misfit >= at.negative_log_likelihood - ANSWERS.equal_log_odds
+                ):
                     continue
                 if misfit <= at.negative_log_likelihood + _WORTH:
                     found.append(self._fit_answer(problem, noises, x, monitor))
