@@ -15,7 +15,9 @@ from updyn.control.conversions import ConversionError, conversions
 from updyn.control.family import PlantFamily, plant_family
 from updyn.control.job.checks import band_of_plant, beyond_the_data, part_of_plant
 from updyn.control.job.servo import Nonlinear, job_drive, job_nonlinear, job_servo
+from updyn.control.job.settings import PLANT_COMPARISON
 from updyn.control.job.tables import PlantTable, SamplingTable, ServoTable
+from updyn.control.offsets import mirror_offsets
 from updyn.control.plant import Plant
 from updyn.control.ports import port_matrix
 from updyn.control.sampled import sampled
@@ -35,21 +37,6 @@ __all__ = ["PlantResult", "make_plant"]
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
-
-#: Number of lines over the band for the comparison with the model.
-_SPREAD = 300
-#: Offsets of lines around each mode, in half widths.
-_AROUND = np.array([-6.0, -3.0, -1.5, -1.0, -0.5, -0.2, 0.0, 0.2, 0.5, 1.0, 1.5, 3.0, 6.0])
-#: Number of DOFs above which the response of the model is computed with a reduced model.
-_LARGE = 20_000
-#: Certified relative error of that reduced model.
-_ACCURACY = 1e-6
-#: Largest number of channels with a weight, without a servo that selects them.
-_WEIGHTS = 9
-#: Share of its peak below which a channel is rounding.
-_UNCOUPLED = 1e-10
-#: Largest number of modes with lines around them.
-_MODES = 80
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -99,7 +86,8 @@ class PlantResult:
         assert self.answer is not None
         level = np.abs(self.exact).max(axis=0, keepdims=True)
         if measure == "relative":
-            level = np.maximum(fill_antiresonances(self.freq, self.exact), _UNCOUPLED * level)
+            floor = PLANT_COMPARISON.uncoupled_share * level
+            level = np.maximum(fill_antiresonances(self.freq, self.exact), floor)
         return np.asarray(np.abs(self.answer - self.exact) / np.where(level > 0, level, 1.0))
 
 
@@ -245,8 +233,12 @@ def _compare_plant(made: Plant, model: Model, job: Job) -> dict[str, Any]:
     freq = resolving_lines(made)
     columns, into = port_matrix(made.input_ports, model, "input")
     rows, out = port_matrix(made.output_ports, model, "output")
-    tier = "reduced" if model.n_dofs > _LARGE else None
-    how: dict[str, Any] = {"tier": tier, "backend": job.method.backend, "accuracy": _ACCURACY}
+    tier = "reduced" if model.n_dofs > PLANT_COMPARISON.reduced_dofs else None
+    how: dict[str, Any] = {
+        "tier": tier,
+        "backend": job.method.backend,
+        "accuracy": PLANT_COMPARISON.reduced_accuracy,
+    }
     power = np.array([QUANTITIES[q] for q in made.quantities])
 
     def answer(lines: _Real) -> _Complex:
@@ -263,11 +255,14 @@ def resolving_lines(plant: Plant) -> _Real:
     low = max(low, 1e-4 * high)
     poles = plant.poles[plant.poles.imag > 0]
     pole_frequencies = np.abs(poles) / (2.0 * np.pi)
-    inside = np.flatnonzero((pole_frequencies > low) & (pole_frequencies < high))[:_MODES]
+    inside = np.flatnonzero((pole_frequencies > low) & (pole_frequencies < high))
+    inside = inside[: PLANT_COMPARISON.most_modes]
     damping = np.maximum(-poles.real[inside] / np.abs(poles[inside]), 1e-6)
-    around = pole_frequencies[inside, None] * (1.0 + damping[:, None] * _AROUND)
-    spread = np.geomspace(low, high, _SPREAD)
-    every = np.concatenate([spread, np.linspace(low, high, _SPREAD), around.ravel()])
+    offsets = mirror_offsets(PLANT_COMPARISON.line_offsets)
+    around = pole_frequencies[inside, None] * (1.0 + damping[:, None] * offsets)
+    count = PLANT_COMPARISON.spread_lines
+    spread = np.geomspace(low, high, count)
+    every = np.concatenate([spread, np.linspace(low, high, count), around.ravel()])
     lines = np.unique(np.clip(every, low, high))
     apart = np.diff(lines, prepend=-np.inf) > 1e-10 * high
     return np.asarray(lines[apart])
@@ -317,7 +312,7 @@ def _weights(
         read = (servo.velocity, servo.position)
         chosen = [(i, column) for i, name in enumerate(family.outputs) if name in read]
     else:
-        chosen = everything[:_WEIGHTS]
+        chosen = everything[: PLANT_COMPARISON.most_weights]
     out = {}
     notes = []
     for i, j in chosen:

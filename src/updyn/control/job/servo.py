@@ -7,10 +7,12 @@ from typing import Any
 
 from updyn.control.build import plant as build
 from updyn.control.family import PlantFamily
+from updyn.control.job.settings import CYCLE_SIMULATION
 from updyn.control.job.tables import NonlinearTable, ServoTable
 from updyn.control.nonlinear.balance import LimitCycle, LimitCycles, limit_cycles
 from updyn.control.nonlinear.elements import CoulombFriction, Nonlinearity
 from updyn.control.nonlinear.opened import opened
+from updyn.control.nonlinear.settings import LOOP_SIMULATION
 from updyn.control.nonlinear.simulate import Simulation, simulate
 from updyn.control.plant import Plant
 from updyn.control.ports import Port
@@ -27,16 +29,6 @@ __all__ = [
     "job_nonlinear",
     "job_servo",
 ]
-#: Number of simulated periods of a limit cycle if the job states no duration.
-_PERIODS = 40
-#: The same without a limit cycle, in periods of the bandwidth.
-_SETTLING = 6
-#: Ratio of the initial amplitude of a simulation to that of the limit cycle.
-_OUTSIDE = 1.2
-#: Number of steps in a period of the upper end of the band.
-_STEPS = 40
-#: Largest number of steps if the job states no duration.
-_MOST = 300_000
 
 
 def job_drive(job: Job, model: Model, band: tuple[float, float]) -> DriveFigures | None:
@@ -219,9 +211,12 @@ def _simulate(
         return None, "", note
     how: dict[str, Any]
     if found is not None:
-        how = {"start": found, "scale": _OUTSIDE}
-        begun = f"from {_OUTSIDE:g} times the stable cycle at {found.frequency:.4g} Hz"
-        lasting = _PERIODS / found.frequency
+        how = {"start": found, "scale": CYCLE_SIMULATION.start_factor}
+        begun = (
+            f"from {CYCLE_SIMULATION.start_factor:g} times the stable cycle at"
+            f" {found.frequency:.4g} Hz"
+        )
+        lasting = CYCLE_SIMULATION.cycle_periods / found.frequency
     else:
         size = 1.0
         if servo.step is not None:
@@ -229,10 +224,12 @@ def _simulate(
         how = {"constant": {"reference": size}}
         begun = "after a step of the reference"
         outer = servo.loops[-1].margins.crossover
-        lasting = _SETTLING / min(servo.bandwidth or plant.band[1], outer or plant.band[1])
+        lasting = CYCLE_SIMULATION.settling_periods / min(
+            servo.bandwidth or plant.band[1], outer or plant.band[1]
+        )
     # Each step is exact; only a contact that begins and ends within one step is missed.
-    step = 1.0 / (_STEPS * plant.band[1])
-    duration = table.duration or min(lasting, _MOST * step)
+    step = 1.0 / (LOOP_SIMULATION.steps_per_period * plant.band[1])
+    duration = table.duration or min(lasting, CYCLE_SIMULATION.most_steps * step)
     try:
         done = simulate(plant, servo.controller, law, duration, name, step=step, **how, **loop)
     except UpdynError as error:

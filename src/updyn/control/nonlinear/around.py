@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.control.nonlinear.elements import Backlash, CoulombFriction, Nonlinearity
+from updyn.control.nonlinear.settings import MESH
 from updyn.control.plant import Plant
 from updyn.control.servo.controller import Controller
 from updyn.control.servo.state_space import StateSpace, connect
@@ -20,8 +21,6 @@ __all__ = ["LinearLoop", "linear_loop"]
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
-
-_SMALLEST_FLEXIBILITY = 1e-9  # smallest flexibility relative to that of the mesh
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -150,7 +149,7 @@ def _flexibility(D: float, nonlinearity: Nonlinearity) -> float:
     """Return the residual flexibility across a mesh, 0 if it is rounding."""
     if (
         isinstance(nonlinearity, Backlash)
-        and abs(D) * nonlinearity.stiffness < _SMALLEST_FLEXIBILITY
+        and abs(D) * nonlinearity.stiffness < MESH.least_flexibility
     ):
         return 0.0
     return D

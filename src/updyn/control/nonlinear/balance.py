@@ -23,6 +23,7 @@ from scipy.optimize import brentq, minimize_scalar
 
 from updyn.control.nonlinear.around import LinearLoop, linear_loop
 from updyn.control.nonlinear.elements import Backlash, Nonlinearity
+from updyn.control.nonlinear.settings import HARMONIC_BALANCE
 from updyn.control.plant import Plant
 from updyn.control.servo.controller import Controller
 from updyn.control.servo.state_space import StateSpace
@@ -34,8 +35,6 @@ __all__ = ["LimitCycle", "LimitCycles", "limit_cycles"]
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 _TWO_PI = 2.0 * np.pi
-_SCAN = 3000
-_NEAR = 0.1  # rad: largest phase difference at which a tangency between lines is searched
 
 
 #: Words for the stability of a cycle or a loop.
@@ -223,7 +222,7 @@ def _frequency_limits(band: Any, poles: _Complex) -> tuple[float, float]:
 
 def _scan_frequencies(limits: tuple[float, float], poles: _Complex) -> _Real:
     """Return frequencies in rad/s, dense around lightly damped poles."""
-    parts = [np.geomspace(*limits, _SCAN)]
+    parts = [np.geomspace(*limits, HARMONIC_BALANCE.scan_lines)]
     offsets = np.concatenate([-np.geomspace(30, 0.1, 15), [0.0], np.geomspace(0.1, 30, 15)])
     for pole in poles[poles.imag > 0]:
         parts.append(pole.imag + offsets * max(abs(pole.real), 1e-6 * pole.imag))
@@ -267,7 +266,7 @@ def _roots(
             np.isfinite([a, b, c]).all()
             and a * b > 0
             and b * c > 0
-            and abs(b) < min(abs(a), abs(c), _NEAR)
+            and abs(b) < min(abs(a), abs(c), HARMONIC_BALANCE.tangency_phase)
         ):
             roots += _tangent_roots(at, omega[i - 1], omega[i + 1], float(np.sign(b)))
     return sorted(set(roots))

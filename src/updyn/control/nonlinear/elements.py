@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from updyn.control.nonlinear.settings import HARMONIC_BALANCE
 from updyn.errors import OptionError
 from updyn.group import is_number
 
@@ -21,11 +22,7 @@ __all__ = ["Backlash", "CoulombFriction", "Nonlinearity"]
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
-_HALVINGS = 52
-_FAR = 1e-9  # smallest ratio of half gap to amplitude
 # Limits beyond which harmonic balance deviated by 10 % from simulation, in amplitude or frequency.
-_REACH = 2.0  # half gaps
-_THIRD = 0.3  # of the first harmonic
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,7 +136,7 @@ class Backlash:
         -------
         str
         """
-        if amplitude < _REACH * self.half:
+        if amplitude < HARMONIC_BALANCE.least_twist * self.half:
             return (
                 f"the twist reaches only {amplitude / self.half:.3g} half gaps: bounces, not a sine"
             )
@@ -179,12 +176,13 @@ class Backlash:
             np.asarray(modulus, dtype=np.float64), np.asarray(omega, dtype=np.float64)
         )
         out = np.full(wanted.shape, np.nan)
-        is_reachable = (wanted > 0) & (wanted < np.abs(self.describing(self.half / _FAR, w)))
+        least = HARMONIC_BALANCE.least_gap_ratio
+        is_reachable = (wanted > 0) & (wanted < np.abs(self.describing(self.half / least, w)))
         wanted, w = wanted[is_reachable], w[is_reachable]
         # |N| rises with A from 0 to |k + i c omega|: bisection in d = gap / (2 A) from 1 to nearly
         # 0.
-        low, high = np.full(wanted.shape, _FAR), np.ones(wanted.shape)
-        for _ in range(_HALVINGS):
+        low, high = np.full(wanted.shape, least), np.ones(wanted.shape)
+        for _ in range(HARMONIC_BALANCE.bisections):
             mid = np.where(low < 1e-2 * high, np.sqrt(low * high), 0.5 * (low + high))
             more = np.abs(self.describing(self.half / mid, w)) > wanted
             low, high = np.where(more, mid, low), np.where(more, high, mid)
@@ -199,7 +197,7 @@ def _contact_phase(d: _Real, a: _Real, psi2: _Real) -> _Real:
     )  # of the shaft over A, at the end of contact with the other flank, half a turn before
     low, high = psi2 - np.pi, np.full(np.shape(psi2), 0.5 * np.pi)
     safe = np.where(a > 0, a, 1.0)
-    for _ in range(_HALVINGS):
+    for _ in range(HARMONIC_BALANCE.bisections):
         mid = 0.5 * (low + high)
         touches = np.sin(mid) + twist * np.exp(-(mid - psi2 + np.pi) / safe) > d
         low, high = np.where(touches, low, mid), np.where(touches, mid, high)
@@ -303,7 +301,9 @@ class CoulombFriction:
         -------
         str
         """
-        return f"the loop transmits {third:.2g} of a third harmonic" if third > _THIRD else ""
+        if third > HARMONIC_BALANCE.largest_third:
+            return f"the loop transmits {third:.2g} of a third harmonic"
+        return ""
 
     def third(self, amplitude: float, omega: float) -> float:
         """Return the magnitude of the third harmonic of T, a third of the first.

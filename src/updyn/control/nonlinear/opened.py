@@ -9,6 +9,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from updyn.control.nonlinear.elements import Backlash
+from updyn.control.nonlinear.settings import MESH
 from updyn.control.ports import Port
 from updyn.dofs import Dof
 from updyn.errors import ModelError, OptionError
@@ -17,8 +18,6 @@ from updyn.model import Model
 from updyn.updating.result import UpdateResult
 
 __all__ = ["OpenMesh", "opened"]
-
-_ONE = 1e-9  # largest relative deviation of a mesh from one spring
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -163,7 +162,7 @@ def opened(model: Model | UpdateResult, mesh: str, at: str | Dof, *, name: str =
 def _check_rank_one(matrix: Any, row: Any, size: float, what: str) -> None:
     """Raise ModelError if a matrix is not `size` times the outer product of a row."""
     difference = matrix - size * (row.T @ row)
-    if abs(difference).max() > _ONE * abs(matrix).max():
+    if abs(difference).max() > MESH.rank_one_deviation * abs(matrix).max():
         raise ModelError(
             f"{what} does more than twist one spring (its matrix does not have rank 1); put only"
             " the mesh into a group"

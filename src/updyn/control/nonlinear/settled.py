@@ -8,13 +8,11 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from updyn.control.nonlinear.settings import OSCILLATION_END
+
 __all__ = ["OscillationEnd", "judge_end"]
 
 _Real = NDArray[np.float64]
-_STEADY = 0.01  # relative spread of the last periods of a limit cycle
-_SMALL = 0.2  # share of the largest amplitude below which an oscillation has decayed
-_PERIODS = 5
-_LAST = 0.4  # share of the time that is evaluated
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +32,7 @@ def judge_end(time: _Real, z: _Real, switches: _Real, half: float) -> Oscillatio
     `switches` are times of changes of contact or sticking; `half` is half a gap, 0 for friction.
     """
     end = float(time[-1])
-    first = int(np.searchsorted(time, (1.0 - _LAST) * end))
+    first = int(np.searchsorted(time, (1.0 - OSCILLATION_END.evaluated_share) * end))
     t, y = time[first:], z[first:]
     span, whole = float(np.ptp(y)), float(np.ptp(z))
     if span <= 1e-9 * max(float(np.abs(z).max()), half):
@@ -49,13 +47,11 @@ def judge_end(time: _Real, z: _Real, switches: _Real, half: float) -> Oscillatio
         return _trend(t, y, whole)
     lengths = np.diff(starts)
     tops = np.array([np.ptp(y[(t >= a) & (t <= b)]) / 2 for a, b in pairwise(starts)])
-    n = min(len(lengths), 4 * _PERIODS)
+    spread, least = OSCILLATION_END.steady_spread, OSCILLATION_END.least_periods
+    n = min(len(lengths), 4 * least)
     lengths, tops = lengths[-n:], tops[-n:]
-    if (
-        n >= _PERIODS
-        and np.ptp(tops) <= _STEADY * tops[-1]
-        and np.ptp(lengths) <= _STEADY * lengths[-1]
-    ):
+    steady = np.ptp(tops) <= spread * tops[-1] and np.ptp(lengths) <= spread * lengths[-1]
+    if n >= least and steady:
         a, b = float(starts[-n - 1]), float(starts[-1])
         frequency = n / (b - a)
         return OscillationEnd(
@@ -69,10 +65,13 @@ def _trend(t: _Real, y: _Real, whole: float) -> OscillationEnd:
     edges = np.linspace(t[0], t[-1], 5)
     sizes = np.array([np.ptp(y[(t >= a) & (t <= b)]) for a, b in pairwise(edges)])
     steps = np.diff(sizes)
-    small = sizes.max() < _SMALL * whole and sizes[2:].max() <= sizes[:2].max()
-    if small or ((steps < 0).all() and sizes[-1] < (1 - _STEADY) * sizes[0]):
+    spread = OSCILLATION_END.steady_spread
+    is_small = sizes.max() < OSCILLATION_END.decayed_share * whole
+    if is_small and sizes[2:].max() <= sizes[:2].max():
         return OscillationEnd("decays")
-    if (steps > 0).all() and sizes[-1] > (1 + _STEADY) * sizes[0]:
+    if (steps < 0).all() and sizes[-1] < (1 - spread) * sizes[0]:
+        return OscillationEnd("decays")
+    if (steps > 0).all() and sizes[-1] > (1 + spread) * sizes[0]:
         return OscillationEnd("grows")
     return OscillationEnd("not settled")
 

@@ -14,6 +14,7 @@ from updyn.control.nonlinear.around import LinearLoop, linear_loop
 from updyn.control.nonlinear.balance import LimitCycle
 from updyn.control.nonlinear.elements import Backlash, Nonlinearity
 from updyn.control.nonlinear.pieces import PieceRules, rules
+from updyn.control.nonlinear.settings import LOOP_SIMULATION
 from updyn.control.nonlinear.settled import judge_end
 from updyn.control.nonlinear.trajectory import integrate
 from updyn.control.plant import Plant
@@ -25,9 +26,6 @@ from updyn.group import is_number
 __all__ = ["Simulation", "simulate"]
 
 _Real = NDArray[np.float64]
-_POINTS = 40  # steps per period of the fastest oscillation
-_LEAST = 400  # least number of steps
-_MOST = 2_000_000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -229,13 +227,13 @@ def _length(
         ):  # without its damping, a flank bounces as fast or faster
             rates.append(system.poles_with(nonlinearity.stiffness, 0.0))
         fastest = max(float(np.abs(r.imag).max(initial=0.0)) for r in rates)
-        step = duration / _LEAST
+        step = duration / LOOP_SIMULATION.least_steps
         if fastest > 0:
-            step = min(step, 2.0 * np.pi / fastest / _POINTS)
-    if duration / step > _MOST:
+            step = min(step, 2.0 * np.pi / fastest / LOOP_SIMULATION.steps_per_period)
+    if duration / step > LOOP_SIMULATION.most_steps:
         raise OptionError(
             f"simulation: {duration:g} s take {duration / step:.3g} steps of {step:.3g} s; expected"
-            f" at most {_MOST:g}: give a shorter duration, or a longer step="
+            f" at most {LOOP_SIMULATION.most_steps:g}: give a shorter duration, or a longer step="
         )
     return float(step)
 

@@ -10,14 +10,12 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from updyn.control.nonlinear.pieces import LinearPiece, PieceRules
+from updyn.control.nonlinear.settings import LOOP_SIMULATION
 from updyn.errors import SolverError
 
 __all__ = ["Trajectory", "integrate"]
 
 _Real = NDArray[np.float64]
-_HALVINGS = 44  # halvings of a step that locate a switch to rounding
-_BLOCK = 64  # steps whose powers are stored
-_AT_ONCE = 200  # switches within one step that count as chatter
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,11 +36,14 @@ class _Exact:
         self.piece = piece
         once = scipy.linalg.expm(piece.F * step)
         powers = [once]
-        for _ in range(_BLOCK - 1):
+        for _ in range(LOOP_SIMULATION.block_steps - 1):
             powers.append(powers[-1] @ once)
         self.powers = np.array(powers)
         self.halves = np.array(
-            [scipy.linalg.expm(piece.F * step * 0.5**i) for i in range(1, _HALVINGS + 1)]
+            [
+                scipy.linalg.expm(piece.F * step * 0.5 ** (i + 1))
+                for i in range(LOOP_SIMULATION.switch_halvings)
+            ]
         )
 
     def find_crossing(self, X: _Real) -> tuple[float, _Real, int]:
@@ -53,7 +54,8 @@ class _Exact:
             if (self.piece.borders @ tried >= 0.0).all():
                 X, share = tried, share + 0.5**i
         after = self.halves[-1] @ X
-        return share + 0.5**_HALVINGS, after, int(np.argmin(self.piece.borders @ after))
+        share += 0.5 ** len(self.halves)
+        return share, after, int(np.argmin(self.piece.borders @ after))
 
 
 def integrate(rules: PieceRules, start: _Real, duration: float, step: float) -> Trajectory:
@@ -73,7 +75,7 @@ def _follow_pieces(
     now, X, t = rules.first(start), start, 0.0
     times, states, pieces = [np.array([0.0])], [X[None]], [np.array([names.index(now)])]
     switches: list[float] = []
-    while (n_steps := min(int((duration - t) / step + 1e-9), _BLOCK)) > 0:
+    while (n_steps := min(int((duration - t) / step + 1e-9), LOOP_SIMULATION.block_steps)) > 0:
         at = exact[now]
         ahead = at.powers[:n_steps] @ X
         crossed = (ahead @ at.piece.borders.T < 0.0).any(axis=1)
@@ -91,9 +93,10 @@ def _follow_pieces(
             times.append(np.array([t]))
             states.append(X[None])
             pieces.append(np.array([names.index(now)]))
-            if len(switches) > _AT_ONCE and t - switches[-_AT_ONCE] < step:
+            chatter = LOOP_SIMULATION.chatter_switches
+            if len(switches) > chatter and t - switches[-chatter] < step:
                 raise SolverError(
-                    f"simulation: {_AT_ONCE} switches between {names[0]!r} and others within"
+                    f"simulation: {chatter} switches between {names[0]!r} and others within"
                     f" {step:.3g} s at {t:.6g} s: the loop chatters"
                 )
         if not np.isfinite(X).all():

@@ -10,6 +10,7 @@ import numpy as np
 from updyn.control.job.servo import Nonlinear
 from updyn.control.nonlinear.elements import Backlash
 from updyn.control.nonlinear.simulate import Simulation
+from updyn.control.report.settings import CONTROL_REPORT
 from updyn.report.formats import format_count
 from updyn.report.formats import number as formatted
 from updyn.report.plots import (
@@ -25,8 +26,6 @@ __all__ = ["nonlinear_context", "nonlinear_figures"]
 
 #: Number of periods at the end that are plotted.
 _SHOWN = 12
-#: Largest number of points of a curve.
-_POINTS = 4000
 #: Motion that a nonlinearity depends on, by its kind.
 _READ = {"backlash": "twist", "friction": "velocity"}
 
@@ -120,7 +119,7 @@ def _series(found: Nonlinear, ended: Simulation) -> Figure:
 
 
 def _line(x: Any, y: Any, name: str, unit: str, colour: str) -> dict[str, Any]:
-    at = thin_indices(y, _POINTS)
+    at = thin_indices(y, CONTROL_REPORT.series_points)
     return {
         "type": "scatter",
         "mode": "lines",

@@ -12,6 +12,7 @@ from updyn.control.conversions import ConversionError, conversion_state, find_ro
 from updyn.control.job.plant_result import PlantResult
 from updyn.control.plant import Plant
 from updyn.control.ports import Port
+from updyn.control.report.settings import CONTROL_REPORT
 from updyn.control.weight import UncertaintyWeight
 from updyn.report.formats import format_count, number
 from updyn.report.plots import (
@@ -40,13 +41,7 @@ __all__ = [
     "weight_name",
 ]
 
-#: Largest number of plotted channels, those with the largest errors.
-_MOST_PLOTTED = 6
 _ERROR_FLOOR = 1e-7
-#: Largest number of poles in the table.
-_LISTED = 60
-#: Largest number of channels in the table of errors.
-_CHANNELS = 40
 #: Error measures of a tolerance.
 _ERRORS = {"relative": "error / |H|", "peak": "error / peak"}
 #: Description of the conversions, and whether `updyn.plant` offers them.
@@ -77,10 +72,10 @@ def channels(result: PlantResult) -> list[tuple[int, int]]:
     """Return the plotted channels: all, or those with the largest errors."""
     assert result.plant is not None
     everything = list(np.ndindex(len(result.plant.outputs), len(result.plant.inputs)))
-    if len(everything) <= _MOST_PLOTTED:
+    if len(everything) <= CONTROL_REPORT.plotted_channels:
         return everything
     errors = result.channel_errors(result.measure)
-    return sorted(sorted(everything, key=lambda at: -errors[at])[:_MOST_PLOTTED])
+    return sorted(sorted(everything, key=lambda at: -errors[at])[: CONTROL_REPORT.plotted_channels])
 
 
 def bode_name(output: int, input: int) -> str:
@@ -225,7 +220,7 @@ def _plant_context(result: PlantResult, plant: Plant) -> dict[str, Any]:
         "zeros": _zeros(plant),
         "n_zeros": len(plant.zero_shift),
         "share_of": "its size at each line" if result.measure == "relative" else "its peak",
-        "poles": [_pole_cells(plant, pole) for pole in poles[:_LISTED]],
+        "poles": [_pole_cells(plant, pole) for pole in poles[: CONTROL_REPORT.listed_poles]],
         "n_poles": len(poles),
         "weights": _weights(result, plant),
     }
@@ -308,7 +303,7 @@ def _zeros(plant: Plant) -> list[list[str]]:
     """Return the antiresonances by decreasing shift."""
     rows = []
     order = sorted(plant.zero_shift, key=lambda z: -abs(z.shift) if math.isfinite(z.shift) else -99)
-    for zero in order[:_LISTED]:
+    for zero in order[: CONTROL_REPORT.listed_poles]:
         shift = "not in the plant"
         if math.isfinite(zero.shift):
             shift = f"{number(zero.shift, 2)} %"
@@ -342,7 +337,7 @@ def _channel_errors(result: PlantResult, plant: Plant) -> list[list[str]]:
     both = result.channel_errors("relative"), result.channel_errors("peak")
     order = sorted(np.ndindex(*errors.shape), key=lambda at: -errors[at])
     rows = []
-    for i, j in order[:_CHANNELS]:
+    for i, j in order[: CONTROL_REPORT.listed_channels]:
         rows.append([channel_name(plant, i, j), *(share(float(e[i, j])) for e in both)])
     return rows
 

@@ -13,6 +13,7 @@ from updyn.control.job.plant_result import PlantResult
 from updyn.control.plant import Plant
 from updyn.control.report.nonlinear import nonlinear_context, nonlinear_figures
 from updyn.control.report.plant import degree_axis, unit_ratio
+from updyn.control.report.settings import CONTROL_REPORT
 from updyn.control.servo.drive import DriveFigures
 from updyn.control.servo.margins import Margins, RobustMargin
 from updyn.control.servo.record import Loop, SampledLoops, Servo, StepResponse, WindResponse
@@ -36,12 +37,6 @@ __all__ = [
     "servo_figures",
 ]
 
-#: Largest number of members of a family with separate curves.
-_MEMBERS = 40
-#: Largest number of lines of a curve.
-_LINES = 3000
-#: Largest number of points of a series.
-_POINTS = 4000
 #: Largest and smallest magnitude of a loop function that is drawn, in dB.
 _LOUD = 60.0
 _QUIET = -80.0
@@ -51,10 +46,6 @@ _REACH = 2.0
 _MODULUS = 0.5
 
 _Real = NDArray[np.float64]
-#: Largest number of crossings that are listed for each loop.
-_CROSSINGS = 12
-#: Largest number of unstable members that are listed.
-_MEMBERS_LISTED = 12
 
 
 def servo_figures(servo: Servo, plant: Plant) -> dict[str, Figure]:
@@ -91,9 +82,9 @@ def _plotted_lines(loop: Loop, high: float) -> NDArray[np.intp]:
     ends = list(loop.freq[near][[0, -1]]) if near.any() else []
     ends += [f for f in (*marks, m.modulus_margin_at) if f is not None and math.isfinite(f)]
     if len(ends) < 2:
-        return thin_indices(size, _LINES)
+        return thin_indices(size, CONTROL_REPORT.loop_points)
     inside = np.flatnonzero((loop.freq >= 0.95 * min(ends)) & (loop.freq <= 1.05 * max(ends)))
-    return inside[thin_indices(size[inside], _LINES)]
+    return inside[thin_indices(size[inside], CONTROL_REPORT.loop_points)]
 
 
 def _bode(loop: Loop, at: NDArray[np.intp]) -> Figure:
@@ -162,7 +153,7 @@ def _nichols(loop: Loop, at: NDArray[np.intp]) -> Figure:
     L, turn = loop.L[at], loop.phase[at]
     shown = (_decibels(L) > _QUIET / 2) & (_decibels(L) < _LOUD)
     traces: list[dict[str, Any]] = []
-    members = loop.family[:_MEMBERS, at]
+    members = loop.family[: CONTROL_REPORT.plotted_members, at]
     spread: list[_Real] = []
     for index, member in enumerate(members):
         turns = turn + np.degrees(np.angle(member * np.conj(L)))
@@ -325,7 +316,7 @@ def _wind_figure(wind: WindResponse) -> Figure:
 
 def _time_trace(time: _Real, value: _Real, name: str, unit: str, colour: str) -> dict[str, Any]:
     shown = f"%{{x:.5g}} s: {escape_label(name)} %{{y:.4g}} {_unit(unit)}".rstrip()
-    at = thin_indices(value, _POINTS)
+    at = thin_indices(value, CONTROL_REPORT.series_points)
     return {
         "type": "scatter",
         "mode": "lines",
@@ -429,7 +420,7 @@ def _loop(loop: Loop) -> dict[str, Any]:
     return {
         "name": loop.name,
         "n_members": len(loop.members),
-        "crossings": crossings[:_CROSSINGS],
+        "crossings": crossings[: CONTROL_REPORT.listed_items],
         "n_crossings": len(crossings),
     }
 
@@ -608,8 +599,8 @@ def _to_sentence(text: str) -> str:
 
 
 def _list_members(members: tuple[int, ...]) -> str:
-    listed = ", ".join(map(str, members[:_MEMBERS_LISTED]))
-    return f"{listed}, ..." if len(members) > _MEMBERS_LISTED else listed
+    listed = ", ".join(map(str, members[: CONTROL_REPORT.listed_items]))
+    return f"{listed}, ..." if len(members) > CONTROL_REPORT.listed_items else listed
 
 
 def _at(margins: Margins, name: str) -> float | None:
