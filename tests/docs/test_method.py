@@ -12,6 +12,7 @@ import updyn
 from places import ROOT
 from updyn.demos.gear_train import starting_model, table, true_model
 from updyn.dynamics.settings import BASIS, CERTIFICATE, LINE_SOLVER, REDUCTION, SHIFTED
+from updyn.linalg.settings import SPARSE_SOLVER
 from updyn.updating.fit import search
 from updyn.updating.fit.settings import (
     ANSWERS,
@@ -147,7 +148,6 @@ def test_every_source_is_cited_and_every_citation_has_its_source() -> None:
 
 
 def test_the_numbers_of_large_models_are_those_of_the_code() -> None:
-    from updyn.linalg import solver
     from updyn.updating.fit import reducing
 
     section = TEXT.split("## Large models")[1].split("## ")[0]
@@ -181,7 +181,7 @@ def test_the_numbers_of_large_models_are_those_of_the_code() -> None:
     assert SHIFTED.close_share == 0.1
     assert f"Above {SHIFTED.double_dofs:,} DOFs it is made in single precision" in words
     assert "Up to a fifth, no eigenvalue changes its sign" in words
-    assert solver._FARTHEST == 0.2
+    assert SPARSE_SOLVER.largest_remaining_share == 0.2
     assert "refined to 1e-9 (of P below, 1e-5)" in words
     assert (BASIS.new_norm, SHIFTED.measuring_error) == (1e-9, 1e-5)
     assert "by 0.003 and then 0.01 of omega_max^2" in words

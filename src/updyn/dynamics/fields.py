@@ -17,9 +17,8 @@ from updyn.dynamics.affine import AffineSystem, State
 from updyn.dynamics.pencil import Pencil, PencilCache, StateWeights
 from updyn.dynamics.settings import LINE_SOLVER, PENCIL
 from updyn.errors import OptionError, SolverError, suggest
+from updyn.linalg.settings import SPARSE_SOLVER
 from updyn.linalg.solver import (
-    LARGEST_GROWTH,
-    LARGEST_PROBE_GROWTH,
     SparseSolver,
     check_backend,
     growth,
@@ -429,8 +428,8 @@ def solve_dense(
     except np.linalg.LinAlgError:
         X = np.stack([_solve_or_infinite(z, load) for z, load in zip(Z, loads, strict=True)])
     answer, probe = X[:, :, :r], X[:, :, r:]
-    accepted = growth(size, answer, B) <= LARGEST_GROWTH
-    accepted &= growth(size, probe, loads[:, :, r:]) <= LARGEST_PROBE_GROWTH
+    accepted = growth(size, answer, B) <= SPARSE_SOLVER.largest_growth
+    accepted &= growth(size, probe, loads[:, :, r:]) <= SPARSE_SOLVER.largest_probe_growth
     if not accepted.all():
         first = int(np.argmin(accepted))
         raise SolverError(singular_message(freq[first], held, scale=unit_scale(size[first])))

@@ -28,7 +28,8 @@ from scipy.linalg import lapack
 
 from updyn.dynamics.affine import AffineSystem, State
 from updyn.dynamics.settings import PENCIL
-from updyn.linalg.solver import LARGEST_PROBE_GROWTH, probe_load, unit_scale
+from updyn.linalg.settings import SPARSE_SOLVER
+from updyn.linalg.solver import probe_load, unit_scale
 from updyn.linalg.threads import use_one_thread
 
 __all__ = ["Pencil", "PencilCache", "StateWeights", "saves_time"]
@@ -199,7 +200,7 @@ class _Check:
             size = size + norm * np.abs(weight)
         largest, moved = np.abs(b).max(), np.abs(y).max(axis=0)
         solved = np.abs(residual).max(axis=0) <= PENCIL.backward_error * (size * moved + largest)
-        most = PENCIL.doubtful_growth * LARGEST_PROBE_GROWTH
+        most = PENCIL.doubtful_growth * SPARSE_SOLVER.largest_probe_growth
         return np.asarray(solved & (moved <= most * largest))
 
 

@@ -19,6 +19,7 @@ from weakref import finalize
 import numpy as np
 from numpy.typing import NDArray
 
+from updyn.linalg.settings import SPARSE_SOLVER
 from updyn.linalg.solver import unit_scale
 from updyn.linalg.triangle import upper_triangle
 
@@ -26,8 +27,6 @@ __all__ = ["Cudss"]
 
 #: Version of cuDSS, on which the parameter numbers depend; that of nvmath-python 1.0.
 _VERSION = (0, 8)
-#: Size below which pivots of a matrix with unit diagonal are perturbed; `factor` then fails.
-_SMALLEST_PIVOT = 1e-13
 #: Library for threads in the ordering; part of cuDSS.
 _THREADS = "libcudss_mtlayer_gomp.so.0"
 
@@ -157,7 +156,7 @@ class _Card:
             if threads is not None:
                 cudss.set_threading_layer(handle, threads)
         made = cls(cudss, found.cuda, handle, config, data)
-        made.set("PIVOT_EPSILON", np.float64, _SMALLEST_PIVOT)
+        made.set("PIVOT_EPSILON", np.float64, SPARSE_SOLVER.smallest_pivot)
         return made
 
     def set(self, name: str, kind: type, value: float) -> None:

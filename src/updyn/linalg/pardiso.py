@@ -18,6 +18,7 @@ from weakref import finalize
 import numpy as np
 from numpy.typing import NDArray
 
+from updyn.linalg.settings import SPARSE_SOLVER
 from updyn.linalg.single import round_to_single, solve_scaled
 from updyn.linalg.triangle import upper_triangle
 
@@ -30,8 +31,6 @@ _ANALYSE, _FACTOR, _SOLVE, _RELEASE = 11, 22, 33, -1
 _NOT_ENOUGH_MEMORY = -2
 #: Number of entries above which a matrix needs 64-bit indices (oneMKL reference of pardiso_64).
 _MOST_ENTRIES = 500_000_000
-#: Number of entries processed at a time, as a copy of all would need memory.
-_BLOCK = 2**18
 
 
 @cache
@@ -106,8 +105,8 @@ class Pardiso:
         Raises RuntimeError also for a perturbed pivot or a value beyond the range of the precision.
         """
         session, at = self._session, 0
-        for first in range(0, len(self._upper), _BLOCK):
-            part = slice(first, first + _BLOCK)
+        for first in range(0, len(self._upper), SPARSE_SOLVER.entries_per_step):
+            part = slice(first, first + SPARSE_SOLVER.entries_per_step)
             values = A.data[part][self._upper[part]]
             with np.errstate(over="ignore"):
                 session.a[at : at + len(values)] = values

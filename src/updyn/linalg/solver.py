@@ -19,13 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.errors import OptionError, SolverError, key_path
+from updyn.linalg.settings import SPARSE_SOLVER
 from updyn.registry import Registry
 
 __all__ = [
     "BACKENDS",
-    "LARGEST_GROWTH",
-    "LARGEST_PROBE_GROWTH",
-    "RESIDUAL",
     "Backend",
     "Factorised",
     "Factors",
@@ -89,8 +87,6 @@ BACKENDS: Registry[type[Backend]] = Registry(
         "cudss": "updyn.linalg.cudss:Cudss",
     },
 )
-#: Relative error of a solution with factors in single precision.
-_DIGITS = 1e-6
 #: Backends tried in this order if another fails.
 _FALLBACKS = ("pardiso", "mumps", "superlu")
 
@@ -150,15 +146,15 @@ class SparseSolver:
         freq: float,
         held: str = "",
         *,
-        error: float = _DIGITS,
+        error: float = 0.0,
         single_only: bool = False,
     ) -> Factorised:
         """Factorise A for later right-hand sides; an earlier factorisation becomes invalid.
 
         A must not change while in use. `error` is the permitted relative error of solutions in
-        single precision; `single_only` excludes double precision, which needs twice the memory.
-        Raises SolverError if A is singular or memory is short, TypeError if A is real for a complex
-        solver or vice versa.
+        single precision, 0 for that of double precision; `single_only` excludes double precision,
+        which needs twice the memory. Raises SolverError if A is singular or memory is short,
+        TypeError if A is real for a complex solver or vice versa.
         """
         if np.iscomplexobj(A) == self.real:
             raise TypeError(
@@ -235,7 +231,7 @@ class _BackendChoice:
     @property
     def residual(self) -> float:
         """Largest accepted backward error."""
-        return RESIDUAL_SINGLE if self.single else RESIDUAL
+        return SPARSE_SOLVER.single_backward_error if self.single else SPARSE_SOLVER.backward_error
 
 
 def _backends_from(name: str) -> Iterator[str]:
@@ -335,7 +331,11 @@ class Factorised:
                     f"{choice.name}: {where}; the matrix is singular or nearly singular"
                 )
             _, choice = self._latest_factors()
-        if not (grown[:r] <= LARGEST_GROWTH).all() or not (grown[r:] <= LARGEST_PROBE_GROWTH).all():
+        loads, probe = grown[:r], grown[r:]
+        if not (
+            (loads <= SPARSE_SOLVER.largest_growth).all()
+            and (probe <= SPARSE_SOLVER.largest_probe_growth).all()
+        ):
             raise SolverError(singular_message(*self._line, scale=self._scale))
         self._probed = True
         self._solver.solve_counts[choice.name] = self._solver.solve_counts.get(choice.name, 0) + 1
@@ -361,7 +361,7 @@ class Factorised:
     def _refine_to_tolerance(self, run: Factors, X: NDArray[Any], B: NDArray[Any]) -> None:
         """Refine solutions of single-precision factors; RuntimeError if they do not converge."""
         error, before = self._off.share, 1.0
-        for _ in range(_MOST_STEPS):
+        for _ in range(SPARSE_SOLVER.most_refinements):
             if error <= max(self._error, self._off.floor):
                 return
             change = run(np.asfortranarray(B - self._A @ X))
@@ -392,7 +392,7 @@ class Factorised:
                 if str(error):
                     message += f" ({error})"
                 raise SolverError(message) from error
-            if self._off.share <= _FARTHEST:
+            if self._off.share <= SPARSE_SOLVER.largest_remaining_share:
                 self._factors = factors
                 return True
             del factors
@@ -412,7 +412,8 @@ class Factorised:
             size = _column_sizes(X, self._scale)
             share = _compute_growth(_column_sizes(change, self._scale), size)
             grown = _compute_growth(size, _column_sizes(load, 1.0 / self._scale))
-        return _FactorDistance(float(share[0]), _ROUNDINGS * np.finfo(float).eps * float(grown[0]))
+        rounding = SPARSE_SOLVER.residual_rounding * np.finfo(float).eps
+        return _FactorDistance(float(share[0]), rounding * float(grown[0]))
 
     def _latest_factors(self) -> tuple[Factors, _BackendChoice]:
         if self._factors is None or self._choice is None:
@@ -421,10 +422,6 @@ class Factorised:
                 " or was released"
             )
         return self._factors, self._choice
-
-
-#: Largest accepted backward error, in double and in single precision.
-RESIDUAL, RESIDUAL_SINGLE = 1e-8, 1e-4
 
 
 @dataclass(frozen=True, slots=True)
@@ -439,31 +436,6 @@ class _FactorDistance:
 
 
 _EXACT = _FactorDistance(0.0, 0.0)
-#: Largest share for which refinement converges, and largest number of its steps.
-_FARTHEST, _MOST_STEPS = 0.2, 20
-#: Approximate number of roundings of double precision in a residual.
-_ROUNDINGS = 4.0
-
-#: Growth of a solution relative to its right-hand side at which 12 of 16 digits are lost: the
-#: matrix counts as singular.
-LARGEST_GROWTH = 1e12
-
-#: The same for a load that excites every mode (`probe_load`). Exactly at a natural frequency it
-#: grows by 1e14 or more, depending on the BLAS kernel. The forces of a test may grow by less than
-#: 1e12 if they hardly excite that mode.
-LARGEST_PROBE_GROWTH = 1e13
-
-#: Ratio of diagonal entries from which rounding may make a matrix singular. Rotations in N m/rad
-#: and translations in N/m reach a part of it.
-_FAR_APART = 1e9
-
-#: Number of columns that one combination checks.
-_CHECKED_COLUMNS = 64
-
-#: Entries of a matrix that BLAS multiplies with a vector in one thread (OpenBLAS: up to 9216).
-_ALONE = 8192
-#: Number of values processed at a time, to stay in the cache.
-_CACHED_NUMBERS = 2**15
 
 
 def unit_scale(diagonal: NDArray[Any]) -> NDArray[np.float64]:
@@ -500,7 +472,7 @@ def accuracy(
     scale: NDArray[np.float64],
     X: NDArray[Any],
     B: NDArray[Any],
-    allowed: float = RESIDUAL,
+    allowed: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return backward error and growth of each column of A X = B, at the cost of one column in 64.
 
@@ -511,8 +483,8 @@ def accuracy(
     """
     errors, grown = np.zeros(X.shape[1]), np.zeros(X.shape[1])
     absolute = None
-    for first in range(0, X.shape[1], _CHECKED_COLUMNS):
-        part = slice(first, first + _CHECKED_COLUMNS)
+    for first in range(0, X.shape[1], SPARSE_SOLVER.columns_per_check):
+        part = slice(first, first + SPARSE_SOLVER.columns_per_check)
         x, b = X[:, part], B[:, part]
         solved, load = _column_sizes(x, scale), _column_sizes(b, 1.0 / scale)
         grown[part] = _compute_growth(solved, load)
@@ -553,7 +525,7 @@ def _times(X: NDArray[Any], weight: NDArray[np.float64]) -> NDArray[Any]:
 
     More threads would wait for the cores on which the solver's threads still spin.
     """
-    step = max(1, _ALONE // len(weight))
+    step = max(1, SPARSE_SOLVER.one_thread_entries // len(weight))
     return np.concatenate([X[i : i + step] @ weight for i in range(0, len(X), step)])
 
 
@@ -562,7 +534,7 @@ def _column_sizes(X: NDArray[Any], scale: NDArray[np.float64]) -> NDArray[np.flo
     if np.iscomplexobj(X):
         scale = np.repeat(scale, 2)
     columns = np.asfortranarray(X).T.view(np.float64)
-    step = max(1, _CACHED_NUMBERS // len(scale))
+    step = max(1, SPARSE_SOLVER.cached_numbers // len(scale))
     pieces = [columns[i : i + step] for i in range(0, len(columns), step)]
     return np.concatenate([(np.abs(piece) * scale).max(axis=1, initial=0.0) for piece in pieces])
 
@@ -581,7 +553,7 @@ def singular_message(freq: float, held: str = "", *, scale: NDArray[np.float64])
     else:
         why = "a natural frequency without damping. Omit the line or give the groups a loss factor"
     smallest, largest = float(scale.min()) ** 2, float(scale.max()) ** 2
-    if largest > _FAR_APART * smallest:
+    if largest > SPARSE_SOLVER.named_stiffness_ratio * smallest:
         why += (
             f". Or stiffnesses too far apart for double precision: diagonal entries range"
             f" from {smallest:.1g} to {largest:.1g}, and the soft ones are lost in the rounding of"

@@ -7,10 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["upper_triangle"]
+from updyn.linalg.settings import SPARSE_SOLVER
 
-#: Number of rows processed at a time, as index arrays of all entries would need memory.
-_BLOCK = 2**18
+__all__ = ["upper_triangle"]
 
 
 def upper_triangle(
@@ -23,8 +22,8 @@ def upper_triangle(
     n = len(indptr) - 1
     kept = np.empty(len(indices), dtype=np.bool_)
     begin = np.zeros(n + 1, dtype=np.int64)
-    for first in range(0, n, _BLOCK):
-        last = min(first + _BLOCK, n)
+    for first in range(0, n, SPARSE_SOLVER.entries_per_step):
+        last = min(first + SPARSE_SOLVER.entries_per_step, n)
         part = slice(indptr[first], indptr[last])
         column = np.repeat(np.arange(first, last), np.diff(indptr[first : last + 1]))
         kept[part] = indices[part] >= column

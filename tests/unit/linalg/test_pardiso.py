@@ -5,7 +5,9 @@ import pytest
 import scipy.sparse as sp
 
 from grid import eigenvalues, grid
+from overriding import override
 from updyn.linalg import pardiso
+from updyn.linalg.settings import SPARSE_SOLVER
 
 pytestmark = pytest.mark.skipif(
     not pardiso.Pardiso.available(), reason="the mkl wheel is not installed"
@@ -65,7 +67,7 @@ def test_what_it_must_not_be_given():
 
 def test_values_are_taken_in_blocks(monkeypatch):
     A = grid(5)
-    monkeypatch.setattr("updyn.linalg.pardiso._BLOCK", 7)
+    override(monkeypatch, SPARSE_SOLVER, entries_per_step=7)
     B = np.ones((125, 1))
     assert pardiso.Pardiso(A, real=True).factor(A)(B) == pytest.approx(
         np.linalg.solve(A.toarray(), B)
