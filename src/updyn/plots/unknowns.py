@@ -22,7 +22,7 @@ from updyn.plots.canvas import (
 from updyn.report.formats import axis_title, quantity_words
 from updyn.report.identifiability import correlations
 from updyn.style import PAPER
-from updyn.updating.fit.null_space import RANK_TOLERANCE
+from updyn.updating.fit.settings import NULL_SPACE
 from updyn.updating.judge.identifiability import Identifiability
 from updyn.updating.problem.parameters import Parameter
 from updyn.updating.result import JointResult, UpdateResult
@@ -252,7 +252,7 @@ def _singular_values(axes: Axes, ident: Identifiability) -> None:
             look: dict[str, Any] = {"marker": marker, "markersize": 6, "color": PAPER[role]}
             axes.plot(number[chosen], height[chosen], linestyle="none", label=name, **look)
     log_axis(axes, "y")
-    limit = RANK_TOLERANCE * float(values.max(initial=0.0))
+    limit = NULL_SPACE.rank_tolerance * float(values.max(initial=0.0))
     if limit >= axes.get_ylim()[0]:
         axes.axhline(limit, color=PAPER["muted"], linestyle=":", label="zero by arithmetic")
     axes.set_xlabel("combination, best determined first (–)")

@@ -16,7 +16,7 @@ from scipy.stats import qmc
 from updyn.uncertainty.likelihood import Likelihood, Point
 from updyn.uncertainty.progress import WorkCounter
 from updyn.updating.fit.answers import exchange_groups
-from updyn.updating.fit.search import SEARCH_LINES, SEARCH_STEPS
+from updyn.updating.fit.settings import SEARCH
 from updyn.updating.fit.trust_region import TrustRegion
 from updyn.updating.problem.local import Local
 from updyn.updating.problem.problem import Problem
@@ -101,7 +101,7 @@ def _descend_from_start(likelihood: Likelihood, item: tuple[_Vector, bool]) -> P
     x, far = item
     if far:
         lower, upper = likelihood.bounds
-        rough = likelihood.problem.thin(SEARCH_LINES)
+        rough = likelihood.problem.thin(SEARCH.most_lines)
 
         def evaluate(at: _Vector) -> Local | None:
             local = LogError().local(rough, at)
@@ -111,7 +111,7 @@ def _descend_from_start(likelihood: Likelihood, item: tuple[_Vector, bool]) -> P
 
         if evaluate(x) is None:
             return None
-        settings = TrustRegion(SEARCH_STEPS, 1e-6, radius=0.3, min_relative_decrease=1e-4)
+        settings = TrustRegion(SEARCH.steps, 1e-6, radius=0.3, min_relative_decrease=1e-4)
         x = settings.minimise(evaluate, x, rough.coordinates.relaxed_lower, upper).x
         x = np.clip(x, lower, upper)
     return likelihood.descend(x)

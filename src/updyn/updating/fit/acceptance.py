@@ -8,29 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from updyn.updating.fit.settings import ACCEPTANCE, RESIDUAL_TEST
 from updyn.updating.fit.trust_region import Outcome
 from updyn.updating.problem.problem import Problem
 from updyn.updating.problem.residuals import make_log_error
 
-__all__ = ["SAME", "Acceptance"]
+__all__ = ["Acceptance"]
 
 _Vector = NDArray[np.float64]
-
-#: Costs that differ by less than this share belong to the same basin.
-SAME = 1e-3
-#: Largest serial correlation of a residual that may be noise, and of one that is certainly noise.
-_CORRELATED, _UNCORRELATED = 0.3, 0.1
-#: Ratio to the expected log error of the noise up to which the noise may explain an error.
-_MARGIN = 1.5
-#: A log misfit above this (rms) is not noise.
-_GROSS = 0.3
-#: A log misfit below this (rms) is rounding of exact data; no better answer exists.
-_EXACT = 1e-7
-#: Least number of lines for a judgement of the serial correlation.
-_ENOUGH_LINES = 8
-#: Number of tries that have to reach an answer before it is accepted: if its residual looks like
-#: noise, may be noise, or is not noise.
-_TWICE, _THRICE, _OFTEN = 2, 3, 6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,41 +39,53 @@ class Acceptance:
         if not ends:
             return False
         best = min(ends, key=lambda end: end.local.cost)
-        agree = sum(end.local.cost <= best.local.cost * (1.0 + SAME) for end in ends)
+        agree = sum(
+            end.local.cost <= best.local.cost * (1.0 + ACCEPTANCE.same_basin_share) for end in ends
+        )
         if self.is_exact(best):
             return True
-        gross = _power(self._misfits(best.x)) > _GROSS**2
+        gross = _power(self._misfits(best.x)) > ACCEPTANCE.gross_misfit**2
         if gross or (self.noise_known and not self._is_explained_by_noise(best.local.cost)):
-            return agree >= _OFTEN
-        return agree >= (_TWICE if self.is_noise(best.x) else _THRICE)
+            return agree >= ACCEPTANCE.tries_if_not_noise
+        return agree >= (
+            ACCEPTANCE.tries_if_noise if self.is_noise(best.x) else ACCEPTANCE.tries_if_unclear
+        )
 
     def is_exact(self, end: Outcome) -> bool:
         """Return whether the residual of an end is only rounding of the data."""
-        return _power(self._misfits(end.x)) < _EXACT**2
+        return _power(self._misfits(end.x)) < ACCEPTANCE.exact_misfit**2
 
     def is_plausible(self, end: Outcome) -> bool:
         """Return whether an end may be the answer: its residual is like noise, or no larger."""
         if self._is_explained_by_noise(end.local.cost):
             return True
-        return not self.noise_known and self.is_noise(end.x, _UNCORRELATED)
+        return not self.noise_known and self.is_noise(end.x, ACCEPTANCE.certain_correlation)
 
     def is_answer(self, x: _Vector, cost: float) -> bool:
         """Return whether the residual at x looks like noise, no larger than noise of known size."""
-        return self.is_noise(x, _UNCORRELATED) and (
+        return self.is_noise(x, ACCEPTANCE.certain_correlation) and (
             not self.noise_known or self._is_explained_by_noise(cost)
         )
 
-    def is_noise(self, x: _Vector, most: float = _CORRELATED) -> bool:
-        """Return whether the residual at x is small, and its serial correlation at most `most`."""
+    def is_noise(self, x: _Vector, most: float | None = None) -> bool:
+        """Return whether the residual at x is small, and its serial correlation at most `most`.
+
+        By default, that of a residual that may be noise.
+        """
+        if most is None:
+            most = ACCEPTANCE.possible_correlation
         misfits = self._misfits(x)
         power = _power(misfits)
-        if min(len(r) for r in misfits) < _ENOUGH_LINES or power > _GROSS**2:
+        if (
+            min(len(r) for r in misfits) < RESIDUAL_TEST.least_lines
+            or power > ACCEPTANCE.gross_misfit**2
+        ):
             return False
         products = np.concatenate([(r[1:] * r[:-1].conj()).real.ravel() for r in misfits])
         return float(np.mean(products)) < most * power
 
     def _is_explained_by_noise(self, cost: float) -> bool:
-        return cost <= _MARGIN * self.expected_cost()
+        return cost <= ACCEPTANCE.explained_ratio * self.expected_cost()
 
     def expected_cost(self) -> float:
         """Return the approximate log error of the noise alone, at the true values."""

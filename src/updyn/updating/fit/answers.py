@@ -18,13 +18,13 @@ from updyn.updating.fit.method import serial_correlation
 from updyn.updating.fit.models import Models
 from updyn.updating.fit.null_space import resolve
 from updyn.updating.fit.screen import Screen
+from updyn.updating.fit.settings import ANSWERS, FURTHER_ANSWERS, RESIDUAL_TEST, TRUST_REGION
 from updyn.updating.problem.local import Local
 from updyn.updating.problem.noise import NoiseModel
 from updyn.updating.problem.noise.size import size_p_value
 from updyn.updating.problem.problem import Problem
 
 __all__ = [
-    "AS_WELL",
     "are_distinct",
     "choose_answer",
     "contradicts",
@@ -44,31 +44,6 @@ __all__ = [
 
 _Vector = NDArray[np.float64]
 
-#: Answers whose log-likelihoods differ by less than this fit equally well: odds of 100 to 1.
-AS_WELL = float(np.log(100.0))
-#: Spread of the unknowns about their start that decides between answers that fit equally well: a
-#: factor of e, or a loss factor of 0.3.
-_USUAL_FACTOR, _USUAL_LOSS = 1.0, 0.3
-#: Two answers are the same if each unknown differs by less than this number of standard deviations.
-_APART = 3.0
-#: Probability below which noise of known size does not explain a residual of the observed size.
-_SELDOM = 1e-3
-#: Reduced chi-square above which a residual is more than noise, for heavy tails and for modes.
-_EXCESS = 1.5
-#: Serial correlation above which a residual is more than noise; least number of lines for this
-#: criterion.
-_CORRELATED, _ENOUGH_LINES = 0.2, 8
-#: Unknowns with a larger standard deviation than this are moved.
-_UNSURE = 0.05
-#: Largest number of unknowns that are moved.
-_HOPS = 6
-#: Distance by which they are moved, in standard deviations, and at most a factor of e.
-_FAR = 8.0
-#: Unknowns with a larger standard deviation than this are restarted together; number of restarts.
-_RESTARTED, _RESTARTS = 0.01, 6
-#: Largest number of exchanges, and of points that are selected because they fit fairly well.
-_EXCHANGES, _PROMISING = 200, 4
-
 
 def has_noise_residual(problem: Problem, answer: Answer) -> bool:
     """Return whether the residual of an answer is not larger than noise, nor correlated."""
@@ -77,11 +52,14 @@ def has_noise_residual(problem: Problem, answer: Answer) -> bool:
         e = weight * (H - part.frf.values)
         if answer.noises[i].size_known and _exceeds(problem, i, e, H, answer.noises[i]):
             return False
-        if len(e) >= _ENOUGH_LINES and serial_correlation(e) > _CORRELATED:
+        if (
+            len(e) >= RESIDUAL_TEST.least_lines
+            and serial_correlation(e) > RESIDUAL_TEST.largest_correlation
+        ):
             return False
     for modal, error in zip(problem.modal, answer.residual.modal, strict=True):
         squares, number = error.power(modal, answer.x)
-        if error.noise.size_known and squares > _EXCESS * number:
+        if error.noise.size_known and squares > RESIDUAL_TEST.largest_chi_square * number:
             return False
     return True
 
@@ -97,18 +75,22 @@ def _exceeds(
     part = problem.parts[i]
     square = float(np.sum(np.abs(e) ** 2))
     if noise.heavy_tails:
-        return square > 2.0 * _EXCESS * e.size
+        return square > 2.0 * RESIDUAL_TEST.largest_chi_square * e.size
     count = 2.0 * np.count_nonzero((H != 0.0) | (part.frf.values != 0.0))
     freedom = max(count - problem.n * part.n_values / problem.n_values, 1.0)
     averages = None if noise.source == "stated" else part.frf.averages
     p = float(size_p_value(square, count, freedom, averages))
-    return p < _SELDOM / len(problem.parts)
+    return p < RESIDUAL_TEST.least_probability / len(problem.parts)
 
 
 def choose_answer(problem: Problem, answers: Sequence[Answer]) -> Answer:
     """Return the best answer; of those that fit equally well, the one nearest to the start."""
     best = min(answer.negative_log_likelihood for answer in answers)
-    equal = [answer for answer in answers if answer.negative_log_likelihood <= best + AS_WELL]
+    equal = [
+        answer
+        for answer in answers
+        if answer.negative_log_likelihood <= best + ANSWERS.equal_log_odds
+    ]
 
     def negative_log_posterior(answer: Answer) -> float:
         far = (answer.x - problem.coordinates.start) / _usual_spread(problem)
@@ -118,12 +100,13 @@ def choose_answer(problem: Problem, answers: Sequence[Answer]) -> Answer:
 
 
 def find_rivals(
-    chosen: Answer, others: Sequence[Answer], tolerance: float = AS_WELL
+    chosen: Answer, others: Sequence[Answer], tolerance: float | None = None
 ) -> list[Answer]:
     """Return the other answers that fit equally well and contradict the chosen one.
 
     An answer that ran out of steps counts, and so does one with larger standard deviations that
-    include the chosen answer. `tolerance` is the accepted decrease of the log-likelihood.
+    include the chosen answer. `tolerance` is the accepted decrease of the log-likelihood,
+    by default that of answers that fit equally well.
     """
     found: list[Answer] = []
     for other in sorted(
@@ -170,9 +153,14 @@ def is_same(found: Answer, answer: Answer) -> bool:
 
 
 def select_as_likely(
-    chosen: Answer, others: Sequence[Answer], tolerance: float = AS_WELL
+    chosen: Answer, others: Sequence[Answer], tolerance: float | None = None
 ) -> list[Answer]:
-    """Return the other answers whose log-likelihoods are lower by no more than `tolerance`."""
+    """Return the other answers whose log-likelihoods are lower by no more than `tolerance`.
+
+    By default, those that fit equally well.
+    """
+    if tolerance is None:
+        tolerance = ANSWERS.equal_log_odds
     return [
         other
         for other in others
@@ -181,12 +169,12 @@ def select_as_likely(
 
 
 def is_better(answer: Answer, other: Answer) -> bool:
-    """Return whether an answer fits better than another by more than `AS_WELL`.
+    """Return whether an answer fits better than another by more than those that fit equally well.
 
     The other one is then not an answer, and its standard deviations are meaningless: its Jacobian
     can be singular, as at a point between two answers.
     """
-    return answer.negative_log_likelihood < other.negative_log_likelihood - AS_WELL
+    return answer.negative_log_likelihood < other.negative_log_likelihood - ANSWERS.equal_log_odds
 
 
 def are_distinct(a: Answer, b: Answer) -> bool:
@@ -202,12 +190,14 @@ def are_distinct(a: Answer, b: Answer) -> bool:
 
 
 def _are_apart(a: _Vector, b: _Vector, std: _Vector) -> bool:
-    return bool((np.abs(a - b) > _APART * std + 1e-6).any())
+    return bool((np.abs(a - b) > ANSWERS.distinct_stds * std + TRUST_REGION.step_rounding).any())
 
 
 def _usual_spread(problem: Problem) -> _Vector:
     """Return the usual spread of the unknowns about their start, shape (n,)."""
-    return np.where(problem.coordinates.parameters.is_factor, _USUAL_FACTOR, _USUAL_LOSS)
+    return np.where(
+        problem.coordinates.parameters.is_factor, ANSWERS.log_spread, ANSWERS.loss_spread
+    )
 
 
 def _standard_deviations(local: Local) -> _Vector:
@@ -225,10 +215,10 @@ def move_uncertain_unknowns(problem: Problem, answer: Answer) -> Iterator[_Vecto
         return
     home = problem.coordinates.start
     std = _standard_deviations(answer.local)
-    for i in np.argsort(-std)[:_HOPS]:
-        if std[i] <= _UNSURE:
+    for i in np.argsort(-std)[: FURTHER_ANSWERS.most_moved]:
+        if std[i] <= FURTHER_ANSWERS.movable_std:
             return
-        step = min(_FAR * std[i], 1.0)
+        step = min(FURTHER_ANSWERS.reach_stds * std[i], 1.0)
         for value in (home[i], answer.x[i] - step, answer.x[i] + step):
             moved = problem.coordinates.with_coordinate(answer.x, i, value)
             if abs(moved[i] - answer.x[i]) > 1e-3 * step:
@@ -244,11 +234,11 @@ def restart_uncertain_unknowns(problem: Problem, answer: Answer, seed: int) -> I
     if answer.local is None:
         return
     coordinates, std = problem.coordinates, _standard_deviations(answer.local)
-    least = np.argsort(-std)[:_HOPS]
-    loose = least[std[least] > _RESTARTED]
+    least = np.argsort(-std)[: FURTHER_ANSWERS.most_moved]
+    loose = least[std[least] > FURTHER_ANSWERS.uncertain_std]
     if len(loose) < 2:
         return
-    drawn = np.random.default_rng(seed).normal(size=(_RESTARTS, len(loose)))
+    drawn = np.random.default_rng(seed).normal(size=(FURTHER_ANSWERS.restarts, len(loose)))
     for row in drawn:
         x = answer.x.copy()
         x[loose] = coordinates.start[loose] + _usual_spread(problem)[loose] * row
@@ -261,12 +251,15 @@ def reset_far_unknowns(problem: Problem, answer: Answer) -> Iterator[_Vector]:
     Unknowns that the data hardly determine may have moved far together, each compensating for the
     others. If the data determine all unknowns, no point is yielded.
     """
-    if answer.local is None or _standard_deviations(answer.local).max() <= _UNSURE:
+    if (
+        answer.local is None
+        or _standard_deviations(answer.local).max() <= FURTHER_ANSWERS.movable_std
+    ):
         return
     coordinates = problem.coordinates
     far = np.abs(answer.x - coordinates.start) / _usual_spread(problem)
     order, number = np.argsort(-far), 1
-    while number <= np.count_nonzero(far > _UNSURE):
+    while number <= np.count_nonzero(far > FURTHER_ANSWERS.movable_std):
         yield np.where(np.isin(range(len(far)), order[:number]), coordinates.start, answer.x)
         number *= 2
 
@@ -290,14 +283,17 @@ def find_promising_points(
         tries = [
             x
             for lot in (near, far)
-            for x in screen.rank(lot, [distance(answer, x) for x in lot], _PROMISING)
+            for x in screen.rank(
+                lot, [distance(answer, x) for x in lot], FURTHER_ANSWERS.most_promising
+            )
         ]
     else:
-        tries = screen.select_best(tries, _PROMISING)
+        tries = screen.select_best(tries, FURTHER_ANSWERS.most_promising)
     worse = np.array([negative_log_likelihood(x) for x in tries]) - answer.negative_log_likelihood
     # Points are kept if they double the misfit at most.
-    promising = [i for i in np.argsort(worse) if worse[i] <= max(problem.n_numbers / 2, 50)]
-    return [tries[i] for i in promising[:_PROMISING]]  # with heavy tails, all pass
+    most = max(problem.n_numbers / 2, FURTHER_ANSWERS.fair_rise)
+    promising = [i for i in np.argsort(worse) if worse[i] <= most]  # all with heavy tails
+    return [tries[i] for i in promising[: FURTHER_ANSWERS.most_promising]]
 
 
 def _move_each_unknown(problem: Problem, x: _Vector) -> Iterator[_Vector]:
@@ -306,7 +302,7 @@ def _move_each_unknown(problem: Problem, x: _Vector) -> Iterator[_Vector]:
     for i in range(len(x)):
         for value in (home[i], x[i] - far[i], x[i] + far[i]):
             moved = problem.coordinates.with_coordinate(x, i, value)
-            if abs(moved[i] - x[i]) > _UNSURE * far[i]:
+            if abs(moved[i] - x[i]) > FURTHER_ANSWERS.movable_std * far[i]:
                 yield moved
 
 
@@ -320,7 +316,7 @@ def exchange_groups(problem: Problem, x: _Vector) -> Iterator[_Vector]:
     mirrors = [_pair_mirrored(similar) for similar in _find_similar_groups(problem, list(indices))]
     together = [[pair for mirror in mirrors for pair in mirror]] if len(mirrors) > 1 else []
     singles = [[pair] for pair in combinations(indices, 2)]
-    for swaps in [*together, *mirrors, *singles[:_EXCHANGES]]:
+    for swaps in [*together, *mirrors, *singles[: FURTHER_ANSWERS.most_exchanges]]:
         moved = x.copy()
         for a, b in swaps:
             for quantity in indices[a].keys() & indices[b].keys():

@@ -26,6 +26,7 @@ from updyn import __version__
 from updyn.errors import FormatError, OptionError, UpdynWarning
 from updyn.frf import FRF
 from updyn.modal import ModeSet
+from updyn.updating.fit.settings import CHECKPOINT
 from updyn.updating.problem.problem import Problem
 from updyn.updating.problem.session import Record, Session, digest
 
@@ -34,9 +35,6 @@ __all__ = ["Checkpoint", "checkpoint_session", "fingerprint"]
 _MAGIC = b"updyn journal 1\n"
 _KEY = _SUM = 16
 _LENGTH = 8
-#: Interval between calls of fsync in seconds, as a protection against power loss. Every record is
-#: written at once, as a protection against the end of the process.
-_SYNC_S = 1.0
 
 
 class Checkpoint:
@@ -78,7 +76,7 @@ class Checkpoint:
                 self._file = self._create_file()
             start = self._file.seek(0, os.SEEK_END)
             _write(self._file, _frame(key + _pack(record)))
-            if time.monotonic() - self._synced > _SYNC_S:
+            if time.monotonic() - self._synced > CHECKPOINT.sync_interval_s:
                 os.fsync(self._file.fileno())
                 self._synced = time.monotonic()
         except OSError as error:
@@ -255,9 +253,10 @@ def _describe_differences(then: Mapping[str, Any], now: Mapping[str, Any]) -> st
         names = sorted(then[part].keys() | now[part].keys())
         changed = [n for n in names if then[part].get(n) != now[part].get(n)]
         if changed:
-            shown = ", ".join(changed[:6])
-            if len(changed) > 6:
-                shown += f" and {len(changed) - 6} more"
+            most = CHECKPOINT.most_names
+            shown = ", ".join(changed[:most])
+            if len(changed) > most:
+                shown += f" and {len(changed) - most} more"
             parts.append(f"the {part} differ ({shown})")
     return ", ".join(parts)
 

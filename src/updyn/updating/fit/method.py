@@ -16,6 +16,7 @@ from updyn.updating.fit.answer import Answer
 from updyn.updating.fit.models import Models
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.null_space import null_space
+from updyn.updating.fit.settings import DESCENT
 from updyn.updating.fit.trust_region import Outcome, TrustRegion
 from updyn.updating.problem.local import Local
 from updyn.updating.problem.noise import ASSUMED, NoiseModel
@@ -40,13 +41,6 @@ __all__ = [
 ]
 
 _Vector = NDArray[np.float64]
-
-#: Largest number of times that the spread of a residual is re-estimated.
-_SCALES = 8
-#: Largest number of times that undetermined combinations are pulled back towards the start.
-_PULLS = 4
-#: Cost of a residual that is rounding, for each value.
-_EXACT = 1e-20
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -394,7 +388,7 @@ def descend(
             return Outcome(inside, local, "stopped")
         outcome = settings.minimise(evaluate, inside, lower, upper, monitor.step)
     home = problem.coordinates.start
-    for _ in range(_PULLS):
+    for _ in range(DESCENT.most_pulls):
         free = null_space(outcome.local.R)
         if outcome.reason != "converged" or free.shape[1] == 0:
             break
@@ -408,7 +402,8 @@ def descend(
         nearer = np.linalg.norm(back.x - home) < 0.99 * np.linalg.norm(outcome.x - home)
         if (
             not nearer
-            or back.local.cost > outcome.local.cost * (1.0 + 1e-6) + _EXACT * problem.n_values
+            or back.local.cost
+            > outcome.local.cost * (1.0 + 1e-6) + DESCENT.exact_cost * problem.n_values
         ):
             break
         outcome = back
@@ -435,7 +430,7 @@ def descend_to_scale(
     if not problem.coordinates.prior[1].any():
         return outcome
     unit = 1.0
-    for _ in range(_SCALES):
+    for _ in range(DESCENT.most_scales):
         if outcome.reason == "stopped":
             break
         try:

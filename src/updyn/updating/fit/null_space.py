@@ -8,10 +8,9 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from updyn.updating.fit.settings import NULL_SPACE
+
 __all__ = [
-    "RANK_TOLERANCE",
-    "VISIBLE",
-    "WIDEST",
     "Resolution",
     "complement",
     "covariance_within",
@@ -20,26 +19,6 @@ __all__ = [
 ]
 
 _Matrix = NDArray[np.float64]
-
-#: Singular values of the column-scaled Jacobian below this share of the largest count as zero: no
-#: measurement has the 8 exact digits needed to resolve them.
-RANK_TOLERANCE = 1e-8
-
-#: A direction with a larger standard deviation than this (of a logarithm, or of a loss factor) is
-#: undetermined.
-WIDEST = 1.0
-#: Relative rounding of a standard deviation.
-_ROUNDING = 1e-9
-
-#: Inverse of a standard deviation that means no information.
-_BLIND = 1e-9
-
-#: Limit on the standard deviation of a direction: larger ones have the same meaning, and would hide
-#: those within `WIDEST` in rounding.
-_FURTHEST = 1e12
-
-#: Weights of an unknown in a direction below this count as zero.
-VISIBLE = 1e-3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,15 +30,15 @@ class Resolution:
     singular_values : ndarray of float, shape (n,)
         Those of the Jacobian with columns scaled to unit norm, in descending order.
     full_rank : bool
-        Whether all of them are above `RANK_TOLERANCE` times the largest.
+        Whether all of them are above the rank tolerance times the largest.
     null_space : ndarray of float, shape (n, k)
-        Orthonormal basis of the undetermined directions: those below `RANK_TOLERANCE`, and those
-        with a standard deviation above `WIDEST`.
+        Orthonormal basis of the undetermined directions: those below the rank tolerance, and
+        those with a standard deviation above `NULL_SPACE.undetermined_std`.
     covariance : ndarray of float, shape (n, n)
-        Covariance over the directions above `RANK_TOLERANCE`.
+        Covariance over the directions above the rank tolerance.
     involved : ndarray of bool, shape (n,)
-        Whether an unknown is undetermined: it has a share in a direction below `RANK_TOLERANCE`, or
-        leads a direction with a standard deviation above `WIDEST`.
+        Whether an unknown is undetermined: it has a share in a direction below the rank tolerance,
+        or leads an undetermined direction.
     """
 
     singular_values: NDArray[np.float64]
@@ -77,7 +56,7 @@ def resolve(R: _Matrix, inflation: float = 1.0, even: _Matrix | None = None) -> 
     singular values.
     """
     scale, s, Vt = _scaled_svd(R if even is None else even)
-    visible = s > RANK_TOLERANCE * max(s[0], np.finfo(float).tiny)
+    visible = s > NULL_SPACE.rank_tolerance * max(s[0], np.finfo(float).tiny)
     invisible = _orthonormal(Vt[~visible].T / scale[:, None])
     # Columns are directions of one standard deviation each.
     if even is None:
@@ -87,17 +66,17 @@ def resolve(R: _Matrix, inflation: float = 1.0, even: _Matrix | None = None) -> 
     else:
         within = complement(invisible)
         _, size, turn = np.linalg.svd(R @ within)
-        spread = within @ (turn.T / np.maximum(size, _BLIND))
+        spread = within @ (turn.T / np.maximum(size, NULL_SPACE.blind_inverse_std))
     spread = inflation * spread
     lengths = np.linalg.norm(spread, axis=0)
-    short = spread * np.minimum(1.0, _FURTHEST / np.maximum(lengths, 1.0))
+    short = spread * np.minimum(1.0, NULL_SPACE.largest_std / np.maximum(lengths, 1.0))
     axes, std, _ = np.linalg.svd(short, full_matrices=False)
     # Along a direction without data, a prior of this standard deviation gives it up to rounding.
-    known = std <= WIDEST * (1.0 + _ROUNDING)
+    known = std <= NULL_SPACE.undetermined_std * (1.0 + NULL_SPACE.std_rounding)
     blind = _orthonormal(np.hstack([invisible, axes[:, ~known]]))
     # Not computed from the axes, where a huge standard deviation reduces small ones to rounding.
     covariance = spread @ spread.T
-    involved = (np.linalg.norm(invisible, axis=1) > VISIBLE) | _find_undetermined(
+    involved = (np.linalg.norm(invisible, axis=1) > NULL_SPACE.visible_weight) | _find_undetermined(
         axes[:, ~known], std[~known]
     )
     return Resolution(s, bool(visible.all()), blind, covariance, involved)
@@ -107,7 +86,7 @@ def null_space(R: _Matrix) -> _Matrix:
     """Return an orthonormal basis of the null space of a Jacobian, shape (n, k)."""
     scale, s, Vt = _scaled_svd(R)
     return _orthonormal(
-        Vt[s <= RANK_TOLERANCE * max(s[0], np.finfo(float).tiny)].T / scale[:, None]
+        Vt[s <= NULL_SPACE.rank_tolerance * max(s[0], np.finfo(float).tiny)].T / scale[:, None]
     )
 
 
@@ -139,11 +118,11 @@ def _find_undetermined(axes: _Matrix, std: NDArray[np.float64]) -> NDArray[np.bo
     """Return which unknowns are undetermined because of noisy directions.
 
     These are the leading unknowns of a direction, and all with a standard deviation along it above
-    half of `WIDEST`. Others have a small share in it and remain determined.
+    half of `NULL_SPACE.undetermined_std`. Others have a small share in it and remain determined.
     """
     reach = np.abs(axes) * std
     leads = (np.abs(axes) >= 0.5 * np.abs(axes).max(axis=0, initial=0.0)).any(axis=1)
-    return np.asarray(leads | (np.linalg.norm(reach, axis=1) > 0.5 * WIDEST))
+    return np.asarray(leads | (np.linalg.norm(reach, axis=1) > 0.5 * NULL_SPACE.undetermined_std))
 
 
 def _orthonormal(directions: _Matrix) -> _Matrix:

@@ -22,7 +22,7 @@ from updyn.text_table import format_count
 from updyn.updating.fit.method import Fit, Method, Regularisation, Starts, divide_by_std
 from updyn.updating.fit.methods import METHODS, methods_with
 from updyn.updating.fit.monitor import Monitor
-from updyn.updating.fit.null_space import RANK_TOLERANCE
+from updyn.updating.fit.settings import NULL_SPACE
 from updyn.updating.problem.coordinates import Coordinates
 from updyn.updating.problem.noise import NoiseModel
 from updyn.updating.problem.noise.known import WrappedNoise
@@ -568,7 +568,7 @@ def _strength_range(spectrum: SingularSpectrum) -> tuple[float, float]:
 
 
 def _rank(spectrum: SingularSpectrum) -> int:
-    return int((spectrum.s > RANK_TOLERANCE * spectrum.s[0]).sum())
+    return int((spectrum.s > NULL_SPACE.rank_tolerance * spectrum.s[0]).sum())
 
 
 def _count_by_gcv(spectrum: SingularSpectrum) -> int:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.errors import SolverError
+from updyn.updating.fit.settings import SCREEN
 from updyn.updating.problem.noise import NoiseModel
 from updyn.updating.problem.problem import FRFPart, Problem
 from updyn.updating.problem.residuals import OutputErrorSet
@@ -22,17 +23,6 @@ from updyn.updating.problem.residuals import OutputErrorSet
 __all__ = ["Screen"]
 
 _Vector = NDArray[np.float64]
-
-#: Least number of lines in the first piece of a part; the piece has at least as many values as
-#: unknowns.
-_TOGETHER = 4
-#: A point is far off if its sum of squares exceeds this multiple of the answer's. For noise of
-#: unknown size, its log-likelihood is then lower by a half for each measured number.
-_FAR = math.e
-#: Share of the points kept after each piece in a ranking.
-_RANKED = 0.25
-#: Least number of values assumed in the limit on the sum of squares.
-_FEWEST = 50
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -85,7 +75,7 @@ class Screen:
         total = sum(
             piece.squared_error(piece.H) for pieces_of_part in pieces for piece in pieces_of_part
         )
-        limit = _FAR * max(total, float(problem.n_values), _FEWEST)
+        limit = SCREEN.far_ratio * max(total, float(problem.n_values), SCREEN.least_values)
         by_turns = chain.from_iterable(zip_longest(*pieces))
         return cls(tuple(piece for piece in by_turns if piece is not None), limit)
 
@@ -116,7 +106,7 @@ class Screen:
         for piece in self.pieces:
             summed = [(squares + piece.squared_error_at(x), far, x) for squares, far, x in kept]
             summed.sort(key=lambda one: one[0] / one[1])
-            kept = summed[: max(number, math.ceil(_RANKED * len(summed)))]
+            kept = summed[: max(number, math.ceil(SCREEN.kept_share * len(summed)))]
             if len(kept) <= number:
                 break
         return [x for _, _, x in kept[:number]]
@@ -125,7 +115,7 @@ class Screen:
 def _split_lines(part: FRFPart, weight: NDArray[np.float64], x: _Vector) -> Iterator[_Piece]:
     """Yield the lines of a part: a few of them, twice as many others, and so on."""
     H, freq = part.responses(x), part.frf.freq
-    few = max(_TOGETHER, -(-part.n // H[0].size))
+    few = max(SCREEN.first_lines, -(-part.n // H[0].size))
     # The number of points halves with each piece, so the work of each piece is about the same.
     ends = few * (2 ** np.arange(1, int(np.log2(len(freq) / few + 1.0)) + 1) - 1)
     for some in np.split(_order_bit_reversed(len(freq)), ends):

@@ -23,10 +23,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.errors import SolverError
-from updyn.updating.fit.acceptance import SAME, Acceptance
+from updyn.updating.fit.acceptance import Acceptance
 from updyn.updating.fit.method import Starts, descend
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.null_space import resolve
+from updyn.updating.fit.settings import ACCEPTANCE, FURTHER_ANSWERS, SEARCH, TRY_STARTS
 from updyn.updating.fit.trust_region import Outcome, TrustRegion
 from updyn.updating.problem.local import Local
 from updyn.updating.problem.noise import NoiseModel
@@ -35,9 +36,6 @@ from updyn.updating.problem.residuals import Residual, add_prior, is_cached, mak
 from updyn.updating.problem.session import RecentCache, Record, Session, Stopped
 
 __all__ = [
-    "MOST_STARTS",
-    "SEARCH_LINES",
-    "SEARCH_STEPS",
     "Search",
     "scatter_points",
     "thin_problem",
@@ -47,48 +45,6 @@ _Vector = NDArray[np.float64]
 _Found: TypeAlias = "tuple[list[tuple[bytes, Record]], int]"
 _Points: TypeAlias = "Generator[_Vector, None, None]"
 _Attempt: TypeAlias = "Callable[[Problem, tuple[Search, _Vector]], _Found]"
-
-#: Largest number of lines of a search: a basin is as wide on some hundred lines as on thousands.
-SEARCH_LINES = 400
-#: Number of these lines on which a try descends, and measured numbers for each unknown on them; the
-#: larger of the two counts.
-_FEW, _NUMBERS = 32, 4
-#: Largest number of tries. Each is a descent, and their starts are drawn together.
-MOST_STARTS = 10_000
-#: Largest number of steps of a try.
-SEARCH_STEPS = 60
-
-#: Loss factors of the first tries. 0.3 is best on average; the others reach some of the answers
-#: that it misses.
-_INFLATED = (0.3, 0.1, 1.0)
-#: Distances from a point, used in turn, at which tries near it start: in logarithms of factors; in
-#: loss factors.
-_NEARBY, _NEARBY_LOSS = (0.1, 0.2), 0.02
-#: Period, in tries, of those that begin with one unknown put back to its start.
-_RESET_PERIOD = 3
-#: Tries that begin at the point itself descend first on a share of the lines: in turn on random
-#: lines and on a contiguous band.
-_RANDOM_SHARE, _BAND_SHARE = 1.0 / 3.0, 0.5
-#: Tries near a point stop after this number, for each try of the search, without a better end.
-_HOPS_A_TRY = 2
-#: Number of tries without a plausible end after which a fault of the data is considered.
-_TRIES_BEFORE_DOUBT = 3
-#: Ratio of the number of steps of the continued best try to that of a try.
-_LONGER = 5
-#: Largest number of rounds of tries.
-_SEARCHES = 3
-#: Ends of tries that are fitted: those within this factor of the least cost; largest number.
-_COST_RATIO, _MOST_FITTED = 1.5, 4
-#: Unknowns with a larger standard deviation than this are moved.
-_UNSURE = 0.01
-#: Largest number of unknowns that are moved.
-_HOPS = 6
-#: Distance by which they are moved, in standard deviations.
-_FAR = 8.0
-#: Largest number of rounds of such moves.
-_ROUNDS = 2
-#: Stop a try when the remaining decrease is below 0.01 standard deviations.
-_NEGLIGIBLE_DECREASE = 1e-5
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,7 +56,7 @@ class Search:
     """
 
     starts: int = 8
-    max_iterations: int = SEARCH_STEPS
+    max_iterations: int = SEARCH.steps
     spread: float = 0.5
     seed: int = 0
     inflate: bool = True
@@ -108,7 +64,7 @@ class Search:
     @property
     def _settings(self) -> TrustRegion:
         return TrustRegion(
-            self.max_iterations, 1e-9, radius=0.3, min_relative_decrease=_NEGLIGIBLE_DECREASE
+            self.max_iterations, 1e-9, radius=0.3, min_relative_decrease=SEARCH.negligible_decrease
         )
 
     def run(self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor) -> Starts:
@@ -117,7 +73,7 @@ class Search:
         agreed, data_fault = False, False
         ends: list[Outcome] = []
         with suppress(Stopped):  # return the best so far
-            for number in range(_SEARCHES):
+            for number in range(SEARCH.most_rounds):
                 thinned, first_new = (
                     _select_few_lines(problem) if number == 0 else problem,
                     len(ends),
@@ -170,7 +126,7 @@ class Search:
     @staticmethod
     def _has_data_fault(acceptance: Acceptance, monitor: Monitor, ends: Sequence[Outcome]) -> bool:
         """Return whether the first tries found no answer because of a fault of the data."""
-        if len(ends) < _TRIES_BEFORE_DOUBT or acceptance.is_plausible(min(ends, key=_cost)):
+        if len(ends) < SEARCH.tries_before_doubt or acceptance.is_plausible(min(ends, key=_cost)):
             return False
         return monitor.has_data_fault()
 
@@ -187,7 +143,9 @@ class Search:
             problem, problem, self._draw_starts(problem), acceptance, monitor, new_ends
         )
         ends += new_ends
-        return agreed and min(map(_cost, new_ends)) <= min(map(_cost, ends)) * (1.0 + SAME)
+        return agreed and min(map(_cost, new_ends)) <= min(map(_cost, ends)) * (
+            1.0 + ACCEPTANCE.same_basin_share
+        )
 
     def _refine_best(
         self,
@@ -217,7 +175,9 @@ class Search:
         """Append the end of a try continued with a larger number of steps."""
         if best.reason != "max-iterations":
             return
-        longer = replace(self._settings, max_iterations=_LONGER * self.max_iterations)
+        longer = replace(
+            self._settings, max_iterations=SEARCH.continued_ratio * self.max_iterations
+        )
         end = self._relaxed_descent(problem, make_log_error(problem), best.x, monitor, longer)
         if end is not None:
             ends.append(end)
@@ -237,12 +197,14 @@ class Search:
         would.
         """
         number = last = 0
-        while number - last < _HOPS_A_TRY * self.starts and not (
+        while number - last < TRY_STARTS.nearby_ratio * self.starts and not (
             monitor.stopped or acceptance.is_plausible(best)
         ):
             end = self._try_nearby(problem, thinned, best.x, number, monitor)
             number += 1
-            if end is not None and end.local.cost < best.local.cost * (1.0 - SAME):
+            if end is not None and end.local.cost < best.local.cost * (
+                1.0 - ACCEPTANCE.same_basin_share
+            ):
                 best, last = end, number
                 ends.append(best)
 
@@ -268,14 +230,18 @@ class Search:
                 return self._try_from(problem, some, x, monitor)
         resets = (
             list(_reset_single_unknowns(problem, x))
-            if number % _RESET_PERIOD == _RESET_PERIOD - 1
+            if number % TRY_STARTS.reset_period == TRY_STARTS.reset_period - 1
             else []
         )
         if resets:
-            moved = resets[number // _RESET_PERIOD % len(resets)]
+            moved = resets[number // TRY_STARTS.reset_period % len(resets)]
         else:
             is_factor = problem.coordinates.parameters.is_factor
-            far = np.where(is_factor, _NEARBY[number % len(_NEARBY)], _NEARBY_LOSS)
+            far = np.where(
+                is_factor,
+                TRY_STARTS.nearby_logs[number % len(TRY_STARTS.nearby_logs)],
+                TRY_STARTS.nearby_loss,
+            )
             (moved,) = scatter_points(x, far, 1, self.seed + number)
         moved = np.clip(moved, *problem.coordinates.bounds)
         levels = self._loss_levels(problem)
@@ -349,7 +315,7 @@ class Search:
     def _loss_levels(self, problem: Problem) -> tuple[float, ...]:
         """Return the levels to which loss factors are raised, in turn."""
         loss = ~problem.coordinates.parameters.is_factor
-        return _INFLATED if self.inflate and loss.any() else (0.0,)
+        return TRY_STARTS.loss_levels if self.inflate and loss.any() else (0.0,)
 
     def _draw_starts(self, problem: Problem, number: int = 0) -> Iterator[_Vector]:
         start, bounds = problem.coordinates.start, problem.coordinates.bounds
@@ -378,7 +344,7 @@ class Search:
             if not Acceptance(problem).is_noise(x):
                 return x
             best = self._descend(problem, x, monitor)
-            for _ in range(_ROUNDS):
+            for _ in range(SEARCH.most_escapes):
                 before = best.local.cost
                 with closing(
                     self._evaluate_ahead(
@@ -389,7 +355,7 @@ class Search:
                         if monitor.stopped:
                             return best.x
                         other = self._descend(problem, start, monitor)
-                        if other.local.cost < best.local.cost * (1.0 - SAME):
+                        if other.local.cost < best.local.cost * (1.0 - ACCEPTANCE.same_basin_share):
                             best = other
                 if best.local.cost == before:
                     break
@@ -402,10 +368,10 @@ class Search:
         unit = np.sqrt(2.0 * at.local.cost / max(2 * problem.n_values - problem.n, 1))
         found = resolve(at.local.R / unit)
         std = np.where(found.involved, 0.0, np.sqrt(np.diag(found.covariance)))
-        for i in np.argsort(-std)[:_HOPS]:
-            if std[i] > _UNSURE:
+        for i in np.argsort(-std)[: FURTHER_ANSWERS.most_moved]:
+            if std[i] > FURTHER_ANSWERS.uncertain_std:
                 for sign in (1.0, -1.0):
-                    value = at.x[i] + sign * min(_FAR * std[i], 1.0)
+                    value = at.x[i] + sign * min(FURTHER_ANSWERS.reach_stds * std[i], 1.0)
                     yield problem.coordinates.with_coordinate(at.x, i, value)
 
 
@@ -419,7 +385,9 @@ def _reset_single_unknowns(problem: Problem, x: _Vector) -> Iterator[_Vector]:
     """Yield points with one unknown of x reset to its start, the farthest from it first."""
     coordinates = problem.coordinates
     home = coordinates.start
-    far = np.abs(x - home) / np.where(coordinates.parameters.is_factor, _NEARBY[0], _NEARBY_LOSS)
+    far = np.abs(x - home) / np.where(
+        coordinates.parameters.is_factor, TRY_STARTS.nearby_logs[0], TRY_STARTS.nearby_loss
+    )
     for i in np.argsort(-far):
         if far[i] > 1.0:
             yield coordinates.with_coordinate(x, i, home[i])
@@ -432,17 +400,17 @@ def _cost(end: Outcome) -> float:
 def _select_distinct(ends: list[Outcome]) -> list[Outcome]:
     """Return one end of each basin, of the tries that are not much worse than the best."""
     found: list[Outcome] = []
-    most = _COST_RATIO * min(map(_cost, ends), default=0.0)
+    most = SEARCH.fitted_cost_ratio * min(map(_cost, ends), default=0.0)
     for end in sorted(ends, key=_cost):
         if end.local.cost <= most and not any(_is_same(end, other) for other in found):
             found.append(end)
-    return found[:_MOST_FITTED]
+    return found[: SEARCH.most_fitted]
 
 
 def _is_same(a: Outcome, b: Outcome) -> bool:
     """Return whether the step between two ends hardly changes the residual."""
     moved = b.local.R @ (a.x - b.x)
-    return bool(moved @ moved <= SAME * b.local.cost)
+    return bool(moved @ moved <= ACCEPTANCE.same_basin_share * b.local.cost)
 
 
 def thin_problem(problem: Problem, noises: Sequence[NoiseModel]) -> Problem:
@@ -450,7 +418,7 @@ def thin_problem(problem: Problem, noises: Sequence[NoiseModel]) -> Problem:
     parts = []
     for part, noise in zip(problem.parts, noises, strict=True):
         frf = replace(part.frf, variance=noise.initial_variance(part.frf))
-        parts.append(replace(part, frf=frf).thin(SEARCH_LINES))
+        parts.append(replace(part, frf=frf).thin(SEARCH.most_lines))
     return replace(problem, parts=tuple(parts))
 
 
@@ -459,7 +427,7 @@ def _select_few_lines(problem: Problem) -> Problem:
     if not problem.parts:
         return problem
     numbers = sum(2 * part.n_values / part.n_lines for part in problem.parts)
-    few = max(_FEW, math.ceil(_NUMBERS * problem.n / numbers))
+    few = max(SEARCH.few_lines, math.ceil(SEARCH.numbers_per_unknown * problem.n / numbers))
     if all(part.n_lines < 2 * few for part in problem.parts):
         return problem
     return problem.thin(few)
@@ -476,10 +444,10 @@ def _select_some_lines(problem: Problem, number: int, seed: int) -> Problem | No
     turn, any_lines = divmod(number, 2)
     rng = np.random.default_rng([seed, turn])
     numbers = sum(2 * part.n_values / part.n_lines for part in problem.parts)
-    least = math.ceil(_NUMBERS * problem.n / numbers)
+    least = math.ceil(SEARCH.numbers_per_unknown * problem.n / numbers)
     parts = []
     for part in problem.parts:
-        share = _RANDOM_SHARE if any_lines else _BAND_SHARE
+        share = TRY_STARTS.random_share if any_lines else TRY_STARTS.band_share
         n, some = part.n_lines, max(math.ceil(share * part.n_lines), least)
         if some >= n:
             return None

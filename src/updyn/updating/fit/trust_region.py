@@ -4,11 +4,11 @@ Each point is represented by the triangle R of the QR factors of the stacked, we
 the projected residual q; a step minimises |R p + q| in a ball, without the normal equations (More
 1978, "The Levenberg-Marquardt algorithm"; Nocedal & Wright 2006, chapters 4 and 10).
 
-If the size of the noise is known, a combination of unknowns with a standard deviation above
-`WIDEST` keeps its value while its best value is less than two standard deviations away: along such
-a curved valley a hundred short steps gain nothing significant. The iteration ends when a full
-Gauss-Newton step would gain no more than a given decrease (relative offset criterion of Bates &
-Watts, Technometrics 23 (1981) 179). For large residuals see `_Curvature`.
+If the size of the noise is known, an undetermined combination of unknowns keeps its value while
+its best value is less than two standard deviations away: along such a curved valley a hundred short
+steps gain nothing significant. The iteration ends when a full Gauss-Newton step would gain no more
+than a given decrease (relative offset criterion of Bates & Watts, Technometrics 23 (1981) 179). For
+large residuals see `_Curvature`.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import null_space
 
-from updyn.updating.fit.null_space import WIDEST
+from updyn.updating.fit.settings import CURVATURE, NULL_SPACE, TRUST_REGION
 from updyn.updating.problem.local import Local
 from updyn.updating.problem.session import Stopped
 
@@ -31,13 +31,6 @@ __all__ = [
 ]
 
 _Vector = NDArray[np.float64]
-
-#: Largest component of a step that is rounding.
-_ROUNDING = 1e-6
-#: Predicted decrease, as a share of the cost, below which a point is next to a minimum.
-_NEAR_MINIMUM = 1e-6
-#: An undetermined combination keeps its value within this number of standard deviations.
-_NEAR_STDS = 2.0
 
 
 def _zero_std(local: Local) -> float:
@@ -129,7 +122,10 @@ class TrustRegion:
                 curvature = _Curvature.zero(len(x))
                 continue
             # Steps shortened by the learnt curvature alone must not look like convergence.
-            near = not curved or remaining <= max(_NEAR_MINIMUM, self._share) * current.cost
+            near = (
+                not curved
+                or remaining <= max(TRUST_REGION.minimum_share, self._share) * current.cost
+            )
             trial = np.clip(x + p, lower, upper)
             try:
                 proposed = evaluate(trial)
@@ -155,11 +151,11 @@ class TrustRegion:
                     radius = 0.5 * size
                 if small and gain > 0.25 and not limited and near:
                     return Outcome(x, current, "converged")
-            elif length <= _ROUNDING and not near:
+            elif length <= TRUST_REGION.step_rounding and not near:
                 curvature = _Curvature.zero(len(x))
             else:
                 # A full Gauss-Newton step this small without a gain: the rest is rounding.
-                if length <= _ROUNDING and not limited:
+                if length <= TRUST_REGION.step_rounding and not limited:
                     # If the costs agree to rounding, the remaining predicted decrease decides
                     # between the two points.
                     if proposed is not None and proposed.cost <= current.cost * (1.0 + 1e-12):
@@ -173,25 +169,13 @@ class TrustRegion:
                         return Outcome(x, current, "unsolvable")
                     full_step = _step(current, x, lower, upper, np.inf, within, noise)[0]
                     is_minimum = (
-                        decrease <= _NEAR_MINIMUM * current.cost
-                        or np.abs(full_step).max(initial=0.0) <= 10.0 * _ROUNDING
+                        decrease <= TRUST_REGION.minimum_share * current.cost
+                        or np.abs(full_step).max(initial=0.0) <= 10.0 * TRUST_REGION.step_rounding
                     )
                     return Outcome(x, current, "converged" if is_minimum else "stalled")
             if stop:
                 return Outcome(x, current, "stopped")
         return Outcome(x, current, "max-iterations", radius)
-
-
-#: The Gauss-Newton model holds if it predicts the gain of a step with this relative error, or if
-#: the step lowers the cost by more than this share.
-_PREDICTION_ERROR, _LARGE_DECREASE = 0.25, 0.02
-#: The learnt curvature is used after steps up to this length; farther from a minimum, Gauss-Newton
-#: steps reach the right one at least as often (benchmarks/basin.py).
-_SHORT_STEP = 0.05
-#: Share of the cost below which the gain of a step is rounding.
-_ROUNDING_SHARE = 1e-12
-#: Smallest cosine between a step and the missing change of the gradient for an update.
-_LEAST_COSINE = 1e-8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -236,12 +220,12 @@ class _Curvature:
         plain = _predict_decrease(current, step, current.q)
         curved = plain - 0.5 * float(step @ self.S @ step)
         is_used = self.is_used
-        if plain > _ROUNDING_SHARE * current.cost:
+        if plain > CURVATURE.rounding_share * current.cost:
             holds = (
-                gained > _LARGE_DECREASE * current.cost
-                or abs(gained - plain) <= _PREDICTION_ERROR * plain
+                gained > CURVATURE.large_decrease * current.cost
+                or abs(gained - plain) <= CURVATURE.prediction_error * plain
             )
-            is_short = bool(np.abs(step).max() <= _SHORT_STEP)
+            is_short = bool(np.abs(step).max() <= CURVATURE.longest_step)
             is_used = is_short and not holds and abs(gained - curved) < abs(gained - plain)
         # The next step begins at `reached` if this one was accepted.
         R = reached.R if accepted else current.R
@@ -249,7 +233,9 @@ class _Curvature:
             missing = reached.gradient - current.gradient - R.T @ (R @ step) - self.S @ step
             along = missing @ step
             S = self.S + np.outer(missing / along, missing)
-            clear = abs(along) > _LEAST_COSINE * np.linalg.norm(missing) * np.linalg.norm(step)
+            clear = abs(along) > CURVATURE.least_cosine * np.linalg.norm(missing) * np.linalg.norm(
+                step
+            )
         return _Curvature(S if clear and np.isfinite(S).all() else self.S, is_used)
 
 
@@ -306,7 +292,9 @@ def _drop_insignificant_pull(R: NDArray[np.float64], q: _Vector, noise: float) -
     pull = U.T @ q
     size = np.zeros(len(q))
     size[: len(s)] = s
-    rests = (size * WIDEST < noise) & (np.abs(pull) < _NEAR_STDS * noise)
+    rests = (size * NULL_SPACE.undetermined_std < noise) & (
+        np.abs(pull) < TRUST_REGION.kept_stds * noise
+    )
     return np.asarray(U @ np.where(rests, 0.0, pull)) if rests.any() else q
 
 
@@ -333,9 +321,9 @@ def _step_within(
         with np.errstate(divide="ignore", invalid="ignore"):
             room = np.where(p > 0, (upper - x) / p, np.where(p < 0, (lower - x) / p, np.inf))
         share = min(1.0, float(room.min(initial=np.inf)))
-        if share > _ROUNDING:
+        if share > TRUST_REGION.step_rounding:
             break
-        fixed |= room <= _ROUNDING
+        fixed |= room <= TRUST_REGION.step_rounding
     p = share * p
     return p, _predict_decrease(current, p, current.q), damping > 0 or share < 1.0
 

@@ -13,24 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.updating.fit.answer import Answer
-from updyn.updating.fit.answers import AS_WELL
 from updyn.updating.fit.null_space import resolve
+from updyn.updating.fit.settings import ANSWERS, FURTHER_ANSWERS, VALLEY
 from updyn.updating.problem.problem import Problem
 
 __all__ = ["Valley", "find_valleys", "fix_in_box", "fix_unknown"]
 
 _Vector = NDArray[np.float64]
-
-#: Unknowns with a smaller standard deviation are not followed: misfits are parabolas so near.
-_SURE = 0.01
-#: Distance over which a valley is followed, and size of a step, in standard deviations.
-_FAR, _STEP = 8.0, 2.0
-#: Least distance at which a valley counts as open (a bound may end it there).
-_LEAST = 3.0
-#: Largest rise of the misfit at the end of an open valley, as a share of that of the parabola.
-_OPEN = 0.25
-#: Largest rise of the misfit on the way, as a share of that of the parabola.
-_SWELL = 0.5
 
 
 def fix_unknown(problem: Problem, x: _Vector, i: int) -> Problem:
@@ -66,28 +55,32 @@ class Valley:
 
     def find_end(self, refit: Callable[[_Vector, int], Answer | None]) -> Answer | None:
         """Return the far end if refits with the unknown fixed are as good all along, else None."""
-        last, slope, step, distance = self.answer, self.side * self.ridge, _STEP, 0.0
-        while distance < _FAR - 1e-9 and not self._is_at_bound(last.x):
-            x = self._step_along(last.x, slope, min(step, _FAR - distance))
+        last, slope, step, distance = self.answer, self.side * self.ridge, VALLEY.step_stds, 0.0
+        while distance < FURTHER_ANSWERS.reach_stds - 1e-9 and not self._is_at_bound(last.x):
+            x = self._step_along(last.x, slope, min(step, FURTHER_ANSWERS.reach_stds - distance))
             answer = refit(x, self.unknown)
             far = self.distance(x)
-            if answer is None or self._misfit_rise(answer) > max(AS_WELL, _SWELL * _parabola(far)):
-                if step < _STEP:
+            if answer is None or self._misfit_rise(answer) > max(
+                ANSWERS.equal_log_odds, VALLEY.rise_share * _parabola(far)
+            ):
+                if step < VALLEY.step_stds:
                     return None
-                step = 0.5 * _STEP  # the valley may curve away from the straight line
+                step = 0.5 * VALLEY.step_stds  # the valley may curve away from the straight line
                 continue
-            slope, step = (answer.x - last.x) / (far - distance), _STEP
+            slope, step = (answer.x - last.x) / (far - distance), VALLEY.step_stds
             distance, last = far, answer
-        is_open = self._misfit_rise(last) <= min(AS_WELL, _OPEN * _parabola(distance))
-        return last if distance >= _LEAST and is_open else None
+        is_open = self._misfit_rise(last) <= min(
+            ANSWERS.equal_log_odds, VALLEY.open_share * _parabola(distance)
+        )
+        return last if distance >= ANSWERS.distinct_stds and is_open else None
 
     def distance(self, x: _Vector) -> float:
         """Return the distance of the unknown from the answer, in standard deviations."""
         return self.side * float(x[self.unknown] - self.answer.x[self.unknown]) / self.std
 
     def is_covered(self, x: _Vector) -> bool:
-        """Return whether a point is at least `_LEAST` away from the answer on this side."""
-        return self.distance(x) >= _LEAST
+        """Return whether a point on this side is far enough for a distinct answer."""
+        return self.distance(x) >= ANSWERS.distinct_stds
 
     def _misfit_rise(self, other: Answer) -> float:
         return other.negative_log_likelihood - self.answer.negative_log_likelihood
@@ -112,7 +105,7 @@ def find_valleys(problem: Problem, answer: Answer) -> Iterator[Valley]:
     known = resolve(answer.local.R)
     std = np.where(known.involved, 0.0, np.sqrt(np.diag(known.covariance)))
     for i in np.argsort(-std):
-        if std[i] <= _SURE:
+        if std[i] <= FURTHER_ANSWERS.uncertain_std:
             return
         for side in (-1.0, 1.0):
             yield Valley(problem, answer, int(i), side, known.covariance[:, i] / std[i])

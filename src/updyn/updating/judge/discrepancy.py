@@ -16,7 +16,9 @@ from numpy.typing import NDArray
 from updyn.errors import SolverError
 from updyn.frf import QUANTITIES
 from updyn.updating.fit.method import Fit
-from updyn.updating.fit.null_space import WIDEST, complement
+from updyn.updating.fit.null_space import complement
+from updyn.updating.fit.settings import NULL_SPACE
+from updyn.updating.judge.settings import DISCREPANCY
 from updyn.updating.problem.local import Local, join_locals
 from updyn.updating.problem.problem import FRFPart, Problem
 from updyn.updating.problem.residuals import LineResidual, OutputErrorSet, reduce_residual
@@ -27,19 +29,8 @@ __all__ = ["Discrepancy", "estimate_discrepancy"]
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 
-#: Largest number of degrees of freedom with local changes. With more, equal changes at all
-#: neighbours cannot be distinguished from a change of the group: the standard deviation of the mass
-#: of a measured beam is 0.3 % with 16 and 34 % with 64. For structures of 6 to 33 degrees of
-#: freedom (`benchmarks/discrepancy.py errors`), 95 % intervals cover 96.7 % with 16, 96.5 % with 64
-#: and 95.0 % with 8.
-_MOST_DOFS = 16
 #: Number of changes at each degree of freedom: stiffness, loss, viscous damping and mass.
 _KINDS = 4
-#: Grid of the logarithm of the variance ratio of discrepancy and noise, in the direction in which
-#: the ratio is largest.
-_RATIOS = np.linspace(-9.0, 30.0, 79)
-#: Effect of a change, relative to the largest one, below which it is rounding.
-_NEGLIGIBLE = 1e-12
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,12 +50,12 @@ class Discrepancy:
     def lacks_interval(self, spread: _Real) -> NDArray[np.bool_]:
         """Return which determined unknowns have no valid interval, shape (n,).
 
-        Their standard deviation is above half of `WIDEST`, where the first order is not valid.
+        Their standard deviation is above half of the limit up to which the first order holds.
         `spread` is the covariance due to noise; inf for undetermined unknowns.
         """
         with np.errstate(invalid="ignore"):
             std = np.sqrt(np.diag(spread) + np.diag(self.covariance))
-        return np.isfinite(np.diag(spread)) & (std > 0.5 * WIDEST)
+        return np.isfinite(np.diag(spread)) & (std > 0.5 * NULL_SPACE.undetermined_std)
 
 
 def estimate_discrepancy(
@@ -81,8 +72,8 @@ def estimate_discrepancy(
     r = J d + B z + e, with the effects B of a spring, a loss, a dashpot and a mass at single DOFs,
     scaled to equal norm, and normal z of common variance. Both variances maximise the restricted
     likelihood (Patterson & Thompson, Biometrika 58 (1971) 545). The prior of the shift d has the
-    standard deviation `WIDEST`, the limit of the first order. If `size_known`, the noise is a lower
-    limit.
+    standard deviation of an undetermined direction, the limit of the first order. If `size_known`,
+    the noise is a lower limit.
     """
     if problem.modal or not problem.parts:
         return None
@@ -96,14 +87,14 @@ def estimate_discrepancy(
         weight = weight + fit.regularisation.weight
         within = within if fit.regularisation.within is None else fit.regularisation.within
     norms = np.linalg.norm(local.R[:, n:], axis=0)
-    is_effective = norms > _NEGLIGIBLE * norms.max(initial=0.0)
+    is_effective = norms > DISCREPANCY.negligible_effect * norms.max(initial=0.0)
     rest = max(2.0 * local.cost - float(local.q @ local.q), 0.0)
     numbers = 2 * problem.n_values - within.shape[1]
     B = local.R[:, n:][:, is_effective] / norms[is_effective]
     components = _Components.of(local.R[:, :n] @ within, B, local.q, rest, numbers)
     if components is None:
         return None
-    prior_rows = np.hypot(weight, 1.0 / WIDEST)[:, None] * within
+    prior_rows = np.hypot(weight, 1.0 / NULL_SPACE.undetermined_std)[:, None] * within
     discrepancy = components.estimate(1.0 if size_known else 0.0, prior_rows)
     if discrepancy.gain < least_gain or discrepancy.share <= 0.0:
         return None
@@ -151,7 +142,7 @@ class _Components:
             return None
         R = np.linalg.qr(np.column_stack([J / norms, B, r]), mode="r")
         head, effects, below = R[:k, :k], R[:k, k:-1], R[k:, k:-1]
-        if np.abs(np.diag(head)).min() < _NEGLIGIBLE:
+        if np.abs(np.diag(head)).min() < DISCREPANCY.negligible_effect:
             return None
         U, s, V = np.linalg.svd(below, full_matrices=False)
         h = U.T @ R[k:, -1]
@@ -168,7 +159,10 @@ class _Components:
         """
         from scipy.optimize import minimize_scalar
 
-        grid = _RATIOS - 2.0 * np.log(self.s.max())
+        log_ratios = np.linspace(
+            DISCREPANCY.least_log_ratio, DISCREPANCY.most_log_ratio, DISCREPANCY.n_ratios
+        )
+        grid = log_ratios - 2.0 * np.log(self.s.max())
         costs = [self._cost(ratio, least) for ratio in grid]
         best = int(np.argmin(costs))
         bracket = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
@@ -251,7 +245,7 @@ def _choose_dofs(problem: Problem) -> list[NDArray[np.intp]]:
 
     Tests of one structure share them by label.
     """
-    most = max(_MOST_DOFS // len(problem.parts), 1)
+    most = max(DISCREPANCY.most_dofs // len(problem.parts), 1)
     chosen: dict[str, None] = {}
     labels_by_part = [part.solver.system.dofs.labels for part in problem.parts]
     for part, labels in zip(problem.parts, labels_by_part, strict=True):

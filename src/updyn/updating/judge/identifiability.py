@@ -10,7 +10,9 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from updyn.text_table import printable, text_table
-from updyn.updating.fit.null_space import VISIBLE, resolve
+from updyn.updating.fit.null_space import resolve
+from updyn.updating.fit.settings import NULL_SPACE
+from updyn.updating.judge.settings import LIST_LENGTHS
 
 __all__ = [
     "Analysis",
@@ -19,9 +21,6 @@ __all__ = [
 ]
 
 _Matrix = NDArray[np.float64]
-
-#: Largest number of listed combinations of each kind.
-_SHOWN = 6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,8 +49,8 @@ def analyse_identifiability(
 ) -> Analysis:
     """Analyse a reduced Jacobian (k, n) by the optimiser's coordinates, for unit variance.
 
-    A direction is undetermined by rank (a singular value with unit columns below `RANK_TOLERANCE`)
-    or because of noise (a standard deviation along it above `WIDEST`). Collinearity index: Brun,
+    A direction is undetermined by rank (a singular value with unit columns below the rank
+    tolerance) or because of noise (a standard deviation above 1). Collinearity index: Brun,
     Reichert & Kuensch, Water Resour. Res. 37 (2001) 1015. `inflation` scales standard deviations;
     `equal_rows` is a Jacobian of the same null space (`NormalisedDerivatives`).
     """
@@ -77,7 +76,8 @@ def _number_combinations(
     kind: str, directions: Sequence[Mapping[str, float]]
 ) -> dict[str, Mapping[str, float]]:
     """Return the first combinations by their column heading."""
-    return {f"{kind} {i}": weights for i, weights in enumerate(directions[:_SHOWN], 1)}
+    first = directions[: LIST_LENGTHS.table_combinations]
+    return {f"{kind} {i}": weights for i, weights in enumerate(first, 1)}
 
 
 def _sparse_basis(basis: _Matrix) -> list[NDArray[np.float64]]:
@@ -91,7 +91,11 @@ def _sparse_basis(basis: _Matrix) -> list[NDArray[np.float64]]:
 
 
 def _weights(direction: NDArray[np.float64], names: list[str]) -> dict[str, float]:
-    return {name: float(w) for name, w in zip(names, direction, strict=True) if abs(w) > VISIBLE}
+    return {
+        name: float(w)
+        for name, w in zip(names, direction, strict=True)
+        if abs(w) > NULL_SPACE.visible_weight
+    }
 
 
 def _find_determined_combinations(
@@ -109,7 +113,7 @@ def _find_determined_combinations(
             continue
         combination = {names[i]: 1.0}
         for pivot, weight in zip(pivots, share[i], strict=True):
-            if abs(weight) > VISIBLE:
+            if abs(weight) > NULL_SPACE.visible_weight:
                 combination[names[pivot]] = float(-weight)
         out.append(combination)
     return out
@@ -166,10 +170,7 @@ class Identifiability:
         parts = [head]
         if rows:
             parts.append(text_table(("weight in", *columns), rows))
-        hidden = (
-            max(len(self.null_directions) - _SHOWN, 0)
-            + max(len(self.determined_directions) - _SHOWN, 0)
-        )  # fmt: skip
+        hidden = len(self.null_directions) + len(self.determined_directions) - len(columns)
         if hidden:
             parts.append(f"... and {hidden} more combinations")
         if self.advice:

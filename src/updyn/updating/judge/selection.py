@@ -14,17 +14,16 @@ from updyn.errors import OptionError, ParameterError
 from updyn.frf import FRF
 from updyn.model import Model
 from updyn.text_table import format_count
-from updyn.updating.fit.null_space import RANK_TOLERANCE, WIDEST
+from updyn.updating.fit.settings import NULL_SPACE
 from updyn.updating.judge.assessment import linearise_at_start
 from updyn.updating.judge.identifiability import analyse_identifiability
+from updyn.updating.judge.settings import LIST_LENGTHS, SEPARATION
 from updyn.updating.problem.data import Test, check_tests
 from updyn.updating.problem.parameters import Drive, Parameter, ParameterSet
 from updyn.updating.problem.selection import Selection
 from updyn.updating.problem.tests import build_problem
 
 __all__ = [
-    "COLLINEAR",
-    "MAX_COLLINEARITY",
     "cluster",
     "cluster_jointly",
     "collinear_clusters",
@@ -38,28 +37,24 @@ __all__ = [
 _Vector = NDArray[np.float64]
 _Matrix = NDArray[np.float64]
 
-#: Least share, relative to the largest, of an unknown that is named as an explanation of another;
-#: and the largest number of names.
-_SHARE = 0.2
-_NAMED = 3
-
 
 def select_columns(
-    R: _Matrix, names: Sequence[str], n: int | None = None, max_collinearity: float = 15.0
+    R: _Matrix, names: Sequence[str], n: int | None = None, max_collinearity: float | None = None
 ) -> tuple[list[int], dict[int, str]]:
     """Return columns of a Jacobian by QR with column pivoting, and the reasons against the others.
 
     `R` is in standard deviations of the noise. Without `n`, as many columns as the noise and
     `max_collinearity` (1 / smallest singular value at unit length) allow.
     """
+    limit = SEPARATION.most_collinearity if max_collinearity is None else max_collinearity
     size = np.linalg.norm(R, axis=0)
     state = _Pivoting(R, names, size)
     for _ in range(R.shape[1]):
         if not state.waiting or len(state.order) == n:
             break
         i = max(state.waiting, key=lambda j: state.length[j])
-        is_requested = n is not None and state.length[i] > RANK_TOLERANCE * size[i]
-        reason = "" if is_requested else state.find_objection(i, max_collinearity)
+        is_requested = n is not None and state.length[i] > NULL_SPACE.rank_tolerance * size[i]
+        reason = "" if is_requested else state.find_objection(i, limit)
         if reason:
             state.left_out[i] = reason
         else:
@@ -97,7 +92,7 @@ class _Pivoting:
 
     def find_objection(self, i: int, limit: float) -> str:
         """Return the reason why a column is not selected; empty if it may be."""
-        if self.size[i] * WIDEST <= 1.0:
+        if self.size[i] * NULL_SPACE.undetermined_std <= 1.0:
             known = "not at all"
             if self.size[i] > 0.0:
                 known = f"only to ±{1.0 / self.size[i]:.2g}"
@@ -111,7 +106,7 @@ class _Pivoting:
                 f"its effect is explained by {self.name_explanations(i)} (collinearity index"
                 f" {gamma:.3g})"
             )
-        if length * WIDEST <= 1.0:
+        if length * NULL_SPACE.undetermined_std <= 1.0:
             return (
                 f"together with {self.name_explanations(i)} it would be known only to"
                 f" ±{1.0 / length:.2g}"
@@ -123,8 +118,8 @@ class _Pivoting:
             normalise_columns(self.R[:, self.order]), self.R[:, i], rcond=None
         )[0]
         size = np.abs(weight)
-        most = np.argsort(-size)[:_NAMED]
-        most = most[size[most] >= _SHARE * size.max()]
+        most = np.argsort(-size)[: LIST_LENGTHS.named_items]
+        most = most[size[most] >= SEPARATION.least_explanation_share * size.max()]
         return ", ".join(self.names[self.order[j]] for j in most)
 
 
@@ -166,17 +161,11 @@ def normalise_columns(R: _Matrix) -> _Matrix:
 
 def collinearity_index(s: NDArray[np.floating[Any]]) -> float:
     """Return the collinearity index from the singular values of unit columns; inf if singular."""
-    if s[-1] <= RANK_TOLERANCE * s[0]:
+    if s[-1] <= NULL_SPACE.rank_tolerance * s[0]:
         return float("inf")
     return float(1.0 / s[-1])
 
 
-#: Collinearity index above which unknowns are not separable: 10 to 15 (Brun, Reichert & Kuensch
-#: 2001).
-MAX_COLLINEARITY = 15.0
-#: Least cosine of two collinear unknowns: an angle of 8 degrees, at which a seventh of the effect
-#: of either is independent of the other.
-COLLINEAR = 0.99
 #: Largest length of a list of joined group names that is written in full.
 _LONG = 40
 
@@ -187,7 +176,7 @@ def select(
     frf: FRF,
     parameters: ParameterSet | Selection,
     n: int | Literal["rank"] | None = None,
-    max_collinearity: float = MAX_COLLINEARITY,
+    max_collinearity: float = SEPARATION.most_collinearity,
     *,
     lines: str | ArrayLike | None = None,
     noise: Mapping[str, float] | str | None = None,
@@ -253,7 +242,7 @@ def select_jointly(
     tests: Sequence[Test],
     parameters: ParameterSet | Selection,
     n: int | Literal["rank"] | None = None,
-    max_collinearity: float = MAX_COLLINEARITY,
+    max_collinearity: float = SEPARATION.most_collinearity,
 ) -> Selection:
     """Select the unknowns that several tests together separate; see `select`.
 
@@ -328,7 +317,7 @@ def cluster(
     model: Model,
     frf: FRF,
     parameters: ParameterSet | Selection,
-    threshold: float = COLLINEAR,
+    threshold: float = SEPARATION.least_cosine,
     *,
     lines: str | ArrayLike | None = None,
     noise: Mapping[str, float] | str | None = None,
@@ -377,7 +366,9 @@ def cluster(
 
 
 def cluster_jointly(
-    tests: Sequence[Test], parameters: ParameterSet | Selection, threshold: float = COLLINEAR
+    tests: Sequence[Test],
+    parameters: ParameterSet | Selection,
+    threshold: float = SEPARATION.least_cosine,
 ) -> Selection:
     """Link unknowns whose effects on the data of several tests are nearly parallel; see `cluster`.
 
@@ -414,7 +405,7 @@ def cluster_jointly(
     if isinstance(threshold, bool) or not 0.0 < threshold < 1.0:
         raise OptionError(
             f"cluster: threshold = {threshold!r}: expected a cosine between 0 and 1, such as"
-            f" {COLLINEAR}",
+            f" {SEPARATION.least_cosine}",
             key=("threshold",),
         )
     R = _whitened_jacobian(tests, before)

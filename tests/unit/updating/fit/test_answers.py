@@ -11,7 +11,6 @@ from scipy.stats import chi2, f
 import updyn
 from updyn.updating.fit.answer import Answer
 from updyn.updating.fit.answers import (
-    AS_WELL,
     are_distinct,
     choose_answer,
     distance,
@@ -29,6 +28,7 @@ from updyn.updating.fit.methods.maximum_likelihood import MaximumLikelihood
 from updyn.updating.fit.models import Models
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.search import Search
+from updyn.updating.fit.settings import ANSWERS
 from updyn.updating.problem.local import Local
 from updyn.updating.problem.noise import Stated, Variance
 from updyn.updating.problem.problem import FRFPart, Problem
@@ -217,14 +217,20 @@ def two_factors() -> Problem:
 
 
 def test_the_better_likelihood_is_taken_however_far_it_is(two_factors):
-    far, near = answer_at(np.array([2.0, 2.0])), answer_at(np.zeros(2), 1.01 * AS_WELL)
+    far, near = (
+        answer_at(np.array([2.0, 2.0])),
+        answer_at(np.zeros(2), 1.01 * ANSWERS.equal_log_odds),
+    )
     assert choose_answer(two_factors, [near, far]) is far
 
 
 def test_of_answers_that_fit_equally_well_the_one_nearest_to_the_start_is_taken(two_factors):
-    far, near = answer_at(np.array([2.0, 2.0])), answer_at(np.array([0.1, 0.0]), 0.9 * AS_WELL)
+    far, near = (
+        answer_at(np.array([2.0, 2.0])),
+        answer_at(np.array([0.1, 0.0]), 0.9 * ANSWERS.equal_log_odds),
+    )
     assert choose_answer(two_factors, [far, near]) is far  # 2^2 / 2 twice is 4: less than 4.1
-    nearer = answer_at(np.array([0.1, 0.0]), 0.5 * AS_WELL)
+    nearer = answer_at(np.array([0.1, 0.0]), 0.5 * ANSWERS.equal_log_odds)
     assert choose_answer(two_factors, [far, near, nearer]) is nearer
 
 
@@ -235,7 +241,7 @@ def test_distinct_answers_that_fit_as_well_are_kept():
     image = answer_at(np.array([0.3, -0.3]), 1.0)
     image_again = answer_at(np.array([0.31, -0.3]), 1.5)
     third = answer_at(np.array([-0.3, 0.0]), 0.5)
-    worse = answer_at(np.array([0.8, 0.0]), 1.01 * AS_WELL)
+    worse = answer_at(np.array([0.8, 0.0]), 1.01 * ANSWERS.equal_log_odds)
     found = find_rivals(chosen, [chosen, same, image_again, worse, image, third])
     assert [id(one) for one in found] == [id(third), id(image)]
 
@@ -260,9 +266,11 @@ def test_answers_that_differ_only_in_what_the_data_leave_open_are_one():
 
 def test_the_open_directions_of_a_worse_fit_hide_no_better_one():
     """At a fold between two answers the Jacobian is singular, and the misfit far above the noise."""
-    fold = answer_at(np.zeros(2), 1.01 * AS_WELL, std=[30.0, 0.01])
+    fold = answer_at(np.zeros(2), 1.01 * ANSWERS.equal_log_odds, std=[30.0, 0.01])
     answer = answer_at(np.array([0.5, 0.0]))
-    near = answer_at(np.array([0.5, 0.0]), 0.02 * AS_WELL)  # fits no better than the fold
+    near = answer_at(
+        np.array([0.5, 0.0]), 0.02 * ANSWERS.equal_log_odds
+    )  # fits no better than the fold
     assert is_better(answer, fold)
     assert are_distinct(answer, fold)
     assert are_distinct(fold, answer)

@@ -9,8 +9,8 @@ import pytest
 
 import updyn
 from updyn.updating.fit.answer import Answer
-from updyn.updating.fit.answers import AS_WELL
 from updyn.updating.fit.methods.maximum_likelihood import MaximumLikelihood
+from updyn.updating.fit.settings import ANSWERS
 from updyn.updating.fit.valley import find_valleys, fix_unknown
 from updyn.updating.problem.local import Local
 from updyn.updating.problem.problem import FRFPart, Problem
@@ -99,7 +99,7 @@ def test_a_stiffness_beyond_the_band_is_open_upwards_and_not_downwards():
     assert softer is None
     assert stiffer is not None
     assert stiffer.x[1] > 6.0 * std_of_mount(0.04)
-    assert 0.0 < stiffer.negative_log_likelihood <= AS_WELL
+    assert 0.0 < stiffer.negative_log_likelihood <= ANSWERS.equal_log_odds
 
 
 def test_the_end_of_a_valley_fits_as_a_rigid_mount_does():
@@ -173,7 +173,9 @@ def test_an_end_that_a_better_answer_leaves_behind_is_no_rival(monkeypatch):
     behind: list[np.ndarray] = []
 
     def reached(self, problem, noises, monitor, at, most=None):
-        better = replace(at, negative_log_likelihood=at.negative_log_likelihood - 10.0 * AS_WELL)
+        better = replace(
+            at, negative_log_likelihood=at.negative_log_likelihood - 10.0 * ANSWERS.equal_log_odds
+        )
         end = replace(at, x=at.x + 0.5)
         behind.append(end.x)
         return [end], [better]

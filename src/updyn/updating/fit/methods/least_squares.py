@@ -26,8 +26,8 @@ from updyn.updating.fit.method import (
 from updyn.updating.fit.methods.linear import linearise, make_unweighted_fit
 from updyn.updating.fit.methods.searching import SearchingMethod
 from updyn.updating.fit.monitor import Monitor
-from updyn.updating.fit.null_space import RANK_TOLERANCE
 from updyn.updating.fit.search import thin_problem
+from updyn.updating.fit.settings import NULL_SPACE
 from updyn.updating.fit.trust_region import TrustRegion
 from updyn.updating.problem.local import Local
 from updyn.updating.problem.noise import Estimated, NoiseModel
@@ -241,7 +241,7 @@ def make_sandwich_fit(
 _Matrix = NDArray[np.float64]
 #: Directions whose singular value is below this share of the largest are hardly determined; they
 #: keep their length in the Jacobian.
-_CLEAR = 10.0 * RANK_TOLERANCE
+_CLEAR = 10.0 * NULL_SPACE.rank_tolerance
 #: Ratio of noise to |H| above which curvature biases the logarithm of a value.
 _LOUD = 0.5
 #: Share of such values above which a note is given.

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from updyn.errors import OptionError, ParameterError, SolverError
 from updyn.updating.fit.method import Fit, Method, residual_std
 from updyn.updating.fit.monitor import Monitor, condition
+from updyn.updating.fit.settings import TRUST_REGION
 from updyn.updating.fit.trust_region import Step
 from updyn.updating.problem.local import Local, join_locals
 from updyn.updating.problem.parameters import ParameterSet
@@ -39,8 +40,6 @@ _Vector = NDArray[np.float64]
 _BASES = {"loss_factor": "stiffness", "stiffness_damping": "stiffness", "mass_damping": "mass"}
 #: Factor or loss factor above which the iteration has diverged.
 _ABSURD = 1e9
-#: A step below this size that is not shorter than the one before is rounding.
-_ROUNDING = 1e-6
 #: Condition number above which a linear problem is singular to rounding.
 _SINGULAR = 1e12
 #: Largest number of times that a step is halved.
@@ -139,7 +138,7 @@ class PlainIteration:
                 length = float(np.abs(moved - x).max())
                 x, current = moved, proposed
                 stop = monitor.step(Step(x, current, length, True))
-                rounding = _ROUNDING if length >= before else 0.0
+                rounding = TRUST_REGION.step_rounding if length >= before else 0.0
                 if share == 1.0 and length <= max(self.tolerance, rounding):
                     return x, "converged"
                 if stop:
@@ -211,7 +210,7 @@ def describe_negative(
 
 
 def _is_rounding(problem: Problem, x: _Vector, values: _Vector) -> bool:
-    return bool(np.abs(x - problem.coordinates.to_x(values)).max() <= _ROUNDING)
+    return bool(np.abs(x - problem.coordinates.to_x(values)).max() <= TRUST_REGION.step_rounding)
 
 
 def describe_unmeasured(problem: Problem) -> str:

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 from updyn.errors import OptionError
 from updyn.updating.fit.method import Method
-from updyn.updating.fit.search import MOST_STARTS, SEARCH_STEPS, Search
+from updyn.updating.fit.search import Search
+from updyn.updating.fit.settings import SEARCH
 
 __all__ = ["SearchingMethod"]
 
@@ -28,10 +29,10 @@ class SearchingMethod(Method, ABC):
     inflate: bool = True
 
     def __post_init__(self) -> None:
-        if self.starts > MOST_STARTS:
+        if self.starts > SEARCH.most_tries:
             raise OptionError(
-                f"option starts = {self.starts}: expected at most {MOST_STARTS:,} tries of the"
-                " search",
+                f"option starts = {self.starts}: expected at most {SEARCH.most_tries:,} tries of"
+                " the search",
                 key=("starts",),
             )
         if self.max_iterations == 0:
@@ -43,10 +44,10 @@ class SearchingMethod(Method, ABC):
         fit = (self.name, self.max_iterations)
         if not self.starts:
             return (fit,)
-        return (("search", self.starts * min(self.max_iterations, SEARCH_STEPS)), fit)
+        return (("search", self.starts * min(self.max_iterations, SEARCH.steps)), fit)
 
     @property
     def tries(self) -> Search:
         """The search."""
-        steps = min(self.max_iterations, SEARCH_STEPS)
+        steps = min(self.max_iterations, SEARCH.steps)
         return Search(self.starts, steps, seed=self.seed, inflate=self.inflate)
