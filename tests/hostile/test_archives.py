@@ -14,9 +14,10 @@ import io_samples
 import plants_by_hand
 import updyn
 from array_mutants import archive, changed_bytes, mutants
+from overriding import override
 from updyn.control.files.plant_file import read_plant, write_plant
 from updyn.errors import FormatError, UpdynError
-from updyn.foreign import limits
+from updyn.foreign.settings import READING
 from updyn.io.npz import read_arrays
 
 KINDS: dict[str, tuple[Callable[[Path], None], Callable[[Path], Any]]] = {
@@ -47,7 +48,7 @@ def test_mutants_raise_nothing_but_our_errors(kind, tmp_path):
 
 
 def test_a_bomb_is_refused_before_it_is_unpacked(tmp_path, monkeypatch):
-    monkeypatch.setattr(limits, "_UNPACKED", 10**6)
+    override(monkeypatch, READING, unpacked_bytes=10**6)
     np.savez_compressed(tmp_path / "a.npz", K=np.zeros((1000, 1000)), allow_pickle=False)
     with pytest.raises(FormatError, match=r"a\.npz: declares 8 MB of data or more"):
         updyn.read_model(tmp_path / "a.npz")

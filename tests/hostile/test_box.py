@@ -15,11 +15,13 @@ import scipy.io
 import foreign_loaders
 import io_samples
 import updyn
+from overriding import override
 from places import DATA
 from updyn.elements.mesh import read_mesh
 from updyn.errors import FormatError
 from updyn.foreign import box, limits, processes
 from updyn.foreign.plain import Sparse, decode, encode
+from updyn.foreign.settings import READING
 
 HOSTILE = DATA / "hostile"
 
@@ -85,7 +87,7 @@ def test_whatever_happens_is_one_message(path, function, arguments, message):
 
 
 def test_a_reader_without_end_is_stopped(path, monkeypatch):
-    monkeypatch.setattr(limits, "_SECONDS", 0.5)
+    override(monkeypatch, READING, seconds=0.5)
     with pytest.raises(FormatError, match=r"a file.x: .*its reader \(libx\) ran over 1 s"):
         load("hang", path)
 
@@ -128,7 +130,7 @@ def test_an_answer_that_is_damaged_is_an_error_and_takes_no_memory():
     ],
 )
 def test_hostile_files_are_refused_by_name(name, message, monkeypatch):
-    monkeypatch.setattr(limits, "_SECONDS", 0.6)
+    override(monkeypatch, READING, seconds=0.6)
     read = updyn.read_frf if name.endswith(".nc") else updyn.read_model
     with pytest.raises(FormatError, match=rf"{name}: .*({message})"):
         read(HOSTILE / name)
@@ -156,7 +158,7 @@ def test_groups_without_end_are_refused(tmp_path):
 
 
 def test_a_mat_file_of_zeros_is_refused_by_its_size(tmp_path, monkeypatch):
-    monkeypatch.setattr(limits, "_UNPACKED", 10**6)
+    override(monkeypatch, READING, unpacked_bytes=10**6)
     scipy.io.savemat(tmp_path / "m.mat", {"K": np.zeros((1000, 1000))}, do_compression=True)
     with pytest.raises(FormatError, match=r"declares .* of data"):
         box.load_in_process("updyn.foreign.matlab:load", tmp_path / "m.mat", what="MATLAB file")

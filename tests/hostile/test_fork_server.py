@@ -16,9 +16,11 @@ from typing import Any
 
 import pytest
 
+from overriding import override
 from places import SUPPORT
 from updyn.errors import FormatError
-from updyn.foreign import box, limits, processes
+from updyn.foreign import box, processes
+from updyn.foreign.settings import READING
 
 pytestmark = pytest.mark.skipif(not processes._CAN_FORK, reason="no fork here")
 
@@ -81,7 +83,7 @@ def test_after_a_reader_that_failed_the_next_one_is_sound(function):
 def test_a_reader_that_ran_over_its_time_ends_with_its_server(monkeypatch):
     one = server()
     with monkeypatch.context() as patch:
-        patch.setattr(limits, "_SECONDS", 0.3)
+        override(patch, READING, seconds=0.3)
         with pytest.raises(FormatError, match="ran over"):
             load("hang")
     assert not is_running(one)
@@ -152,6 +154,9 @@ print(one, flush=True)
 def test_a_server_ends_where_nothing_is_asked_for_long():
     ours, theirs = socket.socketpair()
     with ours, theirs:
-        code = "from updyn.foreign import child; child._IDLE = 0.1; child.serve()"
+        code = (
+            "from updyn.foreign import child; from updyn.foreign.settings import READING;"
+            " vars(READING)['idle_seconds'] = 0.1; child.serve()"
+        )
         ended = subprocess.run([sys.executable, "-c", code], stdin=theirs, timeout=60, check=False)
     assert ended.returncode == 0

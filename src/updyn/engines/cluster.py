@@ -14,15 +14,13 @@ from typing import TYPE_CHECKING, Any
 from updyn import __version__
 from updyn.engines.engine import Engine
 from updyn.engines.remote import LostError, Remote
+from updyn.engines.settings import WORKERS
 from updyn.errors import EngineError, OptionError
 
 if TYPE_CHECKING:
     from distributed import Client, Future
 
 __all__ = ["Cluster"]
-
-#: Time in s without a worker or an answer after which a cluster counts as lost.
-PATIENCE_S = 60.0
 
 
 class Cluster(Remote):
@@ -85,7 +83,7 @@ class Cluster(Remote):
         self._check_connection()
         try:
             (future,) = self._client.scatter(
-                [shared], broadcast=True, hash=False, timeout=PATIENCE_S
+                [shared], broadcast=True, hash=False, timeout=WORKERS.cluster_patience
             )
         except OSError as error:  # a worker died meanwhile; TimeoutError is an OSError
             raise self._handle_lost(error) from error
@@ -109,7 +107,7 @@ class Cluster(Remote):
                 raise self._handle_lost(call.exception())
             return call.result()  # raises
         try:
-            return call.result(timeout=PATIENCE_S)
+            return call.result(timeout=WORKERS.cluster_patience)
         except (CancelledError, OSError) as error:  # its worker died before it was fetched
             raise self._handle_lost(error) from error
 
@@ -130,7 +128,7 @@ class Cluster(Remote):
 
     def _handle_lost(self, error: BaseException) -> LostError:
         """Wait for a scheduler and a worker, forget lost objects, and return the error."""
-        until = time.monotonic() + PATIENCE_S
+        until = time.monotonic() + WORKERS.cluster_patience
         while self._client.status == "connecting" and time.monotonic() < until:
             time.sleep(0.1)
         if self._client.status != "running":
@@ -143,10 +141,11 @@ class Cluster(Remote):
 
     def _count_workers(self) -> int:
         try:
-            self._client.wait_for_workers(1, timeout=PATIENCE_S)
+            self._client.wait_for_workers(1, timeout=WORKERS.cluster_patience)
         except TimeoutError as error:
             raise EngineError(
-                f"no worker has joined the scheduler {self._address} within {PATIENCE_S:g} s; "
+                f"no worker has joined the scheduler {self._address} within"
+                f" {WORKERS.cluster_patience:g} s; "
                 f"one is started by: dask worker {self._address} --nthreads 1"
             ) from error
         return len(self._client.nthreads())

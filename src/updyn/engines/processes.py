@@ -28,6 +28,7 @@ import numpy as np
 from updyn.engines.engine import Engine, Serial
 from updyn.engines.interrupts import block_interrupts
 from updyn.engines.remote import LostError, Remote
+from updyn.engines.settings import WORKERS
 from updyn.errors import EngineError, OptionError
 
 __all__ = [
@@ -36,8 +37,6 @@ __all__ = [
     "open_parcel",
 ]
 
-#: Items submitted per process: one that runs, and some that wait while results are used.
-_AHEAD = 3
 #: Environment variables that limit the threads of BLAS libraries, which read them when loaded.
 _THREADS = (
     "OMP_NUM_THREADS",
@@ -49,11 +48,6 @@ _THREADS = (
 #: By default the C library of Linux returns large blocks to the system after every item and maps
 #: them again, which takes a fifth of the time.
 _MEMORY = {"MALLOC_MMAP_THRESHOLD_": "33554432", "MALLOC_TRIM_THRESHOLD_": "134217728"}
-
-#: Largest number of processes per core: more would only share it, and each takes 100 MB or more.
-_EACH_CORE = 8
-#: Interval in s of the checks whether the parent process of a worker is alive.
-_PARENT_CHECK_S = 0.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,7 +67,7 @@ class Processes(Remote):
 
     def __init__(self, workers: int) -> None:
         super().__init__()
-        self.window = _AHEAD * workers
+        self.window = WORKERS.items_per_process * workers
         self._workers = workers
         self._numbers = itertools.count()
         self._pool: Any = None
@@ -170,10 +164,11 @@ def _check_cores(workers: int) -> None:
     cores = (
         len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     )
-    if workers > _EACH_CORE * cores:
+    each = WORKERS.processes_per_core
+    if workers > each * cores:
         raise OptionError(
-            f"{workers} processes; expected at most {_EACH_CORE * cores}, {_EACH_CORE} for each of"
-            f" the {cores} cores of this machine"
+            f"{workers} processes; expected at most {each * cores}, {each} for each of the {cores}"
+            " cores of this machine"
         )
 
 
@@ -215,7 +210,7 @@ def _start_worker(parent: int, folder: Path) -> None:
 def _exit_with_parent(parent: int, folder: Path) -> None:
     """End this worker and remove its files if the parent process was killed."""
     while os.getppid() == parent:
-        time.sleep(_PARENT_CHECK_S)
+        time.sleep(WORKERS.parent_check_interval)
     shutil.rmtree(folder, ignore_errors=True)
     os._exit(1)
 

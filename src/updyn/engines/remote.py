@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
+from updyn.engines.settings import WORKERS
 from updyn.errors import EngineError
 
 __all__ = ["LostError", "Remote"]
@@ -15,12 +16,6 @@ __all__ = ["LostError", "Remote"]
 S = TypeVar("S")
 T = TypeVar("T")
 R = TypeVar("R")
-
-#: Number of losses without a result in between after which the work itself is assumed to kill
-#: workers.
-MOST_LOSSES = 3
-#: Number of latest shared objects that workers keep; more would only use memory in every worker.
-REMEMBERED = 2
 
 
 class LostError(Exception):
@@ -69,7 +64,7 @@ class Remote(ABC):
                     result: R = self._result(pending[0].call)
                 except LostError as loss:
                     losses += 1
-                    if losses > MOST_LOSSES:
+                    if losses > WORKERS.most_losses:
                         at = total - len(waiting) - len(pending) + 1
                         raise EngineError(
                             f"workers were lost {losses} times in a row at item {at} of {total}:"
@@ -89,7 +84,7 @@ class Remote(ABC):
             if known is shared:
                 return handle
         handle = self._send(shared)
-        self._sent = [(shared, handle), *self._sent[: REMEMBERED - 1]]
+        self._sent = [(shared, handle), *self._sent[: WORKERS.kept_objects - 1]]
         return handle
 
     @abstractmethod

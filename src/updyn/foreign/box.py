@@ -14,12 +14,12 @@ from updyn.foreign.child import OUT_OF_MEMORY, READY
 from updyn.foreign.exits import describe_exit, signal_name
 from updyn.foreign.limits import ReadLimits, limits_of
 from updyn.foreign.plain import decode
-from updyn.foreign.processes import START, start
+from updyn.foreign.processes import start
+from updyn.foreign.settings import READING
 from updyn.registry import load_object
 
 __all__ = ["UNSOUND", "load", "load_in_process"]
 
-_BLOCK = 2**20  # bytes
 #: Exceptions of `decode` for a damaged answer.
 UNSOUND = (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError)
 
@@ -72,7 +72,7 @@ def _run_request(request: Mapping[str, Any], limits: ReadLimits, blame: str) -> 
     is_ready = threading.Event()
 
     def receive(stream: Any) -> None:
-        while len(received) <= limits.memory and (block := stream.read(_BLOCK)):
+        while len(received) <= limits.memory and (block := stream.read(READING.block_bytes)):
             received.extend(block)
             is_ready.set()
         is_ready.set()
@@ -81,7 +81,7 @@ def _run_request(request: Mapping[str, Any], limits: ReadLimits, blame: str) -> 
         receiver = threading.Thread(target=receive, args=(process.stdout,), daemon=True)
         receiver.start()
         try:
-            is_ready.wait(START)
+            is_ready.wait(READING.start_seconds)
             receiver.join(limits.seconds)
             # Wait for the exit status, because a process with corrupt memory may still answer.
             status = process.wait(limits.seconds if not receiver.is_alive() else 0)

@@ -16,6 +16,7 @@ from typing import Any, NoReturn
 from updyn.errors import InputError, reason_of
 from updyn.foreign.limits import ReadLimits, limits_of
 from updyn.foreign.plain import encode
+from updyn.foreign.settings import READING
 from updyn.registry import load_object
 
 __all__ = ["OUT_OF_MEMORY", "READY", "STATUS", "answer", "serve"]
@@ -25,7 +26,6 @@ READY = b"."
 OUT_OF_MEMORY = "MemoryError"
 #: Format of exit statuses from the fork server, for `struct`.
 STATUS = "<i"
-_IDLE = 60.0  # seconds without a request after which the fork server ends
 
 
 def serve() -> None:
@@ -37,7 +37,7 @@ def serve() -> None:
     """
     signal.signal(signal.SIGCHLD, signal.SIG_DFL)
     control = socket.socket(fileno=0)
-    control.settimeout(_IDLE)
+    control.settimeout(READING.idle_seconds)
     with contextlib.suppress(TimeoutError):
         for line in control.makefile("rb"):
             request = json.loads(line)

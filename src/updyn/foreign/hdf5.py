@@ -19,10 +19,10 @@ from updyn.errors import FormatError
 from updyn.foreign.attributes import PACKING, UNITS
 from updyn.foreign.limits import ReadLimits, limits_of
 from updyn.foreign.plain import Other, to_native
+from updyn.foreign.settings import READING
 
 __all__ = ["HDF5Content", "has_no_variable", "load", "plain_value"]
 
-_DEPTH = 16
 #: Name of a netCDF dimension without variable: a dataset without numbers.
 _NO_VARIABLE = b"This is a netCDF dimension but not a netCDF variable"
 #: Attributes that define the meaning of the numbers of a dataset, in lower case.
@@ -46,8 +46,9 @@ class HDF5Content:
 
     def group(self, group: Any, depth: int = 0) -> dict[str, Any]:
         """Return a group with all its members, recursively; `depth` is the level of nesting."""
-        if depth > _DEPTH:
-            raise FormatError(f"{group.name}: groups nested more than {_DEPTH} deep", self.path)
+        most = READING.group_depth
+        if depth > most:
+            raise FormatError(f"{group.name}: groups nested more than {most} deep", self.path)
         members: dict[str, Any] = {}
         meanings: dict[str, Any] = {}
         for name, item in self.members(group).items():

@@ -7,15 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from updyn.errors import FormatError
+from updyn.foreign.settings import READING
 
 __all__ = ["ReadLimits", "limits_of"]
 
 _MB = 10**6
-_SECONDS = 6.0
-_BYTES_PER_SECOND = 1 * _MB
-_UNPACKED = 256 * _MB
-_RATIO = 100
-_WORKING = 512 * _MB
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,17 +24,17 @@ class ReadLimits:
     @property
     def seconds(self) -> float:
         """Time limit of reading, in s."""
-        return _SECONDS + self.size / _BYTES_PER_SECOND
+        return READING.seconds + self.size / READING.bytes_per_second
 
     @property
     def max_unpacked(self) -> int:
         """Largest size of the unpacked content, in bytes."""
-        return _UNPACKED + _RATIO * self.size
+        return READING.unpacked_bytes + READING.packing_ratio * self.size
 
     @property
     def memory(self) -> int:
         """Memory limit of the reader in addition to its program, in bytes."""
-        return _WORKING + 2 * self.max_unpacked
+        return READING.working_bytes + 2 * self.max_unpacked
 
     def check(self, unpacked: int) -> None:
         """Refuse a file with more unpacked content (bytes so far) than its size suggests."""

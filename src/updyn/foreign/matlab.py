@@ -31,6 +31,7 @@ from updyn.errors import FormatError
 from updyn.foreign.hdf5 import HDF5Content
 from updyn.foreign.limits import ReadLimits, limits_of
 from updyn.foreign.plain import Sparse, Unread, to_native
+from updyn.foreign.settings import READING
 
 __all__ = ["load"]
 
@@ -41,8 +42,6 @@ _CONTENT_4 = (0, 1, 2)  # full, text, sparse
 _HEADER_5 = 128  # bytes
 _COMPRESSED_5 = 15
 _VARIABLES_5 = (14, _COMPRESSED_5)
-_BLOCK = 2**20  # bytes
-_DEPTH = 8  # nested structs; a deeper file refers to itself
 #: Fields that may be struct arrays: one struct per group, or per dimension of a unit
 #: (`updyn.io.testlab_mat`).
 _ARRAYS = ("groups", "quantity_terms")
@@ -211,7 +210,7 @@ def _check_compressed(file: BinaryIO, length: int, limits: ReadLimits, unpacked:
     stream = zlib.decompressobj()
     packed = file.read(length)
     while not stream.eof:
-        block = stream.decompress(packed, _BLOCK)
+        block = stream.decompress(packed, READING.block_bytes)
         packed = stream.unconsumed_tail
         unpacked += len(block)
         limits.check(unpacked)
@@ -286,8 +285,8 @@ class _File73:
 
     def _item(self, item: Any, name: str, depth: int) -> Any:
         path = self._path
-        if depth > _DEPTH:
-            raise FormatError(f"{name}: structs nested more than {_DEPTH} deep", path)
+        if depth > READING.struct_depth:
+            raise FormatError(f"{name}: structs nested more than {READING.struct_depth} deep", path)
         kind = item.attrs.get("MATLAB_class", b"")
         if isinstance(kind, bytes):
             kind = kind.decode("ascii", "replace")

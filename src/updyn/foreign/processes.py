@@ -21,13 +21,12 @@ from pathlib import Path
 from typing import Any
 
 from updyn.foreign.child import STATUS
+from updyn.foreign.settings import READING
 
-__all__ = ["START", "Forked", "start"]
+__all__ = ["Forked", "start"]
 
 _NEW = "from updyn.foreign.child import answer; answer(json.loads(sys.argv[2]), 1)"
 _SERVER = "from updyn.foreign.child import serve; serve()"
-#: Seconds for a process to start and to finish its imports, on a busy machine.
-START = 120.0
 #: BLAS threads use address space without computing anything, and prevent forks.
 _THREADS = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 #: On other systems, libraries do not survive a fork, or there is no fork.
@@ -72,7 +71,7 @@ class _Server:
     def fork(self, request: str) -> Forked | None:
         """Return a process that answers a request, or None if the server has ended."""
         forked = None
-        self.control.settimeout(START)
+        self.control.settimeout(READING.start_seconds)
         try:
             with contextlib.suppress(OSError):  # idle for too long, or after the time limit
                 self.control.sendall(request.encode() + b"\n")

@@ -15,13 +15,13 @@ from typing import Any
 
 from updyn.errors import FormatError
 from updyn.foreign import box
+from updyn.foreign.settings import READING
 from updyn.io.atomic import write_bytes
 
 __all__ = ["load_native", "write_native"]
 
 _MARK = b"updyn-sha256 "
 _LENGTH = len(_MARK) + 64 + 1
-_BLOCK = 2**20  # bytes
 
 
 def write_native(content: io.BytesIO, path: str | Path) -> None:
@@ -57,7 +57,7 @@ def _is_verified(path: str | Path) -> bool:
                 return False
             file.seek(0)
             digest = hashlib.sha256()
-            while n_unread > 0 and (block := file.read(min(n_unread, _BLOCK))):
+            while n_unread > 0 and (block := file.read(min(n_unread, READING.block_bytes))):
                 digest.update(block)
                 n_unread -= len(block)
     except OSError as error:

@@ -11,7 +11,7 @@ from distributed.cli import dask_scheduler, dask_worker
 import updyn
 from places import ROOT
 from updyn.demos import find_demo
-from updyn.engines import cluster, remote
+from updyn.engines.settings import WORKERS
 
 TEXT = (ROOT / "docs" / "cluster.md").read_text(encoding="utf-8")
 ADDRESS = "tcp://10.0.0.1:8786"
@@ -56,7 +56,7 @@ def test_the_python_blocks_run_and_give_the_same(inputs, client, dask_processes)
 
 
 def test_numbers_are_those_of_the_code():
-    assert cluster.PATIENCE_S == 60
+    assert WORKERS.cluster_patience == 60
     assert "waits up to a minute" in TEXT
-    assert remote.MOST_LOSSES == 3
+    assert WORKERS.most_losses == 3
     assert "three times more without a result" in TEXT

@@ -10,7 +10,9 @@ from distributed import Client
 
 import engine_work as work
 from engine_work import wait_until
-from updyn.engines import Engine, cluster, remote
+from overriding import override
+from updyn.engines import Engine, cluster
+from updyn.engines.settings import WORKERS
 from updyn.errors import EngineError, SolverError
 
 
@@ -116,7 +118,7 @@ def test_a_killed_process_costs_no_result(two_processes, shared):
 
 
 def test_work_that_kills_every_process_is_named(two_processes, shared, monkeypatch):
-    monkeypatch.setattr(remote, "MOST_LOSSES", 1)
+    override(monkeypatch, WORKERS, most_losses=1)
     results = two_processes.map(work.die_always, shared, range(4, 7))
     with pytest.raises(
         EngineError, match=r"^workers were lost 2 times in a row at item 1 of 3: .*SIGKILL"
@@ -153,7 +155,7 @@ def test_no_worker_and_then_no_scheduler(dask_processes, shared, monkeypatch, tm
     try:
         with Client(processes.address, timeout=5) as client:
             with monkeypatch.context() as hurried:
-                hurried.setattr(cluster, "PATIENCE_S", 0.2)
+                override(hurried, WORKERS, cluster_patience=0.2)
                 with pytest.raises(
                     EngineError,
                     match=rf"no worker has .* dask worker {processes.address} --nthreads 1",

@@ -6,7 +6,8 @@ from collections import Counter
 
 import pytest
 
-from updyn.engines.remote import MOST_LOSSES, LostError, Remote
+from updyn.engines.remote import LostError, Remote
+from updyn.engines.settings import WORKERS
 from updyn.errors import EngineError
 
 
@@ -76,7 +77,8 @@ def test_losses_with_results_in_between_are_borne_without_end():
 
 
 def test_losses_in_a_row_are_borne_so_many_times():
-    assert list(Paper(1, losses=tuple(range(1, 1 + MOST_LOSSES))).map(plus, [0], range(3))) == [
+    losses = tuple(range(1, 1 + WORKERS.most_losses))
+    assert list(Paper(1, losses=losses).map(plus, [0], range(3))) == [
         0,
         1,
         2,
