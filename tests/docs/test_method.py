@@ -18,8 +18,11 @@ from updyn.updating.fit.settings import (
     ANSWERS,
     FURTHER_ANSWERS,
     NULL_SPACE,
+    REDUCED_FIT,
+    REDUCED_TIER,
     RESIDUAL_TEST,
     SEARCH,
+    SEARCH_BASIS,
     TRY_STARTS,
 )
 from updyn.updating.judge.settings import EXPERIMENT_ADVICE
@@ -148,14 +151,16 @@ def test_every_source_is_cited_and_every_citation_has_its_source() -> None:
 
 
 def test_the_numbers_of_large_models_are_those_of_the_code() -> None:
-    from updyn.updating.fit import reducing
 
     section = TEXT.split("## Large models")[1].split("## ")[0]
     assert (
         f"up to {LINE_SOLVER.dense_dofs} DOFs ({LINE_SOLVER.filled_dofs} where the matrix is full)"
         in section
     )
-    assert f"above {reducing._DOFS} DOFs with {reducing._LINES} lines or more" in section
+    assert (
+        f"above {REDUCED_TIER.most_exact_dofs} DOFs with {REDUCED_TIER.least_lines} lines or more"
+        in section
+    )
     assert f"`accuracy` ({REDUCTION.accuracy:g}".replace("e-05", "e-5") in section
     assert "twice the difference to the answer in a larger basis" in section
     assert "sixteen times r_i^T P^-1 r_j at the four lines" in section
@@ -165,18 +170,18 @@ def test_the_numbers_of_large_models_are_those_of_the_code() -> None:
     assert "0.5 eps" in section
     assert (CERTIFICATE.entry_rounding, CERTIFICATE.factor_rounding) == (2.0, 0.5)
     assert "at least 8 and at most 24" in section
-    assert reducing._POINTS == (8, 24)
+    assert (SEARCH_BASIS.least_points, SEARCH_BASIS.most_points) == (8, 24)
     assert "s = 0.2, 0.5 and 0.8 omega_max^2 in turn" in section
     assert REDUCTION.further_shifts == (0.2, 0.5, 0.8)
     assert "loss factors of 0 to 0.3" in section
-    assert reducing._SAMPLE_LOSS == 0.3
+    assert ANSWERS.loss_spread == 0.3
     words = " ".join(section.split())
     assert "in rounds of at most 12 steps" in words
     assert "in a new basis where the one before ended, 12 at most" in words
     assert "within a fiftieth of a factor of the point of the basis" in words
-    assert pytest.approx(0.02) == reducing._NEAR * reducing._TRUST_RADIUS
-    assert f"(a fifth, the trust radius, above {reducing._HEAVY:,} DOFs" in words
-    assert pytest.approx(0.2) == reducing._NEAR_IF_HEAVY * reducing._TRUST_RADIUS
+    assert pytest.approx(0.02) == REDUCED_FIT.enriched_share * REDUCED_FIT.radius
+    assert f"(a fifth, the trust radius, above {REDUCED_FIT.heavy_dofs:,} DOFs" in words
+    assert pytest.approx(0.2) == REDUCED_FIT.enriched_share_if_heavy * REDUCED_FIT.radius
     assert "more than a tenth off that of the last one" in words
     assert SHIFTED.close_share == 0.1
     assert f"Above {SHIFTED.double_dofs:,} DOFs it is made in single precision" in words
@@ -188,9 +193,9 @@ def test_the_numbers_of_large_models_are_those_of_the_code() -> None:
     assert SHIFTED.moves_in_single == (0.0, 3e-3, 1e-2)
     assert "too large above a fifth of what is allowed" in words
     assert REDUCTION.enriched_share == 0.2
-    assert (reducing._MAX_STEPS_PER_ROUND, reducing._FIRST_ROUNDS) == (12, 12)
+    assert (REDUCED_FIT.steps_per_round, REDUCED_FIT.most_rounds) == (12, 12)
     assert "leaves more than 0.8 of the log error of the one before" in section
-    assert reducing._SLOW_DECREASE == 0.8
+    assert REDUCED_FIT.slow_decrease == 0.8
     assert "fields of 40 other points" in section
-    assert reducing._SAMPLES == 40
-    assert f"no further than {100 * reducing._TRUST_RADIUS:.0f} % of a factor" in section
+    assert SEARCH_BASIS.samples == 40
+    assert f"no further than {100 * REDUCED_FIT.radius:.0f} % of a factor" in section

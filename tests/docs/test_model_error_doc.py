@@ -11,7 +11,8 @@ import pytest
 import updyn
 from pages import ROOT, blocks
 from updyn.model import Model
-from updyn.updating.judge.adequacy import LEVEL, OUTCOMES, Misfit, Suspect
+from updyn.updating.judge.adequacy import OUTCOMES, Misfit, Suspect
+from updyn.updating.judge.settings import RESIDUAL_TEST
 
 PAGE = ROOT / "docs" / "model-error.md"
 TEXT = PAGE.read_text(encoding="utf-8")
@@ -45,7 +46,7 @@ def test_what_python_shows_is_there(result) -> None:
 def test_every_outcome_is_explained() -> None:
     rows = re.findall(r"^\| `(\w+)` \|", TEXT, re.MULTILINE)
     assert tuple(rows) == OUTCOMES
-    assert f"at most {100 * LEVEL:g} % of runs" in WORDS
+    assert f"at most {100 * RESIDUAL_TEST.alarm_level:g} % of runs" in WORDS
 
 
 def test_what_a_suspect_has_is_explained() -> None:

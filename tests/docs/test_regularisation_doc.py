@@ -10,7 +10,8 @@ import pytest
 from pages import ROOT, blocks, run_python
 from updyn.updating.fit import regularisation as regularise
 from updyn.updating.fit.methods import methods_with
-from updyn.updating.judge import selection
+from updyn.updating.fit.settings import REGULARISATION
+from updyn.updating.judge.settings import SEPARATION
 
 NAME = "docs/regularisation.md"
 TEXT = " ".join((ROOT / NAME).read_text(encoding="utf-8").split())
@@ -31,10 +32,10 @@ ABLE = methods_with("can_regularise")
 @pytest.mark.parametrize(
     "said",
     [
-        f"`max_collinearity` ({selection.MAX_COLLINEARITY:g})",
-        f"threshold ({selection.COLLINEAR:g})",
-        f"a prior of a factor e (strength {regularise.WEAKEST:g})",
-        f"stays within {100 * regularise._SETTLED:g} %",
+        f"`max_collinearity` ({SEPARATION.most_collinearity:g})",
+        f"threshold ({SEPARATION.least_cosine:g})",
+        f"a prior of a factor e (strength {REGULARISATION.weakest:g})",
+        f"stays within {100 * REGULARISATION.settled_log:g} %",
         "Methods: " + ", ".join(ABLE) + ".",
         *(f'`"{choice}"`' for choice in regularise.CHOICES),
     ],

@@ -33,7 +33,8 @@ from updyn.store.netcdf import load_libraries
 from updyn.store.result import write_result, write_result_json
 from updyn.updating.fit.methods import options_of
 from updyn.updating.fit.monitor import Progress
-from updyn.updating.judge.selection import MAX_COLLINEARITY, cluster_jointly, select_jointly
+from updyn.updating.judge.selection import cluster_jointly, select_jointly
+from updyn.updating.judge.settings import SEPARATION
 from updyn.updating.problem.data import Test
 from updyn.updating.problem.selection import Selection
 from updyn.updating.result import JointResult, UpdateResult
@@ -214,7 +215,7 @@ def job_selection(prepared: Prepared) -> Selection | None:
         if table.cluster is not None:
             selection = cluster_jointly(tests, selection, table.cluster)
         if table.n is not None or table.max_collinearity is not None:
-            limit = table.max_collinearity or MAX_COLLINEARITY
+            limit = table.max_collinearity or SEPARATION.most_collinearity
             selection = select_jointly(tests, selection, table.n, limit)
     return selection
 

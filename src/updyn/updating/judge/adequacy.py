@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from scipy.linalg import eigvals_banded
 from scipy.special import gammainc, ndtr
 
+from updyn.updating.judge.settings import LIST_LENGTHS, RESIDUAL_TEST, SENSOR_NOISE
 from updyn.updating.problem.noise.size import size_p_value
 
 __all__ = [
-    "EXPLAINED",
     "OUTCOMES",
     "Adequacy",
     "Misfit",
@@ -37,24 +37,6 @@ _Complex = NDArray[np.complex128]
 #: Weights of the autocorrelations at lags 1, 2 and 3 (Bartlett's triangle), for serial correlation
 #: over a few lines.
 _LAGS = np.array([0.75, 0.5, 0.25])
-#: Least number of values for a test of serial correlation.
-_FEWEST = 5
-#: Limit in standard deviations to which values are clipped before correlations are computed; 1 % of
-#: Gaussian values exceed it.
-_CUT = 3.0
-#: Number of lines above which eigenvalues are approximated by the symbol of the Toeplitz matrix,
-#: and number of points at which the symbol is evaluated.
-_LONG = 512
-#: Least share of the residual for one quantity to explain it; two errors of equal size explain half
-#: each.
-EXPLAINED = 0.5
-#: Reduced chi-square below which stated noise is reported as too large. It corresponds to a factor
-#: of 2 in the standard deviation; smaller errors are usual in stated noise.
-_OVERSTATED = 0.25
-#: Least number of lines in a band.
-_LEAST = 8
-#: Largest number of bands.
-_MOST = 24
 
 
 def clip_outliers(values: _Complex) -> _Complex:
@@ -68,7 +50,8 @@ def clip_outliers(values: _Complex) -> _Complex:
     order = np.sort(np.where(is_missing, np.inf, size), axis=0)
     count = (~is_missing).sum(axis=0)
     middle = np.take_along_axis(order, np.maximum((count[None] - 1) // 2, 0), axis=0)
-    limit = _CUT * np.where(np.isfinite(middle), middle, 0.0) / np.sqrt(2.0 * np.log(2.0))
+    std = np.where(np.isfinite(middle), middle, 0.0) / np.sqrt(2.0 * np.log(2.0))
+    limit = RESIDUAL_TEST.clip_stds * std
     with np.errstate(invalid="ignore"):
         return np.asarray(
             values * np.where(size > limit, limit / np.where(size > 0, size, 1.0), 1.0)
@@ -86,7 +69,7 @@ def serial_correlation_p_values(values: _Complex) -> _Real:
     out = np.ones(values.shape[1])
     is_measured = np.isfinite(values)
     for mask, columns in _group_by_pattern(is_measured):
-        if mask.sum() < _FEWEST:
+        if mask.sum() < RESIDUAL_TEST.least_values:
             continue
         e = values[np.ix_(mask, columns)]
         power = np.sum(np.abs(e) ** 2, axis=0)
@@ -139,12 +122,13 @@ def _toeplitz_eigenvalues(diagonals: _Real, *, gaps: bool) -> tuple[_Real, _Real
     equal steps of theta (Szegő; Gray, Toeplitz and Circulant Matrices, 2006, theorem 4.1).
     """
     m = diagonals.shape[1]
-    if m <= _LONG or gaps:
+    longest = RESIDUAL_TEST.exact_eigenvalue_lines
+    if m <= longest or gaps:
         values = np.asarray(eigvals_banded(diagonals[: min(len(diagonals), m)], lower=True))
         return values, np.ones(m)
-    theta = np.pi * (np.arange(_LONG) + 0.5) / _LONG
+    theta = np.pi * (np.arange(longest) + 0.5) / longest
     symbol = sum(2.0 * t * np.cos((d + 1) * theta) for d, t in enumerate(_LAGS))
-    return np.sort(symbol), np.full(_LONG, m / _LONG)
+    return np.sort(symbol), np.full(longest, m / longest)
 
 
 def _tail_probability(eigenvalues: _Real, multiplicities: _Real, r: _Real) -> _Real:
@@ -190,7 +174,7 @@ def divide_into_bands(level: _Real) -> list[slice]:
 
     `level` must not depend on the data, so that the significance level of the tests is kept.
     """
-    n = len(level)
+    n, least, most = len(level), RESIDUAL_TEST.least_band_lines, RESIDUAL_TEST.most_bands
     inner = level[1:-1]
     peaks = 1 + np.flatnonzero((inner > level[:-2]) & (inner >= level[2:]))
     edges = [0]
@@ -200,35 +184,19 @@ def divide_into_bands(level: _Real) -> list[slice]:
     while len(edges) > 2:
         sizes = np.diff(edges)
         small = int(np.argmin(sizes))
-        if sizes[small] >= _LEAST and len(sizes) <= _MOST:
+        if sizes[small] >= least and len(sizes) <= most:
             break
         sides = [i for i in (small, small + 1) if 0 < i < len(edges) - 1]
         del edges[max(sides, key=lambda i: level[edges[i]])]
-    longest = max(3 * _LEAST, -(-n // 4))
-    while len(edges) <= _MOST and max(np.diff(edges)) > longest:
+    longest = max(3 * least, -(-n // 4))
+    while len(edges) <= most and max(np.diff(edges)) > longest:
         at = int(np.argmax(np.diff(edges)))
-        first, last = edges[at] + _LEAST, edges[at + 1] - _LEAST
+        first, last = edges[at] + least, edges[at + 1] - least
         edges.insert(at + 1, first + int(np.argmin(level[first : last + 1])))
     return [slice(a, b) for a, b in pairwise(edges)]
 
 
 OUTCOMES = ("noise", "structure", "excess", "exact", "untested")
-#: Largest accepted share of false alarms among fits to pure noise.
-LEVEL = 0.02
-#: Misfit, relative to the rms of the data, below which the fit is exact and no test is made.
-_EXACT = 1e-7
-#: Largest number of listed misfits.
-_LISTED = 12
-#: Largest number of groups or sensors named in a sentence.
-_NAMED = 3
-#: A sensor is noisy if its noise exceeds the median of the sensors by the first factor; its misfit
-#: relative to its response may not exceed the second value.
-_NOISY, _MISSED = 1.5, 0.3
-#: Least ratio of the squared misfit of an isolated line to its neighbours and to the median line;
-#: largest share of isolated lines.
-_ALONE, _FEW_LINES = 9.0, 0.05
-#: Largest p-value of serial correlation of a response that is smooth along the lines.
-_SMOOTH = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
@@ -356,7 +324,7 @@ def assess_residual(
     n_unknowns: int,
     absolute: bool,
     averages: int | None = None,
-    level: float = LEVEL,
+    level: float | None = None,
     relative: float = 1.0,
     whitened_H: _Complex | None = None,
 ) -> Adequacy:
@@ -369,6 +337,7 @@ def assess_residual(
     of `level`. The reduction of the residual by the fit is counted for all values together, so the
     tests are conservative.
     """
+    level = RESIDUAL_TEST.alarm_level if level is None else level
     is_measured = np.isfinite(whitened)
     n_values = int(is_measured.sum())
     names = tuple(map(str, responses)), tuple(map(str, references))
@@ -394,7 +363,7 @@ def assess_residual(
     found = Adequacy(
         "untested", "", absolute, chi_square, 1.0, level, *names, edges, size, lengths, ones, ones
     )
-    if relative <= _EXACT:
+    if relative <= RESIDUAL_TEST.exact_misfit:
         return replace(
             found,
             outcome="exact",
@@ -444,7 +413,7 @@ def _describe_overstated_noise(found: Adequacy, freedom: int) -> str:
     The probability of a chi-square as small, with the degrees of freedom divided by the correlation
     length of the residual, must be at most the level of the tests.
     """
-    if not found.absolute or found.chi_square >= _OVERSTATED:
+    if not found.absolute or found.chi_square >= RESIDUAL_TEST.overstated_chi_square:
         return ""
     lengths = found.correlation_length[np.isfinite(found.correlation_length)]
     half = 0.5 * freedom / (max(1.0, float(np.median(lengths))) if lengths.size else 1.0)
@@ -464,16 +433,16 @@ def can_be_sensor_noise(H: _Complex, whitened_H: _Complex, whitened: _Complex, f
     wrong gain, phase or delay leaves a residual proportional to H and f H at any line spacing, so
     the regression on both must explain no more than in noise (F test).
     """
-    level = LEVEL / H.shape[1]
+    level = RESIDUAL_TEST.alarm_level / H.shape[1]
     for i in range(H.shape[1]):
         is_measured = np.isfinite(whitened[:, i])
         e, h = (np.where(is_measured, values[:, i], 0.0) for values in (whitened, whitened_H))
         if not is_measured.any():
             continue
-        if (
-            np.abs(e).sum() > _MISSED * np.abs(h).sum()
-            or serial_correlation_p_values(clip_outliers(H[:, i])).min() > _SMOOTH
-        ):
+        if np.abs(e).sum() > SENSOR_NOISE.most_misfit * np.abs(h).sum():
+            return False
+        smoothness = serial_correlation_p_values(clip_outliers(H[:, i])).min()
+        if smoothness > SENSOR_NOISE.smooth_p_value:
             return False
         A = np.stack([h.ravel(), (freq[:, None] / freq[-1] * h).ravel()], axis=1)
         residual = e.ravel() - A @ np.linalg.lstsq(A, e.ravel())[0]
@@ -504,7 +473,7 @@ def has_unequal_noise(found: Adequacy) -> bool:
             axis=(1, 2)
         )
     std = np.sqrt(square[np.isfinite(square)])
-    return len(std) > 1 and bool(std.max() >= _NOISY * _lower_median(std))
+    return len(std) > 1 and bool(std.max() >= SENSOR_NOISE.noisy_ratio * _lower_median(std))
 
 
 def add_noisy_sensors(found: Adequacy, std: _Real) -> Adequacy:
@@ -527,7 +496,7 @@ def add_suspects(found: Adequacy, suspects: Sequence[Suspect]) -> Adequacy:
 def _describe_suspects(suspects: Sequence[Suspect]) -> str:
     """Return the sentence that names the best explanations of a residual."""
     best = suspects[0]
-    similar = [s for s in suspects if s.explains >= 0.8 * best.explains][:_NAMED]
+    similar = [s for s in suspects if s.explains >= 0.8 * best.explains][: LIST_LENGTHS.named_items]
     names = " or ".join(map(_describe_suspect, similar))
     share = f"{100.0 * best.explains:.0f} %"
     if not best.confirmed:
@@ -535,7 +504,7 @@ def _describe_suspects(suspects: Sequence[Suspect]) -> str:
             "To first order, not confirmed by a fit, an error in"
             f" {names} would explain {share} of it."
         )
-    if best.explains < EXPLAINED:
+    if best.explains < RESIDUAL_TEST.explained_share:
         return f"No single quantity explains it: an error in {names} would explain most, {share}."
     return f"An error in {names} would explain {share} of it."
 
@@ -661,7 +630,7 @@ def _explain_by_sensor_noise(
 def _find_noisy_sensors(std: _Real, responses: Sequence[str]) -> tuple[NoisySensor, ...]:
     """Return the sensors with more noise than most, the noisiest first; NaN marks unknown noise."""
     ratio = std / _lower_median(std[np.isfinite(std)])
-    noisy = np.flatnonzero(ratio >= _NOISY)
+    noisy = np.flatnonzero(ratio >= SENSOR_NOISE.noisy_ratio)
     order = noisy[np.argsort(-ratio[noisy], kind="stable")]
     return tuple(NoisySensor(responses[i], float(ratio[i])) for i in order)
 
@@ -712,7 +681,7 @@ def _find_worst_misfits(
     strength = found.misfit * np.sqrt(
         np.where(found.whiteness_p <= found.level, found.correlation_length, 1.0)
     )
-    order = np.argsort(-strength[tuple(at.T)], kind="stable")[:_LISTED]
+    order = np.argsort(-strength[tuple(at.T)], kind="stable")[: LIST_LENGTHS.listed_misfits]
     return tuple(
         _describe_misfit(found, whitened, freq, band_slices, *map(int, index))
         for index in at[order]
@@ -729,10 +698,11 @@ def _find_isolated_lines(whitened: _Complex, freq: _Real) -> tuple[float, ...]:
     power = np.where(is_measured, np.abs(whitened) ** 2, 0.0).sum(axis=(1, 2)) / number
     padded = np.pad(power, 1)
     median = np.median(power)
-    is_isolated = power > _ALONE * np.maximum(np.maximum(padded[:-2], padded[2:]), median)
+    usual = np.maximum(np.maximum(padded[:-2], padded[2:]), median)
+    is_isolated = power > SENSOR_NOISE.isolated_ratio * usual
     excess = np.maximum(power - median, 0.0)
     if (
-        is_isolated.sum() > _FEW_LINES * len(freq)
+        is_isolated.sum() > SENSOR_NOISE.most_isolated_share * len(freq)
         or excess[is_isolated].sum() <= 0.5 * excess.sum()
     ):
         return ()
@@ -807,9 +777,10 @@ def _describe_isolated_lines(lone: Sequence[float]) -> str:
     """Return the sentence on isolated lines; empty without any."""
     if not lone:
         return ""
-    frequencies = ", ".join(f"{f:.5g}" for f in lone[:_NAMED])
-    if len(lone) > _NAMED:
-        frequencies += f" and {len(lone) - _NAMED} more"
+    frequencies = ", ".join(f"{f:.5g}" for f in lone[: LIST_LENGTHS.named_items])
+    n_more = len(lone) - LIST_LENGTHS.named_items
+    if n_more > 0:
+        frequencies += f" and {n_more} more"
     which = "the isolated line" if len(lone) == 1 else "the isolated lines"
     return f" Most of it is in {which} at {frequencies} Hz."
 
@@ -817,7 +788,8 @@ def _describe_isolated_lines(lone: Sequence[float]) -> str:
 def _describe_noisy_sensors(noisy: Sequence[NoisySensor]) -> str:
     """Return the text on the noisy sensors and their noise relative to most sensors."""
     phrases = [f"{one.times:.2g} times that of most sensors at {one.response}" for one in noisy]
-    text = ", ".join(phrases[:_NAMED])
-    if len(phrases) > _NAMED:
-        text += f", and larger at {len(phrases) - _NAMED} more"
+    text = ", ".join(phrases[: LIST_LENGTHS.named_items])
+    n_more = len(phrases) - LIST_LENGTHS.named_items
+    if n_more > 0:
+        text += f", and larger at {n_more} more"
     return text

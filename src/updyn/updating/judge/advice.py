@@ -14,32 +14,23 @@ from updyn.errors import SolverError
 from updyn.frf import FRF
 from updyn.updating.fit.methods.modal import ADVICE
 from updyn.updating.judge.identifiability import Analysis
-from updyn.updating.judge.nearby import DOFS, ReducedPart
+from updyn.updating.judge.nearby import ReducedPart
+from updyn.updating.judge.settings import EFFORT, EXPERIMENT_ADVICE, LIST_LENGTHS, SEPARATION
 from updyn.updating.problem.problem import FRFPart, Problem
 
 __all__ = ["advise"]
-
-_CANDIDATE_LINES, _CANDIDATE_SENSORS = 60, 200
-#: Number of lines at which candidate sensors are compared, and the least number for large models.
-_SENSOR_LINES, _FEW_LINES = 20, 4
-#: Least relative change of a candidate measurement for a change by a factor e along each
-#: undetermined direction; the noise is the limit if it is larger. The value is well above rounding,
-#: and a good measurement can resolve it after averaging.
-_VISIBLE = 1e-6
-#: Noise above which the advice recommends less noise.
-_NOISY = 1e-3
 
 
 def advise(analysis: Analysis, problem: Problem, x: NDArray[np.float64], noise: float = 0.0) -> str:
     """Return sentences on undetermined combinations and measurements that determine them."""
     names = problem.coordinates.parameters.names
     if analysis.report.complete:
-        if analysis.report.collinearity > 15.0:
+        if analysis.report.collinearity > SEPARATION.most_collinearity:
             weakest = names[int(np.argmax(np.diag(analysis.covariance)))]
             return (
                 "Some unknowns are hard to distinguish (collinearity index"
-                f" {analysis.report.collinearity:.3g}; above 15 they compensate each other under"
-                f" noise); {weakest} is the least certain."
+                f" {analysis.report.collinearity:.3g}; above {SEPARATION.most_collinearity:g} they"
+                f" compensate each other under noise); {weakest} is the least certain."
             )
         return ""
     parts = []
@@ -57,7 +48,7 @@ def advise(analysis: Analysis, problem: Problem, x: NDArray[np.float64], noise: 
             (part.name, _find_best_sensor(analysis, part, x, _choose_candidate_sensors(part)))
         )
     line, sensor = _select_best(lines), _select_best(sensors)
-    needed = max(noise, _VISIBLE)
+    needed = max(noise, EXPERIMENT_ADVICE.visible_change)
     if line is not None and line[1] > needed:
         parts.append(
             f"Adding a line near {line[0]} would determine all unknowns"
@@ -72,7 +63,7 @@ def advise(analysis: Analysis, problem: Problem, x: NDArray[np.float64], noise: 
         k = analysis.null_space.shape[1]
         combinations = "combination" if k == 1 else "combinations"
         parts.append("No single further line or sensor on this model would determine all unknowns.")
-        if noise > _NOISY:
+        if noise > EXPERIMENT_ADVICE.much_noise:
             parts.append(
                 "Less noise (more averages) or several further lines and sensors may help."
             )
@@ -103,9 +94,10 @@ def _describe_accuracy(change: float) -> str:
 
 
 def _join_names(names: list[str]) -> str:
-    text = ", ".join(names[:6])
-    if len(names) > 6:
-        text += f" and {len(names) - 6} more"
+    text = ", ".join(names[: LIST_LENGTHS.named_items])
+    n_more = len(names) - LIST_LENGTHS.named_items
+    if n_more > 0:
+        text += f" and {n_more} more"
     return text
 
 
@@ -130,14 +122,16 @@ def _with_candidate_lines(part: FRFPart) -> FRFPart:
     if np.isinf(low):
         low = 1.0
     high = float(max(freq[-1], 1e-3))
-    lines = np.unique(np.append(np.geomspace(0.7 * low, 1.5 * high, _CANDIDATE_LINES), 1.5 * high))
+    low, high = 0.7 * low, 1.5 * high
+    lines = np.geomspace(low, high, EXPERIMENT_ADVICE.candidate_lines)
+    lines = np.unique(np.append(lines, high))
     return replace(part, frf=_make_placeholder(part, lines))
 
 
 def _choose_candidate_sensors(part: FRFPart) -> NDArray[np.intp]:
     """Return the DOFs of candidate sensors."""
     others = part.solver.other_dofs(part.rows)
-    return others[:: max(1, -(-len(others) // _CANDIDATE_SENSORS))]
+    return others[:: max(1, -(-len(others) // EXPERIMENT_ADVICE.candidate_sensors))]
 
 
 def _find_best_line(
@@ -192,10 +186,12 @@ def _find_best_sensor(
     freq = part.frf.freq[part.frf.freq > 0]
     if not freq.size:  # static test
         freq = part.frf.freq
-    number = _SENSOR_LINES
-    if part.solver.system.n > DOFS:
+    number = EXPERIMENT_ADVICE.sensor_lines
+    if part.solver.system.n > EFFORT.small_model_dofs:
         n_undetermined = analysis.null_space.shape[1]
-        number = max(_FEW_LINES, -(-n_undetermined // (2 * len(part.columns))))
+        number = max(
+            EXPERIMENT_ADVICE.least_sensor_lines, -(-n_undetermined // (2 * len(part.columns)))
+        )
     few = replace(part, frf=_make_placeholder(part, freq[:: max(1, len(freq) // number)]))
     try:
         changes = _changes_at_sensors(few, x, others, analysis.null_space)

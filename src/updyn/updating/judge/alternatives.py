@@ -11,17 +11,13 @@ from numpy.typing import NDArray
 from updyn import sensitivity
 from updyn.errors import SolverError
 from updyn.updating.fit.method import Fit
+from updyn.updating.judge.settings import EXPERIMENT_ADVICE, SIGNIFICANCE
 from updyn.updating.problem.problem import FRFPart, Problem
 
 __all__ = ["Alternative", "find_alternatives", "find_differences", "select_distinct"]
 
 _Vector = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
-
-#: Largest numbers of DOFs and lines at which solutions are compared.
-_MOST_DOFS, _LINES = 200, 20
-#: Least relative difference of FRFs at a sensor that distinguishes solutions.
-_CLEARLY = 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +46,7 @@ def find_alternatives(problem: Problem, fit: Fit) -> tuple[Alternative, ...]:
             for part, other_part in zip(problem.parts, other_problem.parts, strict=True)
         ]
         difference, sensor = max(largest, default=(0.0, ""))
-        if difference < _CLEARLY:
+        if difference < EXPERIMENT_ADVICE.distinct_difference:
             sensor = ""
         names = coordinates.parameters.names
         odds = float(np.exp(rival.worse))
@@ -66,7 +62,7 @@ def find_differences(
     for name, value in values.items():
         all_values = [value, *(other.values[name] for other in others)]
         distance = (max(all_values) - min(all_values)) / max(std[name], np.finfo(float).tiny)
-        if distance > 3.0:
+        if distance > SIGNIFICANCE.stds:
             found.append((distance, name, all_values))
     found.sort(key=lambda item: -item[0])
     return [(name, all_values) for _, name, all_values in found]
@@ -89,11 +85,11 @@ def _find_largest_difference(
     """Return the largest difference of two solutions at the DOFs without a sensor, and its DOF."""
     system = part.solver.system
     dofs = part.solver.other_dofs(part.rows)
-    dofs = dofs[:: max(1, -(-len(dofs) // _MOST_DOFS))]
+    dofs = dofs[:: max(1, -(-len(dofs) // EXPERIMENT_ADVICE.candidate_sensors))]
     freq = part.frf.freq[part.frf.freq > 0]
     if not dofs.size or not freq.size:
         return 0.0, ""
-    lines = freq[:: max(1, len(freq) // _LINES)]
+    lines = freq[:: max(1, len(freq) // EXPERIMENT_ADVICE.sensor_lines)]
     try:
         H = _receptance_at(part, x, lines, dofs)
         G = _receptance_at(other_part, other_x, lines, dofs)

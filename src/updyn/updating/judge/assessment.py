@@ -20,7 +20,7 @@ from updyn.errors import SolverError
 from updyn.frf import FRF
 from updyn.updating.fit.method import Fit
 from updyn.updating.fit.null_space import complement, covariance_within, null_space
-from updyn.updating.judge.adequacy import LEVEL, Adequacy, add_suspects, assess_residual
+from updyn.updating.judge.adequacy import Adequacy, add_suspects, assess_residual
 from updyn.updating.judge.advice import advise
 from updyn.updating.judge.alternatives import Alternative, find_alternatives
 from updyn.updating.judge.discrepancy import Discrepancy, estimate_discrepancy
@@ -30,6 +30,7 @@ from updyn.updating.judge.localise import localise_error
 from updyn.updating.judge.modal_figures import correlate_measured_modes
 from updyn.updating.judge.noise_split import covariance_over_ratios
 from updyn.updating.judge.rounding import Rounding, find_worst_rounding
+from updyn.updating.judge.settings import FIT_END, RESIDUAL_TEST, SIGNIFICANCE
 from updyn.updating.problem.data import ModalSplit, Split
 from updyn.updating.problem.local import Local
 from updyn.updating.problem.modal import ModalError
@@ -43,15 +44,13 @@ __all__ = [
     "Judgement",
     "analyse_start",
     "assess_adequacy",
+    "gain_by_chance",
     "judge_fit",
     "linearise_at_start",
     "whitening_weights",
 ]
 
 T = TypeVar("T")
-
-#: Least magnitude of a value that is clear of the noise, in standard deviations.
-_CLEAR = 3.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -283,11 +282,16 @@ def _widen_over_ratios(
 _ABORTED = ("failed", "stopped")
 #: Outcomes of the tests of the residual that carry no information on a model error.
 _UNINFORMATIVE = ("exact", "untested")
-#: Gain in restricted log-likelihood by a model error that is exceeded by chance in a share `LEVEL`
-#: of fits whose residual is noise. A variance of 0 is at the bound of its range, hence twice the
-#: gain is 0 in half of the fits and has the chi-square distribution of one degree of freedom in the
-#: others (Self & Liang, J. Am. Stat. Assoc. 82 (1987) 605).
-_BY_CHANCE = 0.5 * float(chdtri(1.0, 2.0 * LEVEL))
+
+
+def gain_by_chance() -> float:
+    """Return the gain in restricted log-likelihood that chance exceeds at the level of the tests.
+
+    A model error is estimated although the residual is noise. Its variance of 0 is at the bound of
+    its range, hence twice the gain is 0 in half of the fits and has the chi-square distribution of
+    one degree of freedom in the others (Self & Liang, J. Am. Stat. Assoc. 82 (1987) 605).
+    """
+    return 0.5 * float(chdtri(1.0, 2.0 * RESIDUAL_TEST.alarm_level))
 
 
 def _estimate_model_error(
@@ -317,7 +321,7 @@ def _estimate_model_error(
         OutputErrorSet(tuple(errors)),
         undetermined,
         size_known=size_known,
-        least_gain=0.0 if is_structure else _BY_CHANCE,
+        least_gain=0.0 if is_structure else gain_by_chance(),
     )
 
 
@@ -403,7 +407,7 @@ def _typical_misfit(
     for part, noise in zip(problem.parts, noises, strict=True):
         measured = part.frf.values
         size = np.abs(measured)
-        is_clear = size > _CLEAR * np.sqrt(noise.initial_variance(part.frf))
+        is_clear = size > SIGNIFICANCE.stds * np.sqrt(noise.initial_variance(part.frf))
         misfits.append(np.abs(part.responses(x) - measured)[is_clear] / size[is_clear])
     for modal in problem.modal if not misfits else ():
         rows = modal.rows(x)
@@ -474,10 +478,6 @@ def _correlate_subsets(
     return scores
 
 
-#: A fit is not settled if a step could reduce the residual by more than this share.
-_MOVING = 0.05
-
-
 def assess_adequacy(
     problem: Problem, x: NDArray[np.float64], noises: Sequence[NoiseModel], *, settled: bool = True
 ) -> tuple[Adequacy | None, ...]:
@@ -519,7 +519,7 @@ def assess_adequacy(
                 n_unknowns=share,
                 absolute=base.size_known,
                 averages=part.frf.averages if base.source != "stated" else None,
-                level=LEVEL / len(problem.parts),
+                level=RESIDUAL_TEST.alarm_level / len(problem.parts),
                 relative=_relative_misfit(misfit, part),
                 whitened_H=np.where(is_used, weight * H, np.nan),
             )
@@ -543,7 +543,7 @@ def assess_adequacy(
 def _is_unsettled(problem: Problem, residual: OutputErrorSet, x: NDArray[np.float64]) -> bool:
     """Return whether a step could still reduce the residual by more than `_MOVING`."""
     local = residual.local(problem, x)
-    return local is None or float(local.q @ local.q) > _MOVING * 2.0 * local.cost
+    return local is None or float(local.q @ local.q) > FIT_END.moving_share * 2.0 * local.cost
 
 
 def whitening_weights(

@@ -15,8 +15,9 @@ import numpy as np
 import scipy.special
 from numpy.typing import NDArray
 
-from updyn.correlation.clusters import CLOSE, PairingRule, pair_clusters, pair_frequencies
-from updyn.correlation.modes import LEAST_MAC, undamped_modes
+from updyn.correlation.clusters import PairingRule, pair_clusters, pair_frequencies
+from updyn.correlation.modes import undamped_modes
+from updyn.correlation.settings import MODE_PAIRING
 from updyn.correlation.shapes import find_moving
 from updyn.dynamics.modes import Modes
 from updyn.errors import DataError, InputError, SolverError
@@ -26,48 +27,12 @@ from updyn.modal.peaks import find_resonance_peaks
 from updyn.model import Model
 from updyn.text_table import format_count
 from updyn.updating.judge.claim import Claim
+from updyn.updating.judge.settings import COUNTERPARTS, EFFORT
 from updyn.variants import LARGEST_TRIED, build_variants
 
 __all__ = ["Counterparts", "Pair", "find_counterparts", "identify_modes_for"]
 
 _Real = NDArray[np.float64]
-
-#: Largest factor between the frequencies of a pair. The frequencies of models before an update are
-#: in error by up to 30 %; 1.5 is a factor of 2.25 in stiffness.
-RANGE = 1.5
-#: Largest model in DOFs whose modes are computed; this takes seconds.
-LARGEST = 20_000
-#: Fewest sensors at which shapes are compared. At two sensors, half of all pairs of shapes have a
-#: MAC above one half.
-FEWEST_SENSORS = 3
-#: Fewest lines for which modes are identified, as in the search for data faults.
-FEWEST_LINES = 8
-#: Significance level of the number of pairs against chance.
-CHANCE = 0.05
-#: Least share of its modes that a test of the modelled structure has in common with the model (the
-#: measured beam of the demo has 7 of 12, as torsion and supports are not modelled), and the
-#: probability below which a number of pairs is too small for this share: none of four modes, one of
-#: seven, two of nine.
-COMMON, TOO_FEW = 0.6, 0.03
-#: Largest number of sensors to leave out as faulty, and least number of remaining sensors.
-_MOST_FAULTY, _FEWEST_REMAINING = 2, 4
-#: Least share of modes with a counterpart after a fault is removed. For 240 models with errors of
-#: 30 % in stiffness and 15 % in mass, 98 % of all modes had one.
-_MOST_OF_THEM = 0.75
-#: Largest number of sensors at which all pairs are left out; with more sensors, only pairs that
-#: include the best single one.
-_ALL_PAIRS = 12
-#: Largest number of values (lines times channels) used to identify modes, at about 40 us each;
-#: fewer channels are used of larger data.
-_VALUES = 60_000
-#: Largest number of values of one reference; with more, identification would take over 40 s and is
-#: omitted.
-_TOO_MANY = 1_000_000
-#: Largest power of `RANGE` tried as a common factor between the frequencies of model and test: up
-#: to 1000, the factor of mm in place of m in units of N/m and kg.
-_POWERS = 17
-#: Largest power that stiffnesses within the usual bounds (a factor of 5) can explain.
-_NEAR = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,15 +108,17 @@ class Counterparts:
 
 
 def find_counterparts(
-    model: Model, data: FRF | ModeSet, modes: ModeSet | None = None, *, largest: int = LARGEST
+    model: Model, data: FRF | ModeSet, modes: ModeSet | None = None, *, largest: int | None = None
 ) -> Counterparts:
     """Find the measured modes that have a counterpart in a model of at most `largest` DOFs.
 
+    By default, `largest` is `EFFORT.most_dofs`.
     Peaks of the mode indicator are compared first, which takes milliseconds; modes are identified
     only if few peaks have a counterpart. If few modes have one, exchanged section axes, omitted
     sensors and a common factor on frequencies are tried, because these mistakes do not mean another
     structure. Modes that cannot be compared raise no error: the statement gives the reason.
     """
+    largest = EFFORT.most_dofs if largest is None else largest
     if model.n_dofs > largest:
         return _unknown_counterparts(
             f"Whether model and test have modes in common was not checked: the model has"
@@ -161,10 +128,10 @@ def find_counterparts(
     try:
         if isinstance(given, ModeSet):
             return _pair_modes(model, given, "given")
-        if len(given.freq) < FEWEST_LINES:
+        if len(given.freq) < COUNTERPARTS.least_lines:
             return _unknown_counterparts(
                 f"Whether model and test have modes in common is not known: {len(given.freq)} lines"
-                f" do not show resonances (at least {FEWEST_LINES} are needed)."
+                f" do not show resonances (at least {COUNTERPARTS.least_lines} are needed)."
             )
         return _find_in_frfs(model, given)
     except (InputError, SolverError, np.linalg.LinAlgError) as error:
@@ -184,12 +151,12 @@ def _find_in_frfs(model: Model, frf: FRF) -> Counterparts:
     if found is not None and not _needs_identification(found):
         return found
     longer = max(len(frf.responses), len(frf.references))
-    if longer < FEWEST_SENSORS:  # shapes cannot be compared, whatever the modes are
+    if longer < COUNTERPARTS.least_sensors:  # shapes cannot be compared, whatever the modes are
         return found or _unknown_counterparts(
             "Whether model and test have modes in common is not known: the FRFs show no resonance"
             " peaks, and shapes at one or two sensors cannot be compared."
         )
-    if len(frf.freq) * longer > _TOO_MANY:
+    if len(frf.freq) * longer > COUNTERPARTS.most_values_per_reference:
         return _without_identification(found)
     try:
         identified = identify_modes_for(model, _limit_size(frf))
@@ -211,15 +178,16 @@ def _without_identification(found: Counterparts | None) -> Counterparts:
     """Return the result of peaks alone, which cannot show that the model has few of the modes."""
     if found is not None:
         return _add_statement(replace(found, known=False)) if found.few else found
+    most = COUNTERPARTS.most_values_per_reference
     return _unknown_counterparts(
         "Whether model and test have modes in common is not known: the FRFs show no resonance"
-        f" peaks, and more than {_TOO_MANY:,} values of one force are not searched for modes."
+        f" peaks, and more than {most:,} values of one force are not searched for modes."
     )
 
 
 def _needs_identification(found: Counterparts) -> bool:
     """Return whether few peaks have a counterpart and modes must be identified."""
-    return found.n_sensors > 0 and found.n_paired < COMMON * found.n_measured
+    return found.n_sensors > 0 and found.n_paired < COUNTERPARTS.common_share * found.n_measured
 
 
 def identify_modes_for(model: Model, frf: FRF) -> ModeSet:
@@ -231,7 +199,7 @@ def identify_modes_for(model: Model, frf: FRF) -> ModeSet:
 def _limit_size(frf: FRF) -> FRF:
     """Return FRFs of a size identified in seconds, with all channels of the longer side."""
     n_lines, n_responses, n_references = frf.values.shape
-    most = max(1, _VALUES // (n_lines * max(n_responses, n_references)))
+    most = max(1, COUNTERPARTS.most_values // (n_lines * max(n_responses, n_references)))
     if n_responses >= n_references:
         return frf.select(references=list(frf.references[:most]))
     return frf.select(responses=list(frf.responses[:most]))
@@ -249,7 +217,7 @@ class _ModeSets:
     def n_sensors(self) -> int:
         """Number of sensors at which shapes are compared."""
         n = len(self.measured.dofs)
-        return n if n >= FEWEST_SENSORS else 0
+        return n if n >= COUNTERPARTS.least_sensors else 0
 
     def without(self, sensors: Sequence[int]) -> _ModeSets:
         """Return the sets without some sensors and without modes that do not move at the others."""
@@ -269,9 +237,13 @@ class _ModeSets:
         if not (len(frequency[0]) and len(frequency[1])):
             return Counterparts(n_measured, 0, (), "", known=True, n_sensors=self.n_sensors)
         if not self.n_sensors:
-            pairs = pair_frequencies(frequency, RANGE - 1.0)
+            pairs = pair_frequencies(frequency, COUNTERPARTS.frequency_factor - 1.0)
         else:
-            rule = PairingRule(RANGE - 1.0, LEAST_MAC, CLOSE)
+            rule = PairingRule(
+                COUNTERPARTS.frequency_factor - 1.0,
+                MODE_PAIRING.least_mac,
+                MODE_PAIRING.close_frequencies,
+            )
             shapes = self.computed.shapes, self.measured.shapes
             pairs = pair_clusters(*shapes, frequency, rule).pairs
         found = tuple(
@@ -293,9 +265,10 @@ class _ModeSets:
         """Return the expected number of chance counterparts for independent shapes."""
         if not self.n_sensors:
             return 0.0
-        once = 1.0 - scipy.special.betainc(0.5, 0.5 * (self.n_sensors - 1), LEAST_MAC)
+        once = 1.0 - scipy.special.betainc(0.5, 0.5 * (self.n_sensors - 1), MODE_PAIRING.least_mac)
         ratio = self.computed.frequency[:, None] / self.measured.frequency
-        within = np.sum((ratio <= RANGE) & (ratio >= 1.0 / RANGE), axis=0)
+        most = COUNTERPARTS.frequency_factor
+        within = np.sum((ratio <= most) & (ratio >= 1.0 / most), axis=0)
         return float(np.sum(1.0 - (1.0 - once) ** within))
 
 
@@ -342,7 +315,7 @@ def _modes_at_sensors(model: Model, test: ModeSet) -> _ModeSets:
     measured = Modes(
         test.frequency[elastic], test.loss_factor[elastic], test.shapes[:, elastic], test.dofs
     )
-    highest = float(test.frequency[-1]) * RANGE
+    highest = float(test.frequency[-1]) * COUNTERPARTS.frequency_factor
     try:
         modes = undamped_modes(model, highest)
     except DataError:  # no mode below that limit: use the lowest modes
@@ -374,16 +347,22 @@ def _rotation_length(measured: Modes) -> float:
 
 def _is_too_few(found: Counterparts) -> bool:
     """Return whether the number of pairs is improbably small for the modelled structure."""
-    return float(scipy.special.bdtr(found.n_paired, found.n_measured, COMMON)) < TOO_FEW
+    n, k, share = found.n_measured, found.n_paired, COUNTERPARTS.common_share
+    return float(scipy.special.bdtr(k, n, share)) < COUNTERPARTS.few_level
 
 
-def _exceeds_chance(found: Counterparts, probability: float = CHANCE) -> bool:
-    """Return whether the number of pairs is improbably large for another structure."""
+def _exceeds_chance(found: Counterparts, n_trials: int = 1) -> bool:
+    """Return whether the number of pairs, of several trials, is improbable by chance."""
     n, k = found.n_measured, found.n_paired
     if not k or not n:
         return False
     by_chance = float(scipy.special.bdtrc(k - 1, n, min(found.by_chance / n, 1.0)))
-    return by_chance < probability
+    return by_chance < COUNTERPARTS.chance_level / n_trials
+
+
+def _pairs_most(found: Counterparts) -> bool:
+    """Return whether most measured modes have a counterpart."""
+    return found.n_paired >= COUNTERPARTS.explained_share * found.n_measured
 
 
 @dataclass(frozen=True, slots=True)
@@ -414,29 +393,30 @@ def _try_variants(model: Model, test: ModeSet, n_measured: int) -> _Hypothesis |
         except (InputError, SolverError):
             continue
         if best is None or found.n_paired > best.counterparts.n_paired:
-            is_significant = _exceeds_chance(found, CHANCE / len(variants))
+            is_significant = _exceeds_chance(found, len(variants))
             best = _Hypothesis(
                 found, is_significant, mistake=variant.mistake, remedy=variant.remedy
             )
-    most = best is not None and best.counterparts.n_paired >= _MOST_OF_THEM * n_measured
-    return best if best is not None and most and best.is_significant else None
+    if best is None or not best.is_significant:
+        return None
+    return best if _pairs_most(best.counterparts) else None
 
 
 def _try_without_sensors(sets: _ModeSets, n_measured: int) -> _Hypothesis | None:
     """Return the counterparts with the fewest sensors left out; None if sensors hide none."""
     n, n_tried = len(sets.measured.dofs), 0
     best: tuple[tuple[int, ...], Counterparts] | None = None
-    for number in range(1, _MOST_FAULTY + 1):
-        if n - number < _FEWEST_REMAINING:
+    for number in range(1, COUNTERPARTS.most_faulty + 1):
+        if n - number < COUNTERPARTS.least_remaining:
             break
         for choice in _sensor_subsets(n, number, best):
             found = sets.without(choice).count_pairs(n_measured)
             n_tried += 1
             if best is None or found.n_paired > best[1].n_paired:
                 best = choice, found
-        if best is not None and best[1].n_paired >= _MOST_OF_THEM * n_measured:
+        if best is not None and _pairs_most(best[1]):
             names = tuple(str(abs(sets.measured.dofs[k])) for k in best[0])
-            return _Hypothesis(best[1], _exceeds_chance(best[1], CHANCE / n_tried), names)
+            return _Hypothesis(best[1], _exceeds_chance(best[1], n_tried), names)
     return None
 
 
@@ -444,7 +424,7 @@ def _sensor_subsets(
     n: int, number: int, best: tuple[tuple[int, ...], Counterparts] | None
 ) -> list[tuple[int, ...]]:
     """Return the sensors to leave out: each one, or all pairs, or pairs with the best one."""
-    if number == 1 or n <= _ALL_PAIRS or best is None:
+    if number == 1 or n <= COUNTERPARTS.all_pairs_sensors or best is None:
         return list(combinations(range(n), number))
     (first,) = best[0]
     return [(first, k) for k in range(n) if k != first]
@@ -456,15 +436,16 @@ def _try_common_factor(sets: _ModeSets, n_measured: int) -> _Hypothesis | None:
     A factor near 1 may be explained by the unknowns, and is accepted even if the number of pairs
     does not exceed chance.
     """
-    powers = [k for k in range(-_POWERS, _POWERS + 1) if k]
-    trials = [(k, sets.scale_frequencies(RANGE**k).count_pairs(n_measured)) for k in powers]
+    step, most = COUNTERPARTS.frequency_factor, COUNTERPARTS.most_power
+    powers = [k for k in range(-most, most + 1) if k]
+    trials = [(k, sets.scale_frequencies(step**k).count_pairs(n_measured)) for k in powers]
     power, best = max(trials, key=lambda one: (one[1].n_paired, -abs(one[0])))
-    if best.n_paired < _MOST_OF_THEM * n_measured:
+    if not _pairs_most(best):
         return None
-    is_significant = _exceeds_chance(best, CHANCE / len(powers))
-    if not is_significant and abs(power) > _NEAR:
+    is_significant = _exceeds_chance(best, len(powers))
+    if not is_significant and abs(power) > COUNTERPARTS.near_power:
         return None
-    ratios = [RANGE**power * pair.computed / pair.measured for pair in best.pairs]
+    ratios = [step**power * pair.computed / pair.measured for pair in best.pairs]
     return _Hypothesis(best, is_significant, factor=float(np.median(ratios)))
 
 
@@ -485,10 +466,12 @@ def _compose_statement(found: Counterparts, other: Counterparts | None) -> str:
     n, k = found.n_measured, found.n_paired
     one, more = _NOUNS[found.source]
     count = f"{k} of {n} {one if n == 1 else more} {'has' if k == 1 else 'have'}"
+    within = f"within a factor of {COUNTERPARTS.frequency_factor:g} in frequency"
     if not found.n_sensors:
+        least = format_count(COUNTERPARTS.least_sensors, "sensor")
         return (
-            f"{count} a mode of the model within a factor of {RANGE:g} in frequency; whether shapes"
-            f" agree is not known, as that takes at least {format_count(FEWEST_SENSORS, 'sensor')}."
+            f"{count} a mode of the model {within}; whether shapes agree is not known, as that"
+            f" takes at least {least}."
         )
     head = f"{count} a counterpart in the model"
     if other is not None and found.mistake:
@@ -501,9 +484,9 @@ def _compose_statement(found: Counterparts, other: Counterparts | None) -> str:
         )
     if other is not None and found.factor != 1.0:
         return (
-            f"{head} within a factor of {RANGE:g} in frequency, but {other.n_paired} of {n} have"
-            f" one by shape, at about {found.factor:.2g} times the measured frequency: the units of"
-            " the model, or all its stiffnesses or masses, may be wrong."
+            f"{head} {within}, but {other.n_paired} of {n} have one by shape, at about"
+            f" {found.factor:.2g} times the measured frequency: the units of the model, or all its"
+            " stiffnesses or masses, may be wrong."
         )
     sensors = format_count(found.n_sensors, "sensor")
     if not found.known:

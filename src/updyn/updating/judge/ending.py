@@ -11,15 +11,10 @@ from numpy.typing import NDArray
 
 from updyn.updating.fit.method import Fit
 from updyn.updating.fit.monitor import Iteration
+from updyn.updating.judge.settings import FIT_END, SIGNIFICANCE
 from updyn.updating.problem.problem import Problem
 
 __all__ = ["ActiveBound", "Ending", "assess_ending"]
-
-#: Number of last steps whose decrease is compared with the remaining decrease.
-_LAST = 10
-#: Least number of standard deviations by which a reported bound is active. Noise alone can make the
-#: bound 0 of a loss factor active by up to two.
-_LEAST_DEVIATIONS = 3.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +81,7 @@ def assess_ending(problem: Problem, fit: Fit, history: Sequence[Iteration] = ())
         without_bound[i] = True
         gain = max(_full_step(R[:, without_bound], q)[0] - fall, 0.0)
         deviations = float(np.sqrt(2.0 * gain)) / inflation
-        if deviations >= _LEAST_DEVIATIONS:
+        if deviations >= SIGNIFICANCE.stds:
             parameter = problem.coordinates.parameters[int(i)]
             side, limit = ("lower", parameter.lower) if low[i] else ("upper", parameter.upper)
             active_bounds.append(ActiveBound(parameter.name, side, limit, deviations))
@@ -117,6 +112,6 @@ def _full_step(R: NDArray[np.float64], q: NDArray[np.float64]) -> tuple[float, N
 
 def _recent_decrease(history: Sequence[Iteration]) -> float:
     """Return the decrease of the cost by the last steps of the last stage."""
-    last = [h for h in history if h.stage == history[-1].stage][-_LAST - 1 :]
+    last = [h for h in history if h.stage == history[-1].stage][-FIT_END.recent_steps - 1 :]
     costs = [h.cost for h in last if h.accepted]
     return max(float(costs[0] - costs[-1]), 0.0) if costs else 0.0

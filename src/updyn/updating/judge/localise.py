@@ -26,6 +26,7 @@ from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.trust_region import TrustRegion
 from updyn.updating.judge.adequacy import Suspect
 from updyn.updating.judge.nearby import ReducedPart
+from updyn.updating.judge.settings import ERROR_SEARCH, SHORT_FITS, SIGNIFICANCE
 from updyn.updating.problem.channels import calibration
 from updyn.updating.problem.parameters import Parameter, ParameterSet
 from updyn.updating.problem.problem import FRFPart, Problem
@@ -38,38 +39,6 @@ __all__ = [
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
-
-#: Largest number of quantities to try.
-_MOST_TRIED = 240
-#: Largest number of suspects.
-_KEPT = 8
-_MOST_SENSORS = 80
-#: Largest number of lines, those with the largest misfit, at which the energy is computed.
-_MOST_LINES = 60
-#: For expensive models, the energy is computed at one line in this number at most.
-_ONE_IN = 4
-#: Least share of the residual that a suspect explains.
-_LEAST_SHARE = 0.1
-#: Least decrease of the sum of squares by a suspect, in squared standard deviations.
-_LEAST_GAIN = 12.0
-#: Lines of each test, largest number of steps and approximate number of evaluations of short fits.
-#: The first entry that allows `_ENOUGH` quantities to be tried is used.
-_SHORT = ((120, 20, 12), (60, 12, 12), (30, 12, 12), (30, 6, 6), (15, 6, 6), (15, 4, 4))
-_ENOUGH = 3
-#: Least number of real values per unknown in a short fit.
-_NUMBERS = 4
-#: A short fit ends if a step decreases the cost by less than half a squared standard deviation, or
-#: by less than this share.
-_SETTLED, _SETTLED_SHARE = 0.5, 1e-4
-#: Largest factor by which the quantity of a suspect is in error.
-_FACTOR = 30.0
-#: Limits of the operations of all short fits: about ten seconds; this share of an evaluation of all
-#: lines; and an amount below one second that is always allowed.
-_MOST_WORK, _SHARE, _LITTLE = 1e11, 0.8, 5e9
-#: Largest expected step of a short fit for which the reduced model is enriched.
-_STRIDE = 0.5
-#: Largest error of a reduced model, as a share of the residual, for its use in place of the model.
-_OFF = 0.1
 
 
 def constitutive_error(
@@ -133,8 +102,9 @@ def localise_error(
     scores = _compute_scores(problem, x, residual, candidates)
     structure = _correlated_square(whitened) if excess is None else excess
     total_gain = max(structure, max((score.gain for score in scores), default=0.0))
-    least = max(_LEAST_GAIN, _LEAST_SHARE * total_gain)
-    promising = sorted((s for s in scores if s.gain >= least), key=lambda s: -s.gain)[:_KEPT]
+    least = max(ERROR_SEARCH.least_gain, ERROR_SEARCH.least_share * total_gain)
+    promising = sorted((s for s in scores if s.gain >= least), key=lambda s: -s.gain)
+    promising = promising[: ERROR_SEARCH.most_suspects]
     if not promising:
         return ()
     total = sum(energy.values()) or 1.0
@@ -149,7 +119,7 @@ def localise_error(
     for p, explains, change, confirmed in _explain_residual(
         problem, x, residual, whitened, excess, promising, total_gain, _work_limit(exact)
     ):
-        if explains >= _LEAST_SHARE:
+        if explains >= ERROR_SEARCH.least_share:
             share = energy.get((p.group, _matrix_of(p.quantity)), 0.0) / total
             suspects.append(Suspect(p.group, p.quantity, explains, change, share, confirmed))
     return tuple(sorted(suspects, key=lambda s: -s.explains))
@@ -225,18 +195,20 @@ def _evaluation_work(problem: Problem) -> float:
 
 def _work_limit(problem: Problem) -> float:
     """Return the approximate number of operations allowed for all short fits."""
-    return min(_MOST_WORK, max(_SHARE * _evaluation_work(problem), _LITTLE))
+    allowed = SHORT_FITS.operations_share * _evaluation_work(problem)
+    return min(SHORT_FITS.most_operations, max(allowed, SHORT_FITS.free_operations))
 
 
 def _plan_short_fits(problem: Problem, allowed: float, wanted: int) -> tuple[int, int, int]:
     """Return the affordable number of quantities (0 if none), lines of each test, and steps."""
     best = (0, 0, 0)
-    for lines, steps, evaluations in _SHORT:
+    plans = zip(SHORT_FITS.lines, SHORT_FITS.steps, SHORT_FITS.evaluations, strict=True)
+    for lines, steps, evaluations in plans:
         few = problem.thin(lines)
-        if best[0] and few.n_numbers < _NUMBERS * problem.n:
+        if best[0] and few.n_numbers < SHORT_FITS.values_per_unknown * problem.n:
             break
         number = int(allowed / (evaluations * _evaluation_work(few)))
-        if number >= min(wanted, _ENOUGH):
+        if number >= min(wanted, SHORT_FITS.enough_fits):
             return number, lines, steps
         if number > best[0]:
             best = (number, lines, steps)
@@ -260,7 +232,8 @@ def _replace_by_reduced(
             error = residual.of(i).weight * (one.part.responses(x) - part.responses(x))
         except SolverError:
             return problem, []
-        if _sum_of_squares([error]) > _OFF**2 * _sum_of_squares([whitened[i]]):
+        negligible = SIGNIFICANCE.negligible_error**2 * _sum_of_squares([whitened[i]])
+        if _sum_of_squares([error]) > negligible:
             return problem, []
         nearby.append(one)
     return problem.with_parts([one.part for one in nearby]), nearby
@@ -270,7 +243,8 @@ def _expected_end(problem: Problem, x: _Real, score: _Score) -> tuple[Problem, _
     """Return the problem with one additional unknown, and the expected end of its short fit."""
     wide, at = _add_unknowns(problem, x, [score.parameter])
     at = at.copy()
-    at[-1] += np.clip(score.step, -_STRIDE, _STRIDE)
+    most = SHORT_FITS.most_enriched_step
+    at[-1] += np.clip(score.step, -most, most)
     return wide, np.clip(at, *wide.coordinates.bounds)
 
 
@@ -333,7 +307,7 @@ class _ShortFits:
         gain, change = 2.0 * (self.cost - cost), float(x[-1] - start[-1])
         lower, upper = wide.coordinates.bounds
         at_bound = parameter.is_factor and not lower[-1] < x[-1] < upper[-1]
-        if at_bound or gain < _LEAST_GAIN:
+        if at_bound or gain < ERROR_SEARCH.least_gain:
             return 0.0, change
         if self.excess is not None:
             return float(gain / max(self.excess, gain)), change
@@ -350,7 +324,12 @@ def _descend_shortly(
     problem: Problem, residual: OutputErrorSet, x: _Real, steps: int
 ) -> tuple[_Real, float]:
     """Return the end of a short fit, and half its sum of squares, priors included."""
-    settings = TrustRegion(steps, 1e-6, min_decrease=_SETTLED, min_relative_decrease=_SETTLED_SHARE)
+    settings = TrustRegion(
+        steps,
+        1e-6,
+        min_decrease=SHORT_FITS.settled_gain,
+        min_relative_decrease=SHORT_FITS.settled_share,
+    )
     end = descend(problem, residual, x, Monitor(problem), settings, relax=False)
     return end.x, end.local.cost
 
@@ -414,9 +393,10 @@ def _compute_energies(
 
 def _n_energy_lines(part: FRFPart) -> int:
     """Return the number of lines at which the energy is computed."""
-    if part.work <= _LITTLE / _ONE_IN:
-        return _MOST_LINES
-    return min(_MOST_LINES, max(1, part.n_lines // _ONE_IN))
+    most, one_in = ERROR_SEARCH.most_energy_lines, ERROR_SEARCH.lines_per_energy_line
+    if part.work <= SHORT_FITS.free_operations / one_in:
+        return most
+    return min(most, max(1, part.n_lines // one_in))
 
 
 def _block_error(part: FRFPart, item: tuple[_Real, _Complex, _Real, slice]) -> _Real:
@@ -442,23 +422,24 @@ def _choose_quantities(
             if term.quantity == "stiffness":
                 losses.setdefault(term.group, float(state.loss[t]))
     ordered = sorted(energy, key=lambda key: -energy[key])
+    least, most = 1.0 / ERROR_SEARCH.most_factor, ERROR_SEARCH.most_factor
     items: list[Parameter] = []
     for group, quantity in ordered:
         if (group, quantity) not in free:
-            items.append(Parameter(group, quantity, 1.0, 1.0 / _FACTOR, _FACTOR))
+            items.append(Parameter(group, quantity, 1.0, least, most))
         if quantity == "stiffness" and group not in driven and group in losses:
             loss = max(losses[group], 0.0)
             items.append(Parameter(group, "loss_factor", loss, 0.0, max(1.0, 2.0 * loss)))
-    return (_choose_sensors(problem, free) + items)[:_MOST_TRIED]
+    return (_choose_sensors(problem, free) + items)[: ERROR_SEARCH.most_quantities]
 
 
 def _choose_sensors(problem: Problem, free: set[tuple[str, str]]) -> list[Parameter]:
     """Return the calibration factors that are not unknowns; empty for very many sensors."""
     candidates = calibration([part.frf for part in problem.parts], references="all")
-    if len(candidates) > _MOST_SENSORS:
+    if len(candidates) > ERROR_SEARCH.most_sensors:
         return []
     return [
-        replace(p, lower=1.0 / _FACTOR, upper=_FACTOR)
+        replace(p, lower=1.0 / ERROR_SEARCH.most_factor, upper=ERROR_SEARCH.most_factor)
         for p in candidates
         if (p.group, p.quantity) not in free
     ]

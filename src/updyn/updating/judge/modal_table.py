@@ -18,11 +18,10 @@ from updyn.dynamics.modes import Modes
 from updyn.errors import UpdynError, UpdynWarning
 from updyn.model import Model
 from updyn.text_table import text_table
+from updyn.updating.judge.settings import EFFORT
 
 __all__ = ["ModalRow", "ModalTable", "ModeEntry", "compare_modes"]
 
-#: Largest number of measured DOFs to which the mass is reduced.
-_MOST_REDUCED = 300
 #: Column headings of the text table.
 _COLUMNS = (
     "mode",
@@ -228,7 +227,8 @@ def compare_modes(
         notes += [f"The {name} model: {one.message}." for one in caught]
     measured = Modes(test.frequency, test.loss_factor, test.shapes, test.dofs)
     cross_orthogonality, orthogonality = None, None
-    if updated is not None and "updated" in found and 0 < len(test.dofs) <= _MOST_REDUCED:
+    is_reducible = 0 < len(test.dofs) <= EFFORT.most_reduced_dofs
+    if updated is not None and "updated" in found and is_reducible:
         cross_orthogonality, orthogonality = _compute_orthogonality(
             updated, found["updated"], measured, notes
         )

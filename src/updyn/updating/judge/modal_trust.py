@@ -8,29 +8,15 @@ from typing import Any
 from updyn.correlation.figures import figure_text
 from updyn.text_table import format_count
 from updyn.updating.judge.claim import Claim
+from updyn.updating.judge.settings import HELD_OUT, MODAL_TRUST, PLAUSIBILITY
 
 __all__ = [
-    "BAD",
-    "HARM",
-    "SMALL",
     "claim_modes_plausible",
     "claim_modes_predicted",
     "describe_modes",
 ]
 
 _Figures = Mapping[str, float]
-
-#: Least share of the measured modes with a counterpart in the model.
-_MOST = 0.5
-#: Rms frequency error in % above which no result is plausible; neighbouring modes of structures are
-#: often this close.
-_GROSS = 10.0
-#: Ratio of the frequency error after to that before, above which an update did harm; and largest
-#: error in % to which this does not apply.
-HARM, SMALL = 1.1, 1.0
-#: Ratio of the frequency error of held-out to fitted modes, and error of held-out modes in %, which
-#: must both be exceeded for a failed prediction.
-FAR_WORSE, BAD = 3.0, 3.0
 
 
 def describe_modes(after: _Figures) -> str:
@@ -57,13 +43,17 @@ def claim_modes_plausible(before: _Figures, after: _Figures) -> Claim:
     """Return whether the residual of modes permits a result."""
     paired, measured = after["modes_paired"], after["modes_measured"]
     text = describe_modes(after)
-    if paired < _MOST * measured or paired < before["modes_paired"]:
+    if paired < MODAL_TRUST.least_paired_share * measured or paired < before["modes_paired"]:
         fewer = f" (before the fit {int(before['modes_paired'])})" if paired else ""
         return Claim(False, f"Only {text.rstrip('.')}{fewer}.")
     error = after["frequency_error_rms"]
     error_before = before.get("frequency_error_rms", error)
-    same_number_paired = paired == before["modes_paired"]
-    if error > _GROSS or (same_number_paired and error > HARM * error_before and error > SMALL):
+    is_worse = (
+        paired == before["modes_paired"]
+        and error > PLAUSIBILITY.harm_ratio * error_before
+        and error > MODAL_TRUST.small_error
+    )
+    if is_worse or error > MODAL_TRUST.gross_error:
         return Claim(False, f"{text.rstrip('.')}; before the fit it was {error_before:.2g} %.")
     return Claim(True, text)
 
@@ -75,8 +65,7 @@ def claim_modes_predicted(figures: Mapping[str, Any]) -> Claim:
     if held["modes_paired"] < held["modes_measured"]:
         return Claim(False, text)
     error = held["frequency_error_rms"]
-    if error > BAD and error > FAR_WORSE * fitted.get("frequency_error_rms", error):
-        return Claim(
-            False, f"{text.rstrip('.')}, of the fitted ones {fitted['frequency_error_rms']:.2g} %."
-        )
+    fitted_error = fitted.get("frequency_error_rms", error)
+    if error > MODAL_TRUST.most_error and error > HELD_OUT.most_ratio * fitted_error:
+        return Claim(False, f"{text.rstrip('.')}, of the fitted ones {fitted_error:.2g} %.")
     return Claim(True, text)

@@ -11,19 +11,12 @@ from numpy.typing import NDArray
 from updyn.dynamics.affine import State
 from updyn.dynamics.reduction import Reduction
 from updyn.errors import SolverError
+from updyn.updating.judge.settings import EFFORT, NEARBY_MODEL
 from updyn.updating.problem.problem import FRFPart
 
-__all__ = ["DOFS", "ReducedPart"]
+__all__ = ["ReducedPart"]
 
 _Vector = NDArray[np.float64]
-
-#: Number of DOFs up to which models are not reduced.
-DOFS = 400
-#: Error at the estimate relative to the largest receptance of a line; and number of lines whose
-#: fields are used to compress the basis.
-_ACCURACY, _LINES = 1e-4, 24
-#: Square root of the share of the energy of the fields that a basis for many states may neglect.
-_DROPPED = 1e-3
 
 
 @dataclass(slots=True, eq=False)
@@ -37,7 +30,7 @@ class ReducedPart:
     def of(cls, part: FRFPart, x: _Vector) -> ReducedPart | None:
         """Return the reduced model of a part about x; None if small, reduced or not reducible."""
         solver, freq = part.solver, part.frf.freq
-        if solver.tier != "sparse" or solver.system.n <= DOFS:
+        if solver.tier != "sparse" or solver.system.n <= EFFORT.small_model_dofs:
             return None
         reduction = Reduction(
             solver.system,
@@ -45,14 +38,14 @@ class ReducedPart:
             part.columns,
             (float(freq[0]), float(freq[-1])),
             solver.backend,
-            _ACCURACY,
+            NEARBY_MODEL.accuracy,
             poll=part.session.check,
         )
         state = part.state(x)
         try:
             reduction.build(state)
             whole = reduction.basis.take_leading(reduction.basis.size)
-            reduction.compress(state, freq[:: -(-len(freq) // _LINES)])
+            reduction.compress(state, freq[:: -(-len(freq) // NEARBY_MODEL.basis_lines)])
         except (SolverError, np.linalg.LinAlgError):
             return None
         reduced = replace(part, solver=reduction.solver("reduced, judged"))
@@ -66,5 +59,5 @@ class ReducedPart:
         """
         self.reduction.extend(states)
         freq = self.part.frf.freq
-        self.reduction.compress_around(states, freq, _DROPPED)
+        self.reduction.compress_around(states, freq, NEARBY_MODEL.dropped_energy_root)
         return replace(self.part, solver=self.reduction.solver("reduced, judged again"))

@@ -8,6 +8,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from updyn.updating.judge.settings import NOISE_RATIOS
 from updyn.updating.problem.noise import level_by_unit
 from updyn.updating.problem.noise.estimated import ratio_range
 from updyn.updating.problem.noise.known import SMALLEST
@@ -16,14 +17,6 @@ from updyn.updating.problem.problem import FRFPart, Problem
 __all__ = ["covariance_over_ratios"]
 
 _Real = NDArray[np.float64]
-
-#: Number of ratios; and logarithm of the ratio of the two parts at the ends of their range, where a
-#: part below a tenth of the other adds less than 1 % to the variance.
-_RATIOS, _FAR = 41, float(np.log(10.0))
-#: Largest deficit of the log-likelihood of an admissible ratio. For a normal likelihood this is 1.4
-#: standard deviations on both sides; in linear models with 5 to 20 degrees of freedom, 95 %
-#: intervals then cover at least 92 % for any noise (`benchmarks/discrepancy.py few`).
-_ADMISSIBLE = 1.0
 
 
 def covariance_over_ratios(
@@ -47,8 +40,9 @@ def covariance_over_ratios(
     if spare <= 0 or k == 0:
         return None
     low, high = ratio_range(size, level)
+    far = float(np.log(NOISE_RATIOS.dominance))
     logs, errors = [], []
-    for ratio in np.exp(np.linspace(low - _FAR, high + _FAR, _RATIOS)):
+    for ratio in np.exp(np.linspace(low - far, high + far, NOISE_RATIOS.n_ratios)):
         root = 1.0 / np.hypot(ratio * size, level)
         Q, R = np.linalg.qr(root[:, None] * J)
         along = Q.T @ (root * r)
@@ -68,7 +62,7 @@ def covariance_over_ratios(
         logs.append(np.log(root).sum() - np.log(diagonal).sum() - 0.5 * spare * np.log(square))
     covariances = within @ np.array(errors) @ within.T
     likeliest = covariances[int(np.argmax(logs))]
-    admissible = covariances[np.array(logs) >= max(logs) - _ADMISSIBLE]
+    admissible = covariances[np.array(logs) >= max(logs) - NOISE_RATIOS.admissible_deficit]
     largest_variance = np.diagonal(admissible, axis1=1, axis2=2).max(axis=0)
     variance = np.diag(likeliest)
     scale = np.sqrt(largest_variance / np.where(variance > 0.0, variance, 1.0))

@@ -10,15 +10,11 @@ from numpy.typing import NDArray
 
 from updyn.dynamics.fields import EXACT_TIERS
 from updyn.errors import SolverError
+from updyn.updating.judge.settings import EFFORT, ROUNDING_CHECK, SIGNIFICANCE
 from updyn.updating.problem.problem import FRFPart
 
 __all__ = ["REMEDY", "Rounding", "find_worst_rounding"]
 
-#: Number of lines to check; number of DOFs above which at most one line in `_SHARE` is checked; and
-#: number of DOFs above which only the lowest line is checked.
-_LINES, _LARGE, _SHARE, _MANY = 3, 400, 20, 20_000
-#: Shares of the response and of the channel's misfit below which rounding is negligible.
-_FINE, _SMALL = 1e-6, 0.1
 
 #: Remedy for rounding errors.
 REMEDY = (
@@ -70,7 +66,11 @@ def find_worst_rounding(parts: Iterable[FRFPart], x: NDArray[np.float64]) -> Rou
         except SolverError:
             continue
         misfit = np.median(residual / np.where(measured > 0.0, measured, np.inf), axis=0)
-        is_relevant = (share > _FINE) & (share > _SMALL * misfit) & (part.sign != 0.0)
+        is_relevant = (
+            (share > ROUNDING_CHECK.negligible_share)
+            & (share > SIGNIFICANCE.negligible_error * misfit)
+            & (part.sign != 0.0)
+        )
         share = np.where(is_relevant, share, 0.0)
         i, j, k = (int(n) for n in np.unravel_index(np.argmax(share), share.shape))
         if share[i, j, k] > 0.0:
@@ -84,9 +84,11 @@ def find_worst_rounding(parts: Iterable[FRFPart], x: NDArray[np.float64]) -> Rou
 def _n_checked_lines(part: FRFPart) -> int:
     """Return the number of lines to check; each takes two solutions."""
     n = part.solver.system.n
-    if n > _MANY:
+    if n > EFFORT.most_dofs:
         return 1
-    return _LINES if n <= _LARGE else int(np.clip(part.n_lines // _SHARE, 1, _LINES))
+    if n <= EFFORT.small_model_dofs:
+        return ROUNDING_CHECK.lines
+    return int(np.clip(part.n_lines // ROUNDING_CHECK.lines_per_check, 1, ROUNDING_CHECK.lines))
 
 
 def _relative_rounding(

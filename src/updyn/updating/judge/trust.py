@@ -18,6 +18,7 @@ from updyn.updating.judge.modal_trust import (
     claim_modes_predicted,
     describe_modes,
 )
+from updyn.updating.judge.settings import HELD_OUT, LIST_LENGTHS, PLAUSIBILITY
 
 __all__ = ["PARTS", "Claim", "Trust", "claim_validated", "judge_result"]
 
@@ -25,52 +26,20 @@ __all__ = ["PARTS", "Claim", "Trust", "claim_validated", "judge_result"]
 _SENTENCE = re.compile(r"(?<=\.) (?=[A-Z])")
 #: Beginning of a message on undetermined unknowns.
 _OPEN = re.compile(r"^The fit ended, but the data determine only \d+ of \d+ unknowns: ")
-#: Largest number of unknowns named in a sentence.
-_NAMED = 4
 #: Claim on resemblance if the modes of model and test were not compared.
 NOT_COMPARED = Claim(None, "The modes of model and test were not compared.", asked=False)
 
-#: Typical misfit above which a result is implausible for any noise model: half of the values are in
-#: error by more than this share.
-GROSS = 0.5
 #: Sentences for fits that did not converge.
 _ENDED = {
     "max-iterations": "The largest number of steps was reached before convergence.",
     "stalled": "The fit stalled before a minimum of the misfit.",
     "failed": "The fit failed.",
 }
-#: Typical misfit below which only rounding remains.
-ROUNDED = 1e-8
 #: Sentence for data without a value clear of the noise.
 _HIDDEN = (
     "No value is clear of the stated or measured noise, so that the misfit contains no"
     " information on the model."
 )
-#: Typical misfit above which a residual that is not noise makes plausibility unknown, unless
-#: held-out data are predicted; the search for causes uses the same limit for noise.
-ROUGH = 0.05
-#: Relative residual of a model with zero response.
-NOTHING = 1.0
-#: Share and least number of stiffnesses and masses at a bound above which the bounds determine the
-#: result.
-MANY, SOME = 0.5, 2
-#: Signed correlation below which a held-out channel does not follow the model.
-LOST = 0.0
-#: Largest relative residual of predicted held-out data, about 2 dB.
-PREDICTED = 0.25
-#: Largest relative residual of a good prediction, about 1 dB, however small the noise.
-CLOSE = 0.1
-#: Ratio of the held-out to the fitted or predicted residual above which the prediction fails. The
-#: noise of sensors of one type differs by less.
-FAR_WORSE = 3.0
-#: Rms residual, in predicted standard deviations, above which the prediction fails; a sensor with
-#: twice the noise of the others passes.
-BEYOND = 2.0
-#: Predicted residual above which held-out data are inconclusive: half of their level is uncertain.
-UNCLEAR = 0.5
-#: Ratio of the residual after to that before, above which an update did harm; and largest residual
-#: to which this does not apply.
-HARM, SMALL = 1.1, 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,7 +120,7 @@ def judge_result(
         status, correlation, misfit, at_bound, findings, not_searched, distant if structural else ()
     )
     if plausible:
-        is_rough = structural and misfit > ROUGH and not validated
+        is_rough = structural and misfit > PLAUSIBILITY.rough_misfit and not validated
         plausible = _qualify_plausible(
             plausible, misfit if is_rough else None, without_interval, distant
         )
@@ -180,12 +149,13 @@ def _qualify_plausible(
             " more: the model is incomplete.",
         )
     if without_interval:
-        verb = "is" if len(without_interval) == 1 else "are"
-        more = in_all(len(without_interval)) if len(without_interval) > _NAMED else ""
+        n, named = len(without_interval), LIST_LENGTHS.named_items
+        verb = "is" if n == 1 else "are"
+        more = in_all(n) if n > named else ""
         return Claim(
             None,
             "With the error that the residual shows of the model,"
-            f" {', '.join(without_interval[:_NAMED])}{more} {verb} not known.",
+            f" {', '.join(without_interval[:named])}{more} {verb} not known.",
         )
     return Claim(True, f"{plausible.why} {distant[0].statement}.") if distant else plausible
 
@@ -195,7 +165,7 @@ def _claim_converged(status: str, remaining_gain: float | None, misfit: float) -
         return Claim(None, "The fit was stopped by the user.")
     gain = ""
     if (
-        remaining_gain is not None and not misfit < ROUNDED
+        remaining_gain is not None and not misfit < PLAUSIBILITY.rounding_misfit
     ):  # deviations of rounding are meaningless
         gain = f" Further steps could gain {remaining_gain:.1g} standard deviations."
     if status in ("converged", "not-identifiable"):
@@ -235,7 +205,7 @@ def _claim_predicted(figures: Mapping[str, Any]) -> Claim:
         return claim_modes_predicted(figures)
     if "correlation_min" not in held:
         return Claim(None, "The agreement with the held-out data is not known.")
-    if held["correlation_min"] < LOST:
+    if held["correlation_min"] < 0.0:
         return Claim(
             False,
             f"A held-out channel has a correlation of {held['correlation_min']:.2f} with the"
@@ -247,17 +217,18 @@ def _claim_predicted(figures: Mapping[str, Any]) -> Claim:
     text = f"The residual of the held-out data is {percent(residual)} of their level"
     # No residual is predicted if the fitted residual is not noise; noise then cannot explain the
     # held-out residual.
-    is_beyond_noise = expected is None or (deviations > BEYOND and residual > expected)
+    is_beyond_noise = expected is None or (deviations > HELD_OUT.most_stds and residual > expected)
     if expected is not None:
         text += f"; noise and the deviations of the unknowns predict {percent(expected)}"
         if is_beyond_noise:
             text += f" ({deviations:.2g} deviations)"
-    if residual > PREDICTED and not is_beyond_noise:
-        if expected < UNCLEAR:
+    if residual > HELD_OUT.most_residual and not is_beyond_noise:
+        if expected < HELD_OUT.unclear_residual:
             return Claim(True, f"{text}.")
         return Claim(None, f"{text}: these data cannot tell.")
-    worse = residual > CLOSE and residual > FAR_WORSE * max(fitted, expected or 0.0)
-    if residual > PREDICTED or (is_beyond_noise and worse):
+    reference = max(fitted, expected or 0.0)
+    worse = residual > HELD_OUT.close_residual and residual > HELD_OUT.most_ratio * reference
+    if residual > HELD_OUT.most_residual or (is_beyond_noise and worse):
         return Claim(False, f"{text}, that of the fitted data {percent(fitted)}.")
     return Claim(True, f"{text}.")
 
@@ -276,7 +247,7 @@ def _claim_plausible(
     against = [finding for finding in findings if finding.grave]
     if against:
         return Claim(False, against[0].statement)
-    if misfit > GROSS:
+    if misfit > PLAUSIBILITY.gross_misfit:
         return Claim(
             False, f"Half of the values are still off by more than {100.0 * misfit:.0f} %."
         )
@@ -287,7 +258,10 @@ def _claim_plausible(
             " elsewhere.",
         )
     names, number = at_bound
-    if len(names) >= SOME and len(names) > MANY * number:
+    if (
+        len(names) >= PLAUSIBILITY.least_at_bound
+        and len(names) > PLAUSIBILITY.most_at_bound_share * number
+    ):
         return Claim(
             False, f"{len(names)} of {number} stiffnesses and masses ended at their bounds."
         )
@@ -301,17 +275,17 @@ def _claim_plausible(
                 return claim
             continue
         residual = after["residual_median"]
-        if residual >= NOTHING:
+        if residual >= 1.0:  # that of a model with zero response
             return Claim(
                 False,
                 f"The median residual is {residual:.2g} of the level of the data: a model with zero"
                 " response would fit as well.",
             )
-        if residual > HARM * before["residual_median"] and residual > SMALL:
+        first = before["residual_median"]
+        if residual > PLAUSIBILITY.harm_ratio * first and residual > HELD_OUT.close_residual:
             return Claim(
                 False,
-                f"The residual rose from {before['residual_median']:.2g} to"
-                f" {residual:.2g} of the level.",
+                f"The residual rose from {first:.2g} to {residual:.2g} of the level.",
             )
     remark = f" {findings[0].statement}" if findings else ""
     if not_searched:
@@ -323,6 +297,6 @@ def _claim_plausible(
     if modal and len(modal) == len(correlation):
         text = " ".join(describe_modes(after) for after in modal)
     complete = all(after["modes_paired"] == after["modes_measured"] for after in modal)
-    if misfit < ROUNDED and complete:
+    if misfit < PLAUSIBILITY.rounding_misfit and complete:
         text = "The model reproduces the data except for rounding."
     return Claim(True, text + remark)

@@ -8,13 +8,20 @@ from itertools import compress
 import numpy as np
 
 from updyn.updating.fit.method import Fit
-from updyn.updating.judge.adequacy import EXPLAINED, Adequacy
+from updyn.updating.judge.adequacy import Adequacy
 from updyn.updating.judge.alternatives import Alternative
 from updyn.updating.judge.causes.finding import Finding
 from updyn.updating.judge.ending import ActiveBound, Ending
 from updyn.updating.judge.identifiability import Analysis
 from updyn.updating.judge.rounding import REMEDY, Rounding
-from updyn.updating.judge.trust import ROUNDED, Trust
+from updyn.updating.judge.settings import (
+    FIT_END,
+    LIST_LENGTHS,
+    PLAUSIBILITY,
+    RESIDUAL_TEST,
+    VERDICT,
+)
+from updyn.updating.judge.trust import Trust
 from updyn.updating.problem.noise.known import Assumed
 
 __all__ = [
@@ -33,23 +40,6 @@ _CALIBRATED = {"calibration": "responses", "force_calibration": "references"}
 #: Separator between the steps of a remedy; the most effective step comes first.
 STEP = "\n"
 
-#: Correlation length in lines above which the residual is reported as model error.
-_CORRELATED = 3.0
-#: Standard deviation (of the logarithm of a factor, of the value of a loss factor) above which an
-#: unknown is reported as weakly determined.
-_WEAK = 0.3
-#: Reduced chi-square above which noise does not explain the misfit.
-_MISFIT = 2.0
-#: Largest number of named unknowns in which solutions differ.
-_SHOWN = 3
-#: Typical misfit above which the model does not explain data of unknown noise.
-_FAR = 0.3
-#: Remaining gain, in standard deviations, below which the values do not differ significantly from
-#: those of a converged fit.
-_ARRIVED = 0.1
-#: The misfit of an unconverged fit is still decreasing if a step would remove the first share of
-#: the misfit, or if the last ten steps gained the second share of the remaining decrease.
-_FALLING, _STEADY = 0.05, 0.1
 _CLOSER = "Start closer, or use the default method."
 _CHECK = "Check units, calibration and labels"
 _OWN_NOISE = (
@@ -112,7 +102,8 @@ def join_steps(*steps: str) -> str:
 
 def _is_explained(found: Adequacy) -> bool:
     """Return whether a single error explains the residual."""
-    return bool(found.explained_by) and found.explained_by[0].explains >= EXPLAINED
+    suspects, least = found.explained_by, RESIDUAL_TEST.explained_share
+    return bool(suspects) and suspects[0].explains >= least
 
 
 def _advise_on_error(found: list[Adequacy]) -> str:
@@ -192,7 +183,8 @@ def _advise_wider_bounds(active_bounds: Sequence[ActiveBound]) -> str:
 def _is_decreasing(end: Ending | None) -> bool:
     """Return whether the misfit of an unconverged fit was still decreasing substantially."""
     return end is None or (
-        end.deviations > _ARRIVED and (end.share > _FALLING or end.recent_gain > _STEADY)
+        end.deviations > FIT_END.arrived_stds
+        and (end.share > FIT_END.moving_share or end.recent_gain > FIT_END.recent_share)
     )
 
 
@@ -209,7 +201,7 @@ def _describe_step_limit(
             " deviations from the next step's."
         )
         return message, "Raise max_iterations."
-    if end.deviations <= _ARRIVED:
+    if end.deviations <= FIT_END.arrived_stds:
         message += (
             f" The remaining gain is {end.deviations:.1g} standard deviations: more steps would"
             " not change the values significantly."
@@ -222,7 +214,7 @@ def _describe_step_limit(
     misfit_text, remedy = _describe_misfit(fit, misfit)
     if misfit_text:
         return message + misfit_text, remedy
-    if end.deviations <= _ARRIVED:
+    if end.deviations <= FIT_END.arrived_stds:
         return message, "Use the values; their standard deviations hold."
     leading = [name for name in names if name in end.leading]
     report = analysis.report
@@ -283,7 +275,7 @@ def _describe_end(
         )
         return "stalled", message.strip(), f"Start elsewhere. {REMEDY}"
     # If the misfit is rounding, so is its change by a step.
-    if fit.reason == "stalled" and not misfit < ROUNDED:
+    if fit.reason == "stalled" and not misfit < PLAUSIBILITY.rounding_misfit:
         message = f"No step lowers the misfit although its gradient is not zero. {fit.cause}"
         return "stalled", message.strip(), "Start elsewhere or loosen bounds."
     return "converged", *_describe_convergence(fit, analysis, names, misfit)
@@ -333,10 +325,11 @@ def explain_ambiguity(
 ) -> tuple[str, str]:
     """Return message and remedy if several solutions fit equally well."""
     differing = []
-    for name, values in different[:_SHOWN]:
+    for name, values in different[: LIST_LENGTHS.named_items]:
         *first, last = [f"{value:.4g}" for value in values]
         differing.append(f"{name} ({', '.join(first)} or {last})")
-    more = f" and {len(different) - _SHOWN} more" if len(different) > _SHOWN else ""
+    n_more = len(different) - LIST_LENGTHS.named_items
+    more = f" and {n_more} more" if n_more > 0 else ""
     odds = max(other.odds for other in others)
     message = (
         f"But at least {1 + len(others)} answers fit the data equally well (odds within"
@@ -373,13 +366,14 @@ def _describe_convergence(
     message = "The fit converged and the data determine all unknowns."
     remedy = fit.note
     std = np.sqrt(np.diag(analysis.covariance))
-    weak = [f"{n} ({100 * s:.0f} %)" for n, s in zip(names, std, strict=True) if s > _WEAK]
+    named = zip(names, std, strict=True)
+    weak = [f"{n} ({100 * s:.0f} %)" for n, s in named if s > VERDICT.weak_std]
     if weak:
         message += f" Weakly determined: the standard deviation is large for {', '.join(weak)}."
     # Of several tests: the same for all but the kind of their noise.
     noise = fit.noise[0] if fit.noise else {}
     length = float(noise.get("correlation_length", 1.0))
-    if length > _CORRELATED:
+    if length > VERDICT.most_correlation_lines:
         message += (
             f" The residual is serially correlated over about {length:.0f} lines: model error"
             f" rather than noise; the standard deviations were widened {np.sqrt(length):.2g} times"
@@ -395,7 +389,7 @@ def _describe_misfit(fit: Fit, misfit: float) -> tuple[str, str]:
     """Return the sentences on a misfit that noise does not explain, if any, and the remedy."""
     known = ("stated", "variance", "coherence")
     text = ""
-    if misfit > _FAR and any(n.get("kind") not in known for n in fit.noise or ({},)):
+    if misfit > VERDICT.most_misfit and any(n.get("kind") not in known for n in fit.noise or ({},)):
         text += (
             " But the model does not fit the data: half of the values are off by more than"
             f" {100 * misfit:.0f} %."
@@ -403,7 +397,7 @@ def _describe_misfit(fit: Fit, misfit: float) -> tuple[str, str]:
     # Of several tests: the same for all but the kind of their noise.
     noise = fit.noise[0] if fit.noise else {}
     chi_square = float(noise.get("chi_square", 1.0))
-    if chi_square > _MISFIT:
+    if chi_square > VERDICT.most_chi_square:
         text += (
             f" The misfit is {np.sqrt(chi_square):.3g} times what the noise explains: the model"
             " cannot fit the data, and the standard deviations were widened by the same factor."

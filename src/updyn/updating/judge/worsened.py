@@ -7,14 +7,11 @@ from dataclasses import dataclass, replace
 
 from updyn.updating.judge.claim import Claim
 from updyn.updating.judge.modal_table import ModalRow, ModalTable
-from updyn.updating.judge.modal_trust import BAD, HARM, SMALL
+from updyn.updating.judge.settings import MODAL_TRUST, PLAUSIBILITY
 from updyn.updating.judge.trust import Trust
 from updyn.updating.problem.modal import SIMILAR_MAC
 
 __all__ = ["WorsenedMode", "find_worsened_modes", "judge_modes"]
-
-#: Decrease of the MAC that is reported, and MAC below which shapes do not agree.
-_LOSS, _ALIKE = 0.05, 0.9
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,14 +46,17 @@ def _compare_row(row: ModalRow) -> list[WorsenedMode]:
     macs = [mac for mac in (row.start.mac, row.updated.mac) if mac is not None]
     if before is not None and after is not None and min(macs, default=1.0) >= SIMILAR_MAC:
         error_before, error_after = abs(before), abs(after)
-        if error_after > SMALL and error_after > HARM * error_before:
+        least = max(MODAL_TRUST.small_error, PLAUSIBILITY.harm_ratio * error_before)
+        if error_after > least:
             statement = (
                 f"the error of the natural frequency {hertz:.4g} Hz rose from"
                 f" {error_before:.2g} % to {error_after:.2g} %"
             )
             found.append(WorsenedMode(hertz, statement, error_after))
     first, last = row.start.mac, row.updated.mac
-    if first is not None and last is not None and last < min(first - _LOSS, _ALIKE):
+    if first is None or last is None:
+        return found
+    if last < min(first - MODAL_TRUST.mac_loss, MODAL_TRUST.agreeing_mac):
         statement = f"the MAC of the mode at {hertz:.4g} Hz fell from {first:.2f} to {last:.2f}"
         found.append(WorsenedMode(hertz, statement))
     return found
@@ -72,7 +72,7 @@ def judge_modes(trust: Trust, tables: Sequence[ModalTable]) -> Trust:
     if not worse or trust.plausible.holds is False:
         return trust
     worst = max(worse, key=lambda one: one.error)
-    if worst.error > BAD and trust.validated.holds is not False:
+    if worst.error > MODAL_TRUST.most_error and trust.validated.holds is not False:
         return replace(trust, plausible=Claim(False, f"By the update, {worst.statement}."))
     text = f"{trust.plausible.why} By the update, {worst.statement}."
     return replace(trust, plausible=Claim(trust.plausible.holds, text))

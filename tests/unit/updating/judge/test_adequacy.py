@@ -7,7 +7,6 @@ import pytest
 from scipy.stats import chi2, combine_pvalues, f, false_discovery_control
 
 from updyn.updating.judge.adequacy import (
-    LEVEL,
     Suspect,
     _combine_p_values,
     add_suspects,
@@ -17,6 +16,7 @@ from updyn.updating.judge.adequacy import (
     divide_into_bands,
     serial_correlation_p_values,
 )
+from updyn.updating.judge.settings import RESIDUAL_TEST
 
 RNG = np.random.default_rng
 N_F, N_I, N_J = 60, 4, 2
@@ -123,7 +123,7 @@ def test_pure_noise_seldom_raises_an_alarm(absolute):
         "The residual cannot be distinguished from noise"
         + ("." if absolute else ", whose size was estimated from it.")
     }
-    assert all(a.worst == () and a.p_value > LEVEL for a in found if a.adequate)
+    assert all(a.worst == () and a.p_value > RESIDUAL_TEST.alarm_level for a in found if a.adequate)
 
 
 def test_noise_whose_size_was_told_from_averages_seldom_raises_an_alarm():

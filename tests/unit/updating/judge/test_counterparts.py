@@ -5,13 +5,8 @@ import pytest
 import scipy.linalg
 
 import updyn
-from updyn.updating.judge.counterparts import (
-    COMMON,
-    RANGE,
-    TOO_FEW,
-    Counterparts,
-    find_counterparts,
-)
+from updyn.updating.judge.counterparts import Counterparts, find_counterparts
+from updyn.updating.judge.settings import COUNTERPARTS
 
 #: DOFs of the structures, and of the sensors.
 N, SENSORS = 12, [0, 2, 4, 6, 8, 10]
@@ -173,7 +168,7 @@ def test_repeated_modes_are_compared_by_their_plane():
 
 
 def test_the_range_of_frequencies_is_a_factor_of_one_and_a_half():
-    assert RANGE == 1.5
+    assert COUNTERPARTS.frequency_factor == 1.5
     K, M = parts(np.random.default_rng(0))
     frequency, shapes = modes(K, M)
     labels = [f"{i + 1}:Z" for i in range(N)]
@@ -197,7 +192,7 @@ def test_pairs_by_chance_are_those_of_random_directions():
 
 def test_no_pair_is_known_from_four_modes_on():
     # With a share of 0.6 in common, four modes of the structure have none with probability 0.026.
-    assert (COMMON, TOO_FEW) == (0.6, 0.03)
+    assert (COUNTERPARTS.common_share, COUNTERPARTS.few_level) == (0.6, 0.03)
     K, M = parts(np.random.default_rng(0))
     frequency, shapes = modes(K, M)
     labels = [f"{i + 1}:Z" for i in range(N)]

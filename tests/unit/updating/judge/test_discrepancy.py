@@ -12,9 +12,9 @@ from scipy.stats import chi2
 import updyn
 from updyn.frf import FRF
 from updyn.model import Group, Model
-from updyn.updating.judge.adequacy import LEVEL
-from updyn.updating.judge.assessment import _BY_CHANCE
+from updyn.updating.judge.assessment import gain_by_chance
 from updyn.updating.judge.discrepancy import Discrepancy, _Components, _error_effects
+from updyn.updating.judge.settings import RESIDUAL_TEST
 from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.problem.problem import FRFPart
 
@@ -181,7 +181,7 @@ def test_estimate_is_that_of_the_dense_likelihood():
 
 def test_a_gain_by_chance_is_as_rare_as_the_tests_false_alarms():
     """Half of twice the gain is chi-square of one degree of freedom: 2 % of it exceed the limit."""
-    assert 0.5 * chi2.sf(2.0 * _BY_CHANCE, 1) == pytest.approx(LEVEL)
+    assert 0.5 * chi2.sf(2.0 * gain_by_chance(), 1) == pytest.approx(RESIDUAL_TEST.alarm_level)
     rng = np.random.default_rng(0)
     J, B = rng.standard_normal((200, 4)), rng.standard_normal((200, 60))
     gains = [
@@ -190,7 +190,7 @@ def test_a_gain_by_chance_is_as_rare_as_the_tests_false_alarms():
         .gain
         for _ in range(200)
     ]
-    assert np.mean(np.array(gains) > _BY_CHANCE) <= 0.04
+    assert np.mean(np.array(gains) > gain_by_chance()) <= 0.04
 
 
 def test_effects_are_those_of_small_changes():

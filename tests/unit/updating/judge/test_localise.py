@@ -4,10 +4,12 @@ import numpy as np
 import pytest
 
 import updyn
+from overriding import override
 from updyn.demos.gear_train import true_model
 from updyn.dynamics.affine import AffineSystem
 from updyn.updating.fit.methods.constitutive import constitutive_weights
 from updyn.updating.judge.localise import constitutive_error, localise_error
+from updyn.updating.judge.settings import SHORT_FITS
 from updyn.updating.problem.problem import FRFPart, Problem
 from updyn.updating.problem.residuals import OutputError, OutputErrorSet
 
@@ -219,7 +221,7 @@ def test_what_a_short_fit_finds_at_a_bound_explains_nothing(make_chain):
 def test_in_a_model_that_is_too_large_for_short_fits_nothing_is_confirmed(
     chain12_true, monkeypatch
 ):
-    monkeypatch.setattr("updyn.updating.judge.localise._MOST_WORK", 0.0)
+    override(monkeypatch, SHORT_FITS, most_operations=0.0)
     _, found = fitted(
         chain12_true,
         chain(chain12_true),

@@ -4,11 +4,13 @@ import numpy as np
 import pytest
 
 import updyn
+from overriding import override
 from updyn.updating.judge import advice
 from updyn.updating.judge import localise as localise_module
 from updyn.updating.judge.identifiability import analyse_identifiability
 from updyn.updating.judge.localise import localise_error
-from updyn.updating.judge.nearby import DOFS, ReducedPart
+from updyn.updating.judge.nearby import ReducedPart
+from updyn.updating.judge.settings import EFFORT, SIGNIFICANCE
 from updyn.updating.problem.problem import FRFPart, Problem
 from updyn.updating.problem.residuals import OutputError, OutputErrorSet
 from updyn.updating.problem.session import Session
@@ -51,7 +53,7 @@ def test_the_reduced_model_answers_and_has_the_derivatives_of_the_whole_one(towe
     part = part_of(tower, frf, stiffness="all", mass="all", loss_factor="all")
     x = part.coordinates.start
     nearby = ReducedPart.of(part, x)
-    assert tower.n_dofs > DOFS
+    assert tower.n_dofs > EFFORT.small_model_dofs
     assert nearby.part.solver.system.n < 150
     whole, small = part.block(x, slice(0, 40)), nearby.part.block(x, slice(0, 40))
     assert np.abs(small.H - whole.H).max() < 1e-3 * np.abs(whole.H).max()
@@ -112,7 +114,7 @@ def test_the_wrong_group_of_a_large_model_is_named_at_the_cost_of_few_evaluation
 
 def test_a_reduced_model_that_is_off_by_what_is_to_be_explained_is_not_used(tower, monkeypatch):
     part, x, residual, whitened = wrong_mass(tower)
-    monkeypatch.setattr(localise_module, "_OFF", 0.0)
+    override(monkeypatch, SIGNIFICANCE, negligible_error=0.0)
     problem, nearby = localise_module._replace_by_reduced(Problem.of([part]), x, residual, whitened)
     assert nearby == []
     assert problem.parts[0].solver.tier == "sparse"
