@@ -2,30 +2,31 @@
 
 from __future__ import annotations
 
-import dataclasses
 import re
+from collections import Counter
 
-import pytest
-
-from setting_fields import Setting, list_classes, list_settings
+from setting_fields import list_classes, list_settings, read_attributes
 
 _COMMENT = re.compile(r"^\[[^\]]+\] \S.+?\. Why: \S.+\.$", re.DOTALL)
 
 
-@pytest.mark.parametrize("cls", list_classes(), ids=lambda cls: cls.__qualname__)
-def test_settings_are_frozen(cls: type) -> None:
-    assert dataclasses.is_dataclass(cls)
-    assert cls.__dataclass_params__.frozen  # type: ignore[attr-defined]
+def test_settings_are_frozen() -> None:
+    assert all(cls.__dataclass_params__.frozen for cls in list_classes())  # type: ignore[attr-defined]
 
 
-@pytest.mark.parametrize("setting", list_settings(), ids=lambda setting: setting.name)
-def test_a_setting_has_unit_meaning_and_reason(setting: Setting) -> None:
-    assert _COMMENT.match(setting.comment), (
-        f"{setting.place}: the comment of {setting.name} is {setting.comment!r}, "
-        "expected '#: [unit] Meaning. Why: reason (source).' above the field"
+def test_settings_have_unit_meaning_and_reason() -> None:
+    wrong = [s for s in list_settings() if not _COMMENT.match(s.comment)]
+    assert not wrong, "expected '#: [unit] Meaning. Why: reason (source).' above each field\n" + (
+        "\n".join(f"{s.place}: {s.name}: {s.comment!r}" for s in wrong)
     )
 
 
-@pytest.mark.parametrize("setting", list_settings(), ids=lambda setting: setting.name)
-def test_a_setting_is_used(setting: Setting) -> None:
-    assert setting.uses, f"{setting.place}: nothing reads {setting.name}"
+def test_every_setting_is_read() -> None:
+    unread = [s for s in list_settings() if (s.instance, s.field) not in read_attributes()]
+    assert not unread, "\n".join(f"{s.place}: nothing reads {s.name}" for s in unread)
+
+
+def test_names_are_used_once() -> None:
+    instances = Counter((s.instance, s.module) for s in list_settings())
+    names = Counter(name for name, _ in instances)
+    assert not {name for name, times in names.items() if times > 1}

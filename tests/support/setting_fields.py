@@ -6,6 +6,7 @@ import ast
 import dataclasses
 import functools
 import importlib
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
@@ -26,8 +27,6 @@ class Setting:
         The comment above the field: ``[unit] Meaning. Why: reason.``
     place : str
         File and line of the field.
-    uses : int
-        How often the package reads the field.
     """
 
     module: str
@@ -35,7 +34,6 @@ class Setting:
     field: str
     comment: str
     place: str
-    uses: int
 
     @property
     def name(self) -> str:
@@ -69,47 +67,40 @@ def list_classes() -> list[type]:
 @functools.cache
 def list_settings() -> tuple[Setting, ...]:
     """Return all fields of all settings objects."""
-    uses = count_uses()
-    found = []
-    for module in list_modules():
-        path = Path(module.__file__ or "")
-        lines = _field_lines(path)
-        for instance, value in vars(module).items():
-            if isinstance(value, type) or not dataclasses.is_dataclass(value):
-                continue
-            for field in dataclasses.fields(value):
-                line = lines[type(value).__name__, field.name]
-                comment = _comment_above(path.read_text(encoding="utf-8").splitlines(), line)
-                found.append(
-                    Setting(
-                        module.__name__,
-                        instance,
-                        field.name,
-                        comment,
-                        f"{path.relative_to(SRC)}:{line}",
-                        uses.get((instance, field.name), 0),
-                    )
-                )
-    return tuple(found)
+    return tuple(setting for module in list_modules() for setting in _settings_of(module))
 
 
 @functools.cache
-def count_uses() -> dict[tuple[str, str], int]:
-    """Return how often the package reads each attribute of a name."""
-    uses: dict[tuple[str, str], int] = {}
-    for path in SRC.rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
-                key = node.value.id, node.attr
-                uses[key] = uses.get(key, 0) + 1
-    return uses
+def read_attributes() -> frozenset[tuple[str, str]]:
+    """Return the pairs of a name and its attribute that the package reads."""
+    return frozenset(
+        (node.value.id, node.attr)
+        for path in SRC.rglob("*.py")
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name)
+    )
 
 
-def _field_lines(path: Path) -> dict[tuple[str, str], int]:
+def _settings_of(module: ModuleType) -> Iterator[Setting]:
+    """Yield the settings of a module."""
+    path = Path(module.__file__ or "")
+    source = path.read_text(encoding="utf-8")
+    lines = _field_lines(source)
+    for instance, value in vars(module).items():
+        if isinstance(value, type) or not dataclasses.is_dataclass(value):
+            continue
+        for field in dataclasses.fields(value):
+            line = lines[type(value).__name__, field.name]
+            comment = _comment_above(source.splitlines(), line)
+            place = f"{path.relative_to(SRC)}:{line}"
+            yield Setting(module.__name__, instance, field.name, comment, place)
+
+
+def _field_lines(source: str) -> dict[tuple[str, str], int]:
     """Return the line of each field by class and name."""
     return {
         (node.name, field.target.id): field.lineno
-        for node in ast.parse(path.read_text(encoding="utf-8")).body
+        for node in ast.parse(source).body
         if isinstance(node, ast.ClassDef)
         for field in node.body
         if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name)
