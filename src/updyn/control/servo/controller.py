@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from updyn.control.family import PlantFamily
 from updyn.control.plant import Plant
+from updyn.control.servo.settings import RIGID_MOTION
 from updyn.control.servo.state_space import StateSpace, Transfer, delay_approximation
 from updyn.errors import ModelError, OptionError
 from updyn.group import is_number
@@ -36,18 +37,6 @@ __all__ = [
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 _TWO_PI = 2.0 * np.pi
-
-#: Poles nearer to 0 than this share of the lowest oscillation count as poles at 0; the imaginary
-#: part of smaller ones is rounding.
-_AT_REST = 1e-3
-#: Points on a circle about the slow poles.
-_POINTS = 256
-#: A circle lies between poles whose ratio is larger than this.
-_ROOM = 1.5
-#: Least share of the slow poles in the mobility on the circle for a structure that turns freely.
-_DOMINANT = 0.5
-#: A gear ratio within this distance of 1 is taken as 1, since a reduced plant has errors.
-_EXACT = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
@@ -509,9 +498,11 @@ def rigid_inertia(plant: Plant, torque: str, velocity: str) -> float | None:
     channel = plant.channel(velocity, torque)
     power = to_velocity(channel, velocity)
     transfer = Transfer.of(StateSpace(channel.A, channel.B, channel.C, channel.D))
-    best, share = None, _DOMINANT
+    n_points = RIGID_MOTION.circle_points
+    circle = np.exp(2j * np.pi * (np.arange(n_points) + 0.5) / n_points)
+    best, share = None, RIGID_MOTION.dominant_share
     for radius in _radii(plant.poles):
-        points = radius * np.exp(2j * np.pi * (np.arange(_POINTS) + 0.5) / _POINTS)
+        points = radius * circle
         mobility = points * (transfer.at(points)[:, 0, 0] * points**power)
         residue = float(mobility.mean().real)
         inertia = abs(residue) / float(np.abs(mobility).mean())
@@ -534,7 +525,7 @@ def _round_ratio(plant: Plant, torque: str, velocity: str, position: str) -> flo
             f"the plant has no rigid-body motion from {torque!r} to {position!r}, so the gear ratio"
             " of the position loop is unknown; give kv and ratio by hand"
         )
-    return 1.0 if abs(ratio - 1.0) < _EXACT else ratio
+    return 1.0 if abs(ratio - 1.0) < RIGID_MOTION.unit_ratio_distance else ratio
 
 
 def _radii(poles: NDArray[np.complex128]) -> NDArray[np.float64]:
@@ -546,9 +537,9 @@ def _radii(poles: NDArray[np.complex128]) -> NDArray[np.float64]:
         first = float(oscillating.min())
     else:
         first = 10.0 * float(size[moving].max(initial=1.0))
-    low = _AT_REST * first
+    low = RIGID_MOTION.least_radius_ratio * first
     steps = np.unique(np.concatenate([[low], np.clip(size[size <= first], low, None), [first]]))
-    wide = steps[1:] > _ROOM * steps[:-1]
+    wide = steps[1:] > RIGID_MOTION.least_gap * steps[:-1]
     return np.asarray(np.sqrt(steps[1:] * steps[:-1])[wide])
 
 

@@ -20,6 +20,7 @@ from updyn.control.plant import Plant
 from updyn.control.servo import grid
 from updyn.control.servo.controller import Controller, to_velocity
 from updyn.control.servo.loops import Wiring
+from updyn.control.servo.settings import LOOP_STABILITY
 from updyn.control.servo.stability import JudgedLoop, count_drifting, count_growing, find_margins
 from updyn.control.servo.state_space import StateSpace, Transfer, channel_zeros, connect
 from updyn.errors import OptionError
@@ -29,11 +30,6 @@ __all__ = ["SampledCascade", "bilinear", "judge_sampled"]
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 _TWO_PI = 2.0 * np.pi
-
-#: Poles and zeros nearer to z = 0 than this belong to a delay.
-_LATE = 1e-9
-#: Gain at half the sampling rate that counts as 0.
-_ZERO_GAIN = 1e-9
 
 
 def bilinear(system: StateSpace, c: float) -> StateSpace:
@@ -138,7 +134,7 @@ class SampledCascade:
 
     def to_s(self, z: _Complex) -> _Complex:
         """Return log(z) / dt in rad/s, without the values at z = 0."""
-        z = z[np.abs(z) > _LATE]
+        z = z[np.abs(z) > LOOP_STABILITY.delay_modulus]
         return np.asarray(np.log(z) / self.dt)
 
 
@@ -221,7 +217,8 @@ def _judge_loop(
     gains = grid.crossings_of_gain(loop, w, values)
     phases = grid.crossings_of_phase(loop, w, values)
     last = loop(np.array([1j * top]))[0]
-    if last.real < -_ZERO_GAIN and not (len(phases) and phases[-1] > (1.0 - 1e-9) * top):
+    is_crossed = len(phases) > 0 and phases[-1] > (1.0 - 1e-9) * top
+    if last.real < -LOOP_STABILITY.nyquist_gain and not is_crossed:
         phases = np.append(phases, top)
     scale = float(gains[0]) if len(gains) else low
     drifting = count_drifting(poles, scale)

@@ -11,6 +11,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from updyn.control.servo.settings import DRIVE
 from updyn.dofs import Dof, DofSet
 from updyn.dynamics.condensation import condense
 from updyn.dynamics.eigen import mass_rank
@@ -28,10 +29,6 @@ __all__ = [
     "drive_figures",
 ]
 _Real = NDArray[np.float64]
-_COUNT = 10  # number of modes without a band
-_AGREES = 1e-3  # largest relative error of a stated ratio
-_REST_MOTION = 1e-9  # relative motion below which a DOF is at rest
-_ZERO_OFFSET = 1e-6  # relative distance from a zero at which the response is computed
 
 
 @dataclass(frozen=True, slots=True)
@@ -431,7 +428,7 @@ def _find_modes_up_to(model: Model, top: float, at_least: int = 0) -> Modes:
     rank = mass_rank(model.mass)
     if rank == 0:
         return Modes(np.zeros(0), np.zeros(0), np.zeros((model.n_dofs, 0)), model.dofs)
-    n = min(rank, max(at_least, _COUNT))
+    n = min(rank, max(at_least, DRIVE.least_modes))
     tabled = [name for name, group in model.groups.items() if group.loss_table is not None]
     plain = model
     if tabled:
@@ -538,12 +535,13 @@ def _zero_error(model: Model, motor: str, pairs: Sequence[ResonancePair]) -> flo
             groups[name] = Group(g.stiffness, g.mass)
     bare = Model(groups, model.dofs)
     zero = np.array([p.antiresonance for p in pairs])
-    lines = np.unique(np.concatenate([zero * (1 - _ZERO_OFFSET), zero * (1 + _ZERO_OFFSET)]))
+    offset = DRIVE.zero_offset
+    lines = np.unique(np.concatenate([zero * (1 - offset), zero * (1 + offset)]))
     H = response(bare, lines, [motor], [motor]).values[:, 0, 0].real
-    below = H[np.searchsorted(lines, zero * (1 - _ZERO_OFFSET))]
-    above = H[np.searchsorted(lines, zero * (1 + _ZERO_OFFSET))]
+    below = H[np.searchsorted(lines, zero * (1 - offset))]
+    above = H[np.searchsorted(lines, zero * (1 + offset))]
     # The straight line through both values gives the zero.
-    return float(np.abs(_ZERO_OFFSET * (below + above) / (below - above)).max())
+    return float(np.abs(offset * (below + above) / (below - above)).max())
 
 
 # -- rigid-body motion and stiffness --------------------------------------------------------------
@@ -551,7 +549,7 @@ def _rigid_motion(free: Modes, rigid: int, at: NDArray[np.intp], sign: _Real) ->
     shapes = free.shapes[:, :rigid]
     ends_motion = shapes[at] * sign[:, None]
     size = np.abs(shapes).max(initial=0.0)
-    if rigid == 0 or np.abs(ends_motion[0]).max() <= _REST_MOTION * size:
+    if rigid == 0 or np.abs(ends_motion[0]).max() <= DRIVE.rest_motion * size:
         which = "No rigid-body motion of the model turns the motor"
         if rigid == 0:
             which = "The model has no rigid-body motion"
@@ -559,7 +557,7 @@ def _rigid_motion(free: Modes, rigid: int, at: NDArray[np.intp], sign: _Real) ->
             None, None, f"{which}: inertias at the motor and gear ratio are undetermined."
         )
     inertia = 1.0 / float(ends_motion[0] @ ends_motion[0])
-    if np.abs(ends_motion[1]).max() <= _REST_MOTION * size:
+    if np.abs(ends_motion[1]).max() <= DRIVE.rest_motion * size:
         return _RigidMotion(
             inertia,
             None,
@@ -585,9 +583,9 @@ def _choose_ratio(
             return found
         notes.append(f"The ratio {stated:g} is as stated; the model cannot check it.")
         return float(stated)
-    if abs(found - stated) <= _AGREES * abs(found):
+    if abs(found - stated) <= DRIVE.ratio_error * abs(found):
         return found
-    if abs(found + stated) <= _AGREES * abs(found):
+    if abs(found + stated) <= DRIVE.ratio_error * abs(found):
         raise ModelError(
             f"ratio {stated:g}: in the model {motor} and {load} turn in the other sense, ratio"
             f" {found:.6g}; state {-stated:g}, or turn one of the DOFs ({-Dof.parse(load)})"
@@ -605,7 +603,7 @@ def _stiffness(model: Model, rigid: _Real, at: NDArray[np.intp], note: str) -> _
     """
     resting = rigid
     if rigid.shape[1]:
-        resting = rigid @ scipy.linalg.null_space(rigid[at], rcond=_REST_MOTION)
+        resting = rigid @ scipy.linalg.null_space(rigid[at], rcond=DRIVE.rest_motion)
     supports: list[int] = []
     if resting.shape[1]:
         _, _, order = scipy.linalg.qr(resting.T, mode="economic", pivoting=True)

@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import elementwise
 
+from updyn.control.offsets import mirror_offsets
+from updyn.control.servo.settings import LOOP_LINES
 from updyn.errors import DataError
 
 __all__ = [
@@ -28,44 +30,29 @@ _Complex = NDArray[np.complex128]
 #: A loop function of s.
 Loop = Callable[[NDArray[Any]], _Complex]
 
-#: Lines per decade without resonances.
-_PER_DECADE = 80
-#: Offsets of lines around a resonance, in half widths.
-_OFFSETS = np.array([0.0, 0.15, 0.3, 0.5, 0.75, 1.0, 1.4, 2.0, 3.0, 5.0, 8.0, 13.0, 25.0])
-#: Smallest half width of a resonance, as a share of its frequency.
-_NARROWEST = 1e-7
-#: Largest change of phase between neighbouring lines, in rad.
-_TURN = 0.7
-#: Largest number of halvings of an interval for it.
-_HALVINGS = 40
-_MOST_LINES = 60_000
-#: Relative imaginary part below which it is rounding.
-_ROUNDING = 1e-11
-#: Largest residual of a function at its root.
-_RESOLVED = 1e-5
-#: Gain above which it is infinite.
-_INFINITE = 1e8
 _TOLERANCES = {"xatol": 0.0, "xrtol": 1e-14, "fatol": 0.0, "frtol": 0.0}
 
 
 def frequencies(features: _Complex, low: float, high: float, delay: float = 0.0) -> _Real:
     """Return frequencies in rad/s that resolve the poles, zeros and dead time of a loop."""
     decades = max(np.log10(high / low), 0.1)
-    parts: list[NDArray[Any]] = [np.geomspace(low, high, int(_PER_DECADE * decades) + 2)]
+    count = int(LOOP_LINES.lines_per_decade * decades) + 2
+    parts: list[NDArray[Any]] = [np.geomspace(low, high, count)]
     centre = np.abs(features.imag)
     oscillating = centre > 0.0
-    half = np.maximum(np.abs(features.real), _NARROWEST * centre)[oscillating]
-    for side in (-1.0, 1.0):
-        parts.append((centre[oscillating][:, None] + side * half[:, None] * _OFFSETS).ravel())
+    half = np.maximum(np.abs(features.real), LOOP_LINES.least_half_width * centre)[oscillating]
+    offsets = mirror_offsets(LOOP_LINES.offsets)
+    parts.append((centre[oscillating][:, None] + half[:, None] * offsets).ravel())
     parts.append(np.abs(features.real[~oscillating]))
     if delay:
-        turns = high * delay / _TURN
-        if turns > _MOST_LINES:
+        turns = high * delay / LOOP_LINES.largest_turn
+        if turns > LOOP_LINES.most_lines:
+            rounds = high * delay / (2 * np.pi)
             raise DataError(
-                f"dead time {delay:g} s turns the phase {turns * _TURN / (2 * np.pi):.0f} times up"
+                f"dead time {delay:g} s turns the phase {rounds:.0f} times up"
                 f" to {high / (2 * np.pi):.4g} Hz; expected a dead time in s"
             )
-        parts.append(np.arange(1, int(turns) + 1) * (_TURN / delay))
+        parts.append(np.arange(1, int(turns) + 1) * (LOOP_LINES.largest_turn / delay))
     w = np.unique(np.concatenate(parts))
     return w[(w >= low) & (w <= high)]
 
@@ -73,10 +60,10 @@ def frequencies(features: _Complex, low: float, high: float, delay: float = 0.0)
 def resolve(loop: Loop, w: _Real) -> tuple[_Real, _Complex]:
     """Return lines between which the phase changes little, and the loop function at them."""
     w, values = _finite(w, loop(1j * w))
-    for _ in range(_HALVINGS):
+    for _ in range(LOOP_LINES.halvings):
         turn = np.abs(np.angle(values[1:] / values[:-1]))
-        wide = (turn > _TURN) & (np.diff(w) > 1e-13 * w[1:])
-        if not wide.any() or len(w) > _MOST_LINES:
+        wide = (turn > LOOP_LINES.largest_turn) & (np.diff(w) > 1e-13 * w[1:])
+        if not wide.any() or len(w) > LOOP_LINES.most_lines:
             break
         between = 0.5 * (w[:-1] + w[1:])[wide]
         w, values = _merge_lines(w, values, between, loop(1j * between))
@@ -91,7 +78,7 @@ def add_extremes(loop: Loop, w: _Real, values: _Complex) -> tuple[_Real, _Comple
             near = np.abs(measure) < 1.0
         else:
             measure = np.unwrap(np.angle(values))
-            near = np.abs(np.mod(measure, 2.0 * np.pi) - np.pi) < _TURN
+            near = np.abs(np.mod(measure, 2.0 * np.pi) - np.pi) < LOOP_LINES.largest_turn
 
         def of(x: _Real, base: _Complex, sign: float, gain: bool = gain) -> _Real:
             values = loop(1j * x)
@@ -122,17 +109,17 @@ def crossings_of_gain(loop: Loop, w: _Real, values: _Complex) -> _Real:
 def crossings_of_phase(loop: Loop, w: _Real, values: _Complex) -> _Real:
     """Return the frequencies at which L is real and negative, in rad/s, ascending."""
     share = values.imag / np.abs(values)
-    side = np.sign(np.where(np.abs(share) < _ROUNDING, 0.0, share))
+    side = np.sign(np.where(np.abs(share) < LOOP_LINES.real_share, 0.0, share))
     # A value that is real up to rounding belongs to the side of the previous value.
     last = np.maximum.accumulate(np.where(side != 0, np.arange(len(side)), 0))
     side = side[last]
     at = np.flatnonzero((side[1:] * side[:-1] < 0) & (values.real[1:] < 0) & (values.real[:-1] < 0))
-    at = at[np.abs(share[at + 1]) >= _ROUNDING]
+    at = at[np.abs(share[at + 1]) >= LOOP_LINES.real_share]
     found = _roots(lambda x: (v := loop(1j * x)).imag / np.abs(v), w, last[at], at + 1)[0]
     size = np.abs(loop(1j * found))
-    return found[
-        (size < _INFINITE) & (size > 1.0 / _INFINITE)
-    ]  # the phase jumps at a pole or zero on the axis
+    # The phase jumps at a pole or zero on the axis.
+    limit = LOOP_LINES.infinite_gain
+    return found[(size < limit) & (size > 1.0 / limit)]
 
 
 def find_minimum(
@@ -211,4 +198,4 @@ def _roots(
         )
         x = np.sort(np.asarray(found.x))
         magnitudes = np.abs(function(x))
-    return x[magnitudes < _RESOLVED], x
+    return x[magnitudes < LOOP_LINES.root_residual], x

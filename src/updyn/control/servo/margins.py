@@ -168,8 +168,8 @@ class RobustMargin:
         Source of the size: the largest deviation of a member from the nominal plant, or the
         relative error of the plant in its band.
     margin : float
-        1 / (upper bound of the largest structured singular value): the factor on the size up to
-        which stability is guaranteed; inf without perturbation.
+        1 / (largest structured singular value): the factor on the size up to which stability is
+        guaranteed; inf without perturbation.
     at : float or None
         Frequency of `margin` in Hz; None without perturbation.
     member_margin : float

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from updyn.control.servo.controller import Controller
 from updyn.control.servo.margins import FIGURES, Margins, Range, RobustMargin
+from updyn.control.servo.settings import STEP_RESPONSE
 
 __all__ = [
-    "RETURNS",
     "Loop",
     "SampledLoops",
     "Servo",
@@ -25,11 +25,6 @@ __all__ = [
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
-#: Largest final value, as a share of the peak, of a step response that returns to zero: a loop
-#: without gain at rest (velocity of a structure that is held) ends at rounding or at the error of
-#: the fitted plant. Half of the settling band of 2 %, so zero and the final value share one band;
-#: the overshoot would exceed 1 / RETURNS, 10 000 %, and carry no information.
-RETURNS = 1e-2
 _NAMES = {
     "gain_margin": "gain margin",
     "gain_reduction": "gain reduction",
@@ -149,8 +144,8 @@ class StepResponse:
 
     @property
     def returns(self) -> bool:
-        """Whether the response returns to zero: |final| is at most `RETURNS` times the peak."""
-        return abs(self.final) <= RETURNS * abs(self.peak)
+        """Whether the response returns to zero: |final| is at most a hundredth of the peak."""
+        return abs(self.final) <= STEP_RESPONSE.returning_share * abs(self.peak)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -8,6 +8,7 @@ k mu(M) < 1 at every frequency for
     M_ij = -c_i / (1 + L)
 
 (Doyle 1982; Skogestad & Postlethwaite, Multivariable Feedback Control, 2nd ed. 2005, section 8.9).
+M has rank one, so det(I - M Delta) = 1 + sum c_i delta_i / (1 + L), and mu = sum |c_i| / |1 + L|.
 The perturbed plants have no unstable poles, as the nominal one, and keep its poles at 0.
 """
 
@@ -22,21 +23,14 @@ from numpy.typing import NDArray
 from updyn.control.servo import grid
 from updyn.control.servo.loops import Cascade
 from updyn.control.servo.margins import RobustMargin
+from updyn.control.servo.settings import ROBUST_MARGIN
 from updyn.control.servo.stability import JudgedLoop
-from updyn.control.servo.structured import largest_bound
 
 __all__ = ["error_margin", "family_margin"]
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 _TWO_PI = 2.0 * np.pi
-
-#: A change of the loop below this share of 1 + L is rounding.
-_CHANGE_ROUNDING = 1e-6
-#: The value at the first line is real, as at rest, if 1 - |real part| / modulus is below this.
-_AT_REST = 1e-3
-#: Number of lines added on each side of the largest mu, and number of refinements.
-_CLOSER, _ROUNDS = 8, 3
 
 
 def family_margin(cascade: Cascade, judged: JudgedLoop, members: Sequence[Cascade]) -> RobustMargin:
@@ -79,24 +73,23 @@ def error_margin(cascade: Cascade, judged: JudgedLoop) -> RobustMargin | None:
 def _margin(judged: JudgedLoop, feedback: grid.Loop, w: _Real) -> tuple[float, float | None]:
     """Return 1 over the largest mu and its frequency in Hz; `feedback` gives c_i, shape (n, k)."""
 
-    def bound(w: _Real) -> tuple[float, float]:
+    def largest_mu(w: _Real) -> tuple[float, float]:
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            response = -feedback(w) / (1.0 + judged.loop(1j * w))[:, None]
-        good = np.isfinite(response).all(axis=1)
-        M = np.repeat(response[good][:, :, None], response.shape[1], axis=2)
-        largest, k = largest_bound(M, (1,) * response.shape[1])
-        return largest, float(w[good][k])
+            mu = np.abs(feedback(w)).sum(axis=1) / np.abs(1.0 + judged.loop(1j * w))
+        mu = np.where(np.isfinite(mu), mu, -np.inf)
+        k = int(np.argmax(mu))
+        return float(mu[k]), float(w[k])
 
-    largest, place = bound(w)
-    for _ in range(_ROUNDS):
+    largest, place = largest_mu(w)
+    for _ in range(ROBUST_MARGIN.refinements):
         k = int(np.searchsorted(w, place))
         near = w[max(k - 1, 0) : k + 2]
-        closer = np.unique(np.linspace(near[:-1], near[1:], _CLOSER + 1))
-        more, frequency = bound(closer)
+        closer = np.unique(np.linspace(near[:-1], near[1:], ROBUST_MARGIN.refined_parts + 1))
+        more, frequency = largest_mu(closer)
         if more > largest:
             largest, place = more, frequency
         w = closer
-    if largest <= _CHANGE_ROUNDING:
+    if largest <= ROBUST_MARGIN.least_change:
         return np.inf, None
     return 1.0 / largest, place / _TWO_PI
 
@@ -116,12 +109,13 @@ def _critical_factor(
 
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         values = loop(1j * w)
-        good = np.isfinite(values) & (np.abs(values) > _CHANGE_ROUNDING)
+        good = np.isfinite(values) & (np.abs(values) > ROBUST_MARGIN.least_change)
         w, values = w[good], values[good]
         if len(w) < 2 or 1.0 / np.abs(values).max() >= known:
             return np.inf
         turns = grid.crossings_of_phase(loop, w, values)
         sizes = np.abs(loop(1j * turns)) if len(turns) else np.zeros(0)
-    if -values[0].real > (1.0 - _AT_REST) * np.abs(values[0]):  # negative at rest
+    is_real = np.abs(values[0].real) > (1.0 - ROBUST_MARGIN.rest_deviation) * np.abs(values[0])
+    if is_real and values[0].real < 0.0:  # negative at rest
         sizes = np.append(sizes, np.abs(values[0]))
     return float(1.0 / sizes.max()) if len(sizes) else np.inf

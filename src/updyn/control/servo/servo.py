@@ -19,6 +19,7 @@ from updyn.control.servo.loops import Cascade, Wiring
 from updyn.control.servo.margins import RobustMargin, ranges
 from updyn.control.servo.record import Loop, SampledLoops, Servo, StepResponse
 from updyn.control.servo.robust import error_margin, family_margin
+from updyn.control.servo.settings import RIGID_MOTION
 from updyn.control.servo.stability import JudgedLoop, judge_loops, judge_torque
 from updyn.control.servo.time_response import TimeResponses, time_responses
 from updyn.control.servo.wind import Wind
@@ -30,8 +31,6 @@ __all__ = ["servo"]
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 _TWO_PI = 2.0 * np.pi
-#: Smallest relative difference of gear ratios that is reported: 0.4 dB of position-loop gain.
-_SAME_RATIO = 0.05
 _Disturbance = Wind | tuple[ArrayLike, ArrayLike]
 #: Velocity loop, position loop, and both loops broken at the torque.
 _Loops = tuple[JudgedLoop, JudgedLoop | None, JudgedLoop | None]
@@ -391,7 +390,7 @@ def _ratio_notes(plant: Plant, controller: Controller, wiring: Wiring) -> list[s
     if wiring.position is None or controller.kv is None:
         return []
     found = rigid_ratio(plant, wiring.torque, wiring.velocity, wiring.position)
-    if found is None or abs(controller.ratio / found - 1.0) < _SAME_RATIO:
+    if found is None or abs(controller.ratio / found - 1.0) < RIGID_MOTION.noted_ratio_difference:
         return []
     return [
         f"position loop: in rigid-body motion {wiring.velocity!r} moves {found:.4g} times as fast"

@@ -11,6 +11,7 @@ from updyn.control.servo import grid
 from updyn.control.servo.grid import Loop, resolve
 from updyn.control.servo.loops import Cascade
 from updyn.control.servo.margins import Margins
+from updyn.control.servo.settings import LOOP_LINES, LOOP_STABILITY
 from updyn.errors import ModelError, SolverError
 
 __all__ = [
@@ -27,33 +28,18 @@ __all__ = [
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 
-#: Poles of the closed loop nearer to 0 than this share of a frequency of the loop count as poles at
-#: 0.
-_AT_REST = 1e-5
-#: A pole is unstable if its real part exceeds this share of its modulus: undamped modes that the
-#: loop does not control have rounding errors.
-_GROWS = 1e-9
 _TWO_PI = 2.0 * np.pi
-#: Ratio of the first line to the lowest pole or zero of the loop, and of the last to the highest.
-_BELOW = 0.02
-_ABOVE = 10.0
-#: Largest loop gain at the last line.
-_SMALL = 0.05
-#: With dead time: ratio of the last line to the frequency above which the loop gain stays small.
-_BEYOND = 4.0
-#: Smallest pole or zero considered, as a share of the largest; below it is rounding of 0.
-_SMALLEST = 1e-7
 
 
 def count_drifting(poles: _Complex, scale: float) -> int:
     """Return the number of closed-loop poles at 0; `scale` is the crossover in rad/s."""
-    return int((np.abs(poles) < _AT_REST * scale).sum())
+    return int((np.abs(poles) < LOOP_STABILITY.zero_pole_share * scale).sum())
 
 
 def count_growing(poles: _Complex, scale: float) -> int:
     """Return the number of unstable closed-loop poles, without those at 0; `scale` as above."""
-    moving = poles[np.abs(poles) >= _AT_REST * scale]
-    return int((moving.real > _GROWS * np.abs(moving)).sum())
+    moving = poles[np.abs(poles) >= LOOP_STABILITY.zero_pole_share * scale]
+    return int((moving.real > LOOP_STABILITY.growth_share * np.abs(moving)).sum())
 
 
 def nyquist_count(loop: Loop, w: _Real, open_poles: _Complex, drifting: int) -> int:
@@ -175,7 +161,7 @@ def judge(
 def _sizes(features: _Complex) -> _Real:
     """Return the moduli of poles and zeros other than 0, in rad/s; 1 without any."""
     size = np.abs(features)
-    size = size[size > _SMALLEST * size.max(initial=0.0)]
+    size = size[size > LOOP_LINES.zero_share * size.max(initial=0.0)]
     return size if len(size) else np.ones(1)
 
 
@@ -184,20 +170,22 @@ def _lines(
 ) -> tuple[_Real, _Complex]:
     """Return lines that are dense around poles and zeros, and the loop function at them."""
     size = _sizes(features)
-    low = _BELOW * float(size.min())
-    high = _ABOVE * float(size.max())
+    low = LOOP_LINES.first_line_ratio * float(size.min())
+    high = LOOP_LINES.last_line_ratio * float(size.max())
     for _ in range(20):
         ends = np.array([1j, 2j]) * high
         size = np.maximum(np.abs(loop(ends)), np.abs(whole(ends)))
-        if size[0] <= _SMALL or size[1] > 0.9 * size[0]:  # or it no longer decreases
+        no_longer_decreases = size[1] > 0.9 * size[0]
+        if size[0] <= LOOP_LINES.vanished_gain or no_longer_decreases:
             break
         high *= 2.0
     dense = features if beside is None else np.concatenate([features, beside])
     if delay:  # do not resolve the phase of a gain that has vanished
         w = grid.frequencies(dense, low, high)
-        large = np.flatnonzero(~(np.maximum(np.abs(loop(1j * w)), np.abs(whole(1j * w))) <= _SMALL))
+        gain = np.maximum(np.abs(loop(1j * w)), np.abs(whole(1j * w)))
+        large = np.flatnonzero(~(gain <= LOOP_LINES.vanished_gain))
         if len(large):
-            high = min(high, _BEYOND * float(w[large[-1]]))
+            high = min(high, LOOP_LINES.delay_line_ratio * float(w[large[-1]]))
     return grid.resolve(loop, grid.frequencies(dense, low, high, delay))
 
 
@@ -239,7 +227,7 @@ def find_margins(
         return Margins(**shared, **none)  # type: ignore[arg-type]
     up = at_phase > 1.0
     modulus, modulus_at = _modulus(loop, w, values, delay)
-    if modulus > 1.0 and abs(values[-1]) <= _SMALL:
+    if modulus > 1.0 and abs(values[-1]) <= LOOP_LINES.vanished_gain:
         # L vanishes at high frequencies, so 1 + L tends to 1.
         modulus, modulus_at = 1.0, np.inf
     gain, gain_at = _find_least(at_phase[up], at_phase[up], phases[up], np.inf)

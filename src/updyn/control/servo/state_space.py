@@ -11,6 +11,7 @@ import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse.csgraph import connected_components
 
+from updyn.control.servo.settings import LOOP_STABILITY
 from updyn.errors import OptionError
 
 __all__ = [
@@ -24,8 +25,6 @@ __all__ = [
 
 _Real = NDArray[np.float64]
 
-#: Largest log2 of the scale of a state.
-_LARGEST = 40.0
 _Complex = NDArray[np.complex128]
 
 
@@ -76,7 +75,8 @@ def balance(A: _Real) -> tuple[_Real, _Real]:
     with np.errstate(invalid="ignore"):  # scipy converts the scales to positions and discards these
         scale = scipy.linalg.matrix_balance(A, permute=False, separate=True)[1][0]
     power = np.log2(scale)
-    scale = np.exp2(np.clip(np.round(power - np.median(power)), -_LARGEST, _LARGEST))
+    largest = LOOP_STABILITY.largest_log_scale
+    scale = np.exp2(np.clip(np.round(power - np.median(power)), -largest, largest))
     return A * scale / scale[:, None], scale
 
 

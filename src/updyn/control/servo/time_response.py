@@ -11,10 +11,11 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicHermiteSpline
 
 from updyn.control.servo.loops import Cascade
-from updyn.control.servo.record import RETURNS, StepResponse, WindResponse
+from updyn.control.servo.record import StepResponse, WindResponse
+from updyn.control.servo.settings import STEP_RESPONSE, WIND_SERIES
 from updyn.control.servo.stability import JudgedLoop
 from updyn.control.servo.state_space import StateSpace, balance
-from updyn.control.servo.wind import Wind
+from updyn.control.servo.wind import LENGTH, Wind
 from updyn.errors import DataError, OptionError
 from updyn.group import is_number
 
@@ -32,34 +33,10 @@ __all__ = [
 
 _Real = NDArray[np.float64]
 
-#: Approximate least number of intervals of a record.
-_FEWEST = 1000
-#: Largest number of intervals of a record.
-_MOST = 20_000
-#: Intervals per radian of the fastest contributing mode.
-_PER_RADIAN = 12.0
-#: Smallest share of the response of a contributing mode.
-_SMALLEST_SHARE = 1e-3
-#: Share of the response below which a mode has settled.
-_SETTLED = 2e-3
-#: Half width of the settling band, as a share of the final value.
-_BAND = 0.02
 _TWO_PI = 2.0 * np.pi
 #: Indices of inputs and outputs in `Cascade.closed_loop`.
 _REFERENCE, _RATE, _VELOCITY, _DISTURBANCE = range(4)
 _POSITION, _TORQUE, _POINTING = range(3)
-#: Share of the variance of the error that a wind series may lack above its highest frequency.
-_MISSING_VARIANCE = 1e-4
-#: Largest number of samples of such a series.
-_LONGEST = 2**16
-#: With exact dead time: factor by which the intervals are refined.
-_FINER = 4.0
-#: With exact dead time: largest number of intervals.
-_LONGEST_STEP = 60_000
-#: With exact dead time: least number of intervals per dead time; below it is approximated.
-_COARSEST = 16
-#: Approximate number of samples that are stored.
-_N_STORED = 5000
 
 
 def linear_response(
@@ -170,18 +147,19 @@ def schedule_intervals(
     poles, share = _pole_shares(system, output, input)
     rate = np.maximum(-poles.real, 1e-6 * np.abs(poles))
     largest = float(share.max(initial=0.0))
-    shows = share > _SMALLEST_SHARE * largest
+    least = STEP_RESPONSE.least_intervals
+    shows = share > STEP_RESPONSE.contributing_share * largest
     if not shows.any():
-        return [(_FEWEST, (duration or 1.0) / _FEWEST)]
+        return [(least, (duration or 1.0) / least)]
     size, share, rate = np.abs(poles[shows]), share[shows], rate[shows]
-    settled = np.log(np.maximum(share / (_SETTLED * largest), math.e)) / rate
+    settled = np.log(np.maximum(share / (STEP_RESPONSE.settled_share * largest), math.e)) / rate
     end = float(settled.max()) if duration is None else duration
-    gone = np.log(share / (_SMALLEST_SHARE * largest)) / rate
+    gone = np.log(share / (STEP_RESPONSE.contributing_share * largest)) / rate
     parts: list[tuple[int, float]] = []
-    now, n_left = 0.0, _MOST
+    now, n_left = 0.0, STEP_RESPONSE.most_intervals
     for i in np.argsort(-size):
         until = end if i == np.argmin(size) else min(float(gone[i]), end)
-        dt = min(1.0 / (_PER_RADIAN * float(size[i])), end / _FEWEST)
+        dt = min(1.0 / (STEP_RESPONSE.intervals_per_radian * float(size[i])), end / least)
         n = min(int(np.ceil((until - now) / dt - 1e-9)), n_left)
         if n > 0:
             parts.append((n, dt))
@@ -244,7 +222,8 @@ def step_figures(
     top = int(np.argmax(np.abs(heights)))
     peak, peak_time = float(heights[top]), float(places[top])
     rise = overshoot = None
-    rises = reference and abs(final) > RETURNS * abs(peak)  # False for a final value of nan
+    # False for a final value of nan
+    rises = reference and abs(final) > STEP_RESPONSE.returning_share * abs(peak)
     if rises:
         begins = _first_crossing(curve, time, 0.1 * final)
         ends = _first_crossing(curve, time, 0.9 * final)
@@ -253,7 +232,7 @@ def step_figures(
         overshoot = max(0.0, float((heights / final).max()) - 1.0)
     settles = None
     if np.isfinite(final):
-        width = _BAND * abs(final if rises else peak)
+        width = STEP_RESPONSE.settling_band * abs(final if rises else peak)
         if width and abs(value[-1] - final) <= width:
             below = _within_record(curve.solve(final - width), time)
             above = _within_record(curve.solve(final + width), time)
@@ -387,9 +366,9 @@ def _simulate_step_record(
     if delay:
         opened = cascade.open_at_delay()
     long = sum(n * dt for n, dt in parts)
-    wanted = int(np.ceil(_FINER * delay / min(dt for _, dt in parts)))
-    late = min(wanted, int(_LONGEST_STEP * delay / long))
-    if opened is None or late < min(wanted, _COARSEST):
+    wanted = int(np.ceil(STEP_RESPONSE.delay_refinement * delay / min(dt for _, dt in parts)))
+    late = min(wanted, int(STEP_RESPONSE.most_delay_intervals * delay / long))
+    if opened is None or late < min(wanted, STEP_RESPONSE.least_intervals_per_delay):
         return simulate_step(system, at, size, rate, parts)
     w = np.zeros(system.B.shape[1])
     w[at] = size
@@ -403,10 +382,11 @@ def _simulate_step_record(
 
 
 def _thin_record(time: _Real, value: _Real, torque: _Real) -> tuple[_Real, _Real, _Real]:
-    """Return a record thinned to about `_N_STORED` samples, with all of the first ones."""
-    every = max(1, round(len(time) / _N_STORED))
+    """Return a record thinned to about the number of stored samples, with all of the first ones."""
+    stored = STEP_RESPONSE.stored_samples
+    every = max(1, round(len(time) / stored))
     keep = np.unique(
-        np.concatenate([np.arange(min(len(time), _N_STORED // 5)), np.arange(0, len(time), every)])
+        np.concatenate([np.arange(min(len(time), stored // 5)), np.arange(0, len(time), every)])
     )
     return time[keep], value[keep], torque[keep]
 
@@ -420,7 +400,7 @@ def _simulate_wind(
     expected, facts = None, {}
     if isinstance(wind, Wind):
         expected, needed = _expected_rms(cascade, judged, wind)
-        time, torque = wind.series(max(needed, wind.duration / _LONGEST))
+        time, torque = wind.series(max(needed, wind.duration / WIND_SERIES.most_default_samples))
         facts = {
             "mean_speed": wind.mean_speed,
             "coefficient": wind.coefficient,
@@ -447,17 +427,17 @@ def _simulate_wind(
 
 def _expected_rms(cascade: Cascade, judged: JudgedLoop, wind: Wind) -> tuple[float, float]:
     """Return the rms error by the spectrum, and the sampling interval of a time series in s."""
-    low = min(judged.w[0] / _TWO_PI, 1e-3 * wind.mean_speed / 1200.0)
-    edges = np.unique(
-        np.concatenate([np.geomspace(low, judged.w[-1] / _TWO_PI, 2000), judged.w / _TWO_PI])
-    )
+    low = min(judged.w[0] / _TWO_PI, 1e-3 * wind.mean_speed / LENGTH)
+    spread = np.geomspace(low, judged.w[-1] / _TWO_PI, WIND_SERIES.spectrum_lines)
+    edges = np.union1d(spread, judged.w / _TWO_PI)
     middle = 0.5 * (edges[1:] + edges[:-1])
     ends = np.abs(cascade.compliance(2j * np.pi * edges)) ** 2
     between = np.abs(cascade.compliance(2j * np.pi * middle)) ** 2
     shares = wind.torque_variance(edges) * (ends[1:] + 4.0 * between + ends[:-1]) / 6.0
     below = float(wind.torque_variance(np.array([0.0, low]))[0] * ends[0])
     total = np.cumsum(shares) + below
-    top = float(edges[1:][np.searchsorted(total, (1.0 - _MISSING_VARIANCE) * total[-1])])
+    resolved = (1.0 - WIND_SERIES.missing_variance) * total[-1]
+    top = float(edges[1:][np.searchsorted(total, resolved)])
     return float(np.sqrt(total[-1])), 1.0 / (8.0 * top)
 
 

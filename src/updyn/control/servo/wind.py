@@ -8,15 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from updyn.control.servo.settings import WIND_SERIES
 from updyn.errors import OptionError
 from updyn.group import is_number
 
-__all__ = ["Wind"]
+__all__ = ["LENGTH", "Wind"]
 
 _Real = NDArray[np.float64]
 #: Length scale of the spectrum in m.
-_LENGTH = 1200.0
-_MOST = 2**20
+LENGTH = 1200.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,9 +136,9 @@ class Wind:
         ndarray of float, shape (n_f,)
             In (m/s)^2 / Hz.
         """
-        X = _LENGTH * np.asarray(freq, dtype=np.float64) / self.mean_speed
+        X = LENGTH * np.asarray(freq, dtype=np.float64) / self.mean_speed
         return np.asarray(
-            4.0 * self.drag * self.mean_speed * _LENGTH * X / (1.0 + X**2) ** (4.0 / 3.0)
+            4.0 * self.drag * self.mean_speed * LENGTH * X / (1.0 + X**2) ** (4.0 / 3.0)
         )
 
     def variance_below(self, freq: ArrayLike) -> _Real:
@@ -154,7 +154,7 @@ class Wind:
         ndarray of float, shape (n_f,)
             In (m/s)^2.
         """
-        X = _LENGTH * np.asarray(freq, dtype=np.float64) / self.mean_speed
+        X = LENGTH * np.asarray(freq, dtype=np.float64) / self.mean_speed
         # 1 - (1 + x)^(-1/3) without loss of digits for small x
         return np.asarray(6.0 * self.drag * self.mean_speed**2 * -np.expm1(-np.log1p(X**2) / 3.0))
 
@@ -201,10 +201,10 @@ class Wind:
         if step is None:
             raise OptionError("wind: expected dt, the interval of the series in s")
         n = 2 * round(0.5 * self.duration / step)
-        if not 16 <= n <= _MOST:
+        if not 16 <= n <= WIND_SERIES.most_samples:
             raise OptionError(
                 f"wind: {self.duration:g} s in intervals of {step:g} s give {n} samples; expected"
-                f" 16 to {_MOST}"
+                f" 16 to {WIND_SERIES.most_samples}"
             )
         lines = np.arange(1, n // 2)
         edges: _Real = np.arange(1, n // 2 + 1) - np.float64(0.5)
