@@ -103,8 +103,8 @@ def test_a_variant_follows_the_model_through_scaling_damping_ties_and_joining():
 def test_a_variant_follows_turned_directions_of_the_nodes():
     oblique = np.array([0.6, 0.8, 0.0])
     target = SensorDirection(Dof.parse("3:X"), "response", Dof.parse("3:X"), oblique)
-    (one, *_) = build_variants(assign_dofs(frame(OBLONG), [target])[0])
-    assert_same(one.model(), assign_dofs(frame(OBLONG.exchanged), [target])[0])
+    (one, *_) = build_variants(assign_dofs(frame(OBLONG), [target], 0.1)[0])
+    assert_same(one.model(), assign_dofs(frame(OBLONG.exchanged), [target], 0.1)[0])
 
 
 def test_exchanged_width_and_height_of_a_planar_beam():

@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from updyn.correlation.settings import MODE_PAIRING
 from updyn.correlation.shapes import ModePairs, compute_cosines, mac, orthonormalise, unit_shapes
 
 __all__ = [
-    "CLOSE",
     "PairedModes",
     "PairingRule",
     "Subspace",
@@ -30,14 +30,6 @@ __all__ = [
 Array = NDArray[np.float64]
 _Indices = NDArray[np.intp]
 
-#: Modes within this relative difference of frequency are close. Frequencies of one structure vary
-#: by 0.22 % between assemblies (median of 26 elastic modes over 130 assemblies of AIRMOD; data of
-#: Patelli et al., Arch. Appl. Mech. 87 (2017) 905-925). A coupling of that size gives a MAC of 0.9
-#: at a gap of 0.59 %, and less at smaller gaps; 0.9 is the usual limit for one mode.
-CLOSE = 0.006
-#: Weight of the squared difference of frequency (as a share of the gate) relative to MAC: it
-#: decides if the sensors cannot distinguish shapes, and requires a MAC of 0.9 at the gate.
-_FREQUENCY_WEIGHT = 0.4
 #: The set with close modes, by whether computed and measured modes are close.
 _CLOSE_IN = {(True, True): "both", (True, False): "computed", (False, True): "measured"}
 
@@ -150,12 +142,13 @@ class PairedModes:
         return PairedModes(self.pairs._replace(first=number[self.pairs.first]), tuple(subspaces))
 
 
-def cluster_modes(frequency: Array, close: float = CLOSE) -> list[_Indices]:
+def cluster_modes(frequency: Array, close: float | None = None) -> list[_Indices]:
     """Divide modes into clusters of close frequencies, by ascending frequency.
 
     `close` is the largest relative difference between the highest and the lowest frequency of a
     cluster; too large groups are divided at their largest gap.
     """
+    close = MODE_PAIRING.close_frequencies if close is None else close
     found: list[_Indices] = []
     waiting = [np.argsort(frequency, kind="stable")]
     while waiting:
@@ -252,7 +245,7 @@ def _assign_pairs(
     from scipy.optimize import linear_sum_assignment
 
     share = np.divide(difference, limit, out=np.zeros_like(difference), where=limit > 0)
-    score = similarity - _FREQUENCY_WEIGHT * share**2
+    score = similarity - MODE_PAIRING.frequency_weight * share**2
     is_allowed = (difference <= limit) & (score >= rule.least_mac)
     first, second = linear_sum_assignment(np.where(is_allowed, score, 0.0), maximize=True)
     keep = is_allowed[first, second]

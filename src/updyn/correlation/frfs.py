@@ -12,9 +12,10 @@ from numpy.typing import ArrayLike, NDArray
 from updyn.correlation.shapes import ratio
 from updyn.dofs import DofSet
 from updyn.errors import DataError
-from updyn.frf import FRF, ROUNDING
+from updyn.frf import FRF
 from updyn.model import Model
 from updyn.positions import warn_of_labels
+from updyn.settings import ROUNDING
 
 __all__ = [
     "Correlation",
@@ -141,7 +142,7 @@ class Correlation:
             np.sqrt(np.mean(np.abs(frf.values) ** 2, axis=0))
             for frf in (self.measured, self.computed)
         )
-        return np.asarray(np.maximum(level, other) > ROUNDING * level.max())
+        return np.asarray(np.maximum(level, other) > ROUNDING.receptance_share * level.max())
 
     def _figures_of(self, channels: NDArray[np.bool_]) -> dict[str, float]:
         """Return median and worst value over given channels of the figures of each channel."""

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.correlation.clusters import (
-    CLOSE,
     PairedModes,
     PairingRule,
     Subspace,
@@ -18,6 +17,7 @@ from updyn.correlation.clusters import (
     pair_frequencies,
     principal_vectors,
 )
+from updyn.correlation.settings import MODE_PAIRING, MODEL_MODES
 from updyn.correlation.shapes import (
     ModePairs,
     auto_mac,
@@ -38,8 +38,6 @@ from updyn.text_table import text_table
 
 __all__ = [
     "BY_FREQUENCY",
-    "GATE",
-    "LEAST_MAC",
     "ModeCorrelation",
     "ModesLike",
     "correlate_modes",
@@ -48,20 +46,11 @@ __all__ = [
 
 Array = NDArray[np.float64]
 
-#: Largest relative difference of frequency of a pair.
-GATE = 0.3
-#: Least MAC of a pair of equal frequencies. By Bessel's inequality, a shape has a MAC above one
-#: half with at most one shape of an orthogonal set.
-LEAST_MAC = 0.5
 #: Note on the pairing of modes without shapes.
 BY_FREQUENCY = (
     "The measured modes have no shapes: they are paired in the order of their frequencies. Shapes"
     " would show whether the pairs are right."
 )
-#: Largest number of DOFs for which modes of damped structures are computed as complex modes.
-_COMPLEX_UP_TO = 5_000
-#: Largest number of modes of a model.
-_MOST = 400
 
 
 @runtime_checkable
@@ -113,7 +102,7 @@ class ModeCorrelation:
     mac: Array
     pairs: ModePairs
     subspaces: tuple[Subspace, ...] = ()
-    close: float = CLOSE
+    close: float = MODE_PAIRING.close_frequencies
 
     def __repr__(self) -> str:
         return (
@@ -301,9 +290,9 @@ def correlate_modes(
     measured: ModesLike,
     *,
     band: tuple[float, float] | None = None,
-    gate: float = GATE,
-    least_mac: float = LEAST_MAC,
-    close: float = CLOSE,
+    gate: float = MODE_PAIRING.frequency_gate,
+    least_mac: float = MODE_PAIRING.least_mac,
+    close: float = MODE_PAIRING.close_frequencies,
     dofs: Iterable[str | Dof] | None = None,
 ) -> ModeCorrelation:
     """Pair computed and measured modes one to one and compare them.
@@ -371,7 +360,7 @@ def correlate_modes(
     if not is_number(close) or not 0 <= close < 1:
         raise DataError(
             f"correlate: close = {close!r}; expected a share of the frequency from 0 to below 1,"
-            f" such as {CLOSE:g}"
+            f" such as {MODE_PAIRING.close_frequencies:g}"
         )
     rule = PairingRule(gate, least_mac, close)
     at = measured.dofs
@@ -424,7 +413,7 @@ def model_modes(model: Model, highest: float) -> Modes:
     if there is no mode up to `highest`.
     """
     found = _compute_undamped(model, highest)
-    if found.loss_factor.any() and model.n_dofs <= _COMPLEX_UP_TO:
+    if found.loss_factor.any() and model.n_dofs <= MODEL_MODES.most_complex_dofs:
         found = _compute_damped(model, found)
     return _select_elastic(found, highest)
 
@@ -439,7 +428,7 @@ def undamped_modes(model: Model, highest: float) -> Modes:
 
 def _compute_undamped(model: Model, highest: float) -> Modes:
     """Return the lowest undamped modes, including one above a frequency if there is one."""
-    most = min(eigen.mass_rank(model.mass), _MOST)
+    most = min(eigen.mass_rank(model.mass), MODEL_MODES.most_modes)
     wanted = min(20, most)
     found = modes(model, wanted)
     while found.frequency[-1] <= highest and wanted < most:

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from updyn.correlation.settings import MODE_PAIRING
 from updyn.errors import DataError
 
 __all__ = [
@@ -31,12 +32,6 @@ __all__ = [
 ]
 
 Array = NDArray[np.float64]
-
-#: A shape is at rest at the sensors if they see less than this share of its largest component.
-_AT_REST = 1e-9
-#: Directions in which shapes of unit length have a singular value below this share of the largest
-#: are excluded from their span: measured shapes usually have errors of 10 %.
-_LEAST_SPREAD = 0.1
 
 
 def mac(A: ArrayLike, B: ArrayLike) -> Array:
@@ -97,7 +92,7 @@ def orthonormalise(unit: NDArray[Any]) -> NDArray[Any]:
     if unit.shape[1] == 1:
         return unit
     left, size, _ = np.linalg.svd(unit, full_matrices=False)
-    return np.asarray(left[:, size > _LEAST_SPREAD * size[0]])
+    return np.asarray(left[:, size > MODE_PAIRING.least_spread * size[0]])
 
 
 def compute_cosines(a: NDArray[Any], b: NDArray[Any]) -> Array:
@@ -270,7 +265,7 @@ def pair_modes(A: ArrayLike, B: ArrayLike, *, minimum: float = 0.0) -> ModePairs
 def find_moving(at_sensors: NDArray[Any], shapes: NDArray[Any]) -> NDArray[np.bool_]:
     """Return a mask of the shapes (N, n) that move at DOFs with values `at_sensors` (k, n)."""
     largest = np.abs(shapes).max(axis=0)
-    return np.asarray(np.abs(at_sensors).max(axis=0) > _AT_REST * largest)
+    return np.asarray(np.abs(at_sensors).max(axis=0) > MODE_PAIRING.rest_share * largest)
 
 
 def ratio(above: Array, below: Array) -> Array:

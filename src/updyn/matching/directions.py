@@ -22,16 +22,11 @@ from numpy.typing import NDArray
 from updyn.dofs import DIRECTIONS, Dof
 from updyn.errors import DofError
 from updyn.geometry import Geometry
-from updyn.matching.result import EXACT, SHOWN, MatchError, format_list, vector_text
+from updyn.matching.result import MatchError, format_list, vector_text
+from updyn.matching.settings import SENSOR_DIRECTION, SENSOR_PLACEMENT
 from updyn.model import Group, Matrix, Model
 
 __all__ = ["AssignedDof", "SensorDirection", "assign_dofs"]
-
-_NEARLY_ALONG = 10.0  # degrees from a DOF up to which a message suggests the option `angle`
-_SMALLEST_ANGLE = 1.0  # smallest angle in degrees between the directions of two DOFs
-_INDEPENDENT = 0.01  # smallest singular value of the directions at a node
-_ORTHONORMAL = 5e-5  # tolerance of `Geometry` on its axes
-_TIE = 1e-6  # weight of the label's direction if axes are equally near
 
 _TRANSLATION = 0  # first direction of the translations and of the rotations of a node
 _ROTATION = 3
@@ -87,7 +82,7 @@ class _Local:
 
 
 def assign_dofs(
-    model: Model, targets: Sequence[SensorDirection], angle: float = EXACT
+    model: Model, targets: Sequence[SensorDirection], angle: float
 ) -> tuple[Model, list[AssignedDof], list[str]]:
     """Assign a DOF to each sensor, rotating the DOFs of nodes with oblique sensors.
 
@@ -184,10 +179,10 @@ def _find_local_direction(
     k = int(np.argmax(np.where(present, np.abs(components), -1.0)))
     along[k] = np.copysign(1.0, components[k])
     off = _angle_off(components, k)
-    if off <= max(angle, EXACT):
+    if off <= max(angle, SENSOR_DIRECTION.exact_angle):
         return _Local(target, part, along, off)
     lacking = float(np.linalg.norm(components[~present]))
-    if lacking > np.sin(np.radians(EXACT)):
+    if lacking > np.sin(np.radians(SENSOR_DIRECTION.exact_angle)):
         node = target.dof.node
         names = ", ".join(f"{node}:{DIRECTIONS[a]}" for a in directions)
         text = (
@@ -195,7 +190,7 @@ def _find_local_direction(
             f" off {node}:{DIRECTIONS[part + k]}, and a part of {lacking:.3g} is along what node"
             f" {node} of the model lacks; it has {names}"
         )
-        if off <= _NEARLY_ALONG:
+        if off <= SENSOR_DIRECTION.suggested_angle:
             text += f"; with angle = {np.ceil(off):g} it is taken along that"
         return text
     components = np.where(present, components, 0.0)
@@ -248,7 +243,7 @@ def _basis(node: int, found: Sequence[_Local], directions: tuple[int, ...]) -> _
     both = _select_distinct([*translating, *rotating])
     vectors = _vectors(both)
     off = np.abs(vectors @ vectors.T - np.eye(len(both))).max()
-    if len(both) <= 3 and off < _ORTHONORMAL:
+    if len(both) <= 3 and off < SENSOR_DIRECTION.orthonormal_error:
         A = _complete_axes(both, np.ones(3, dtype=np.bool_))
         if not _mixes_directions(A, translations) and not _mixes_directions(A, rotations):
             return _NodeDirections(A, A, same=True)
@@ -285,7 +280,8 @@ def _select_distinct(found: Sequence[_Local]) -> list[_Local]:
     """Return one of each set of parallel targets, preferably one along an unchanged DOF."""
     kept: list[_Local] = []
     for local in sorted(found, key=lambda x: x.oblique):
-        if all(_angle_between(local.vector, other.vector) > EXACT for other in kept):
+        angles = [_angle_between(local.vector, other.vector) for other in kept]
+        if all(angle > SENSOR_DIRECTION.exact_angle for angle in angles):
             kept.append(local)
     return kept
 
@@ -313,7 +309,7 @@ def _select_independent(
             ("directions",),
         )
     smallest = np.linalg.svd(_vectors(kept), compute_uv=False)[-1]
-    if smallest < _INDEPENDENT:
+    if smallest < SENSOR_DIRECTION.least_singular_value:
         raise MatchError(
             f"sensors and forces at node {node} of the model point in {len(kept)} directions of one"
             f" plane: the last is a sum of the others; leave one out:{named}",
@@ -326,12 +322,12 @@ def _check_angles(node: int, found: Sequence[_Local]) -> None:
     for i, local in enumerate(found):
         for other in found[:i]:
             apart = _angle_between(local.vector, other.vector)
-            if apart < _SMALLEST_ANGLE:
+            if apart < SENSOR_DIRECTION.smallest_angle:
                 raise MatchError(
                     f"{local.target.sensor} and {other.target.sensor} at node {node} of the model"
                     f" point {apart:.2g} degrees apart: too close for two DOFs, and more than the"
-                    f" {EXACT:g} degrees within which they are one; give both the same direction,"
-                    " or leave one out",
+                    f" {SENSOR_DIRECTION.exact_angle:g} degrees within which they are one; give"
+                    " both the same direction, or leave one out",
                     ("directions",),
                 )
 
@@ -363,7 +359,7 @@ def _label_score(
     """Return the closeness of vectors to the axes in an order; sensor labels break ties."""
     near = sum(abs(float(v[axis])) for v, axis in zip(vectors, order, strict=True))
     same = sum(label == axis for label, axis in zip(labels, order, strict=False))
-    return round(near, 9) + _TIE * same
+    return round(near, 9) + SENSOR_DIRECTION.label_weight * same
 
 
 def _assign_dof(local: _Local, basis: _NodeDirections | None) -> AssignedDof:
@@ -393,8 +389,8 @@ def _rotate_model(
     texts = [
         _describe_rotation(node, bases[node], frames[node], directions[node]) for node in others
     ]
-    shown = "; ".join(texts[:SHOWN])
-    if len(texts) > SHOWN:
+    shown = "; ".join(texts[: SENSOR_PLACEMENT.listed_items])
+    if len(texts) > SENSOR_PLACEMENT.listed_items:
         shown += "; ..."
     title = f"{model.title} (turned DOFs: {shown})".strip()
     note = f"Not in the geometry of the model: DOFs {shown}"

@@ -16,18 +16,13 @@ from scipy.spatial import KDTree
 
 from updyn.errors import InputError, UpdynWarning, suggest
 from updyn.geometry import Geometry
-from updyn.matching.result import SHOWN, Alignment, MatchError, format_list, vector_text
+from updyn.matching.result import Alignment, MatchError, format_list, vector_text
+from updyn.matching.settings import SENSOR_PLACEMENT
 from updyn.model import Model
 from updyn.positions import UNITS, is_in_line, rigid_motion
 
 __all__ = ["NodeMatch", "fit_rigid", "match_nodes", "read_tolerance"]
 
-_MAX_ITERATIONS = 200  # of the fit to nearest nodes
-_ORTHOGONAL = 1e-6  # largest deviation of a rotation matrix
-_DEFAULT_TOLERANCE = 0.01  # of the model's size
-_EQUALLY_NEAR = 1e-6  # of the model's size
-_NEARLY_AS_NEAR = 2.0  # distance ratio of a second node to the nearest, up to which it is noted
-_WRONG_SCALE = 0.02  # relative scale difference between pairs that a message mentions
 _ALIGNMENT = ("alignment",)
 
 Points = NDArray[np.float64]
@@ -74,13 +69,13 @@ def _read_matrix(given: Any, factor: float, unit: str | None) -> Alignment:
         )
     R = matrix[:3, :3]
     size = float(np.cbrt(abs(np.linalg.det(R))))
-    if size == 0 or np.abs(R @ R.T / size**2 - np.eye(3)).max() > _ORTHOGONAL:
+    if size == 0 or np.abs(R @ R.T / size**2 - np.eye(3)).max() > SENSOR_PLACEMENT.rotation_error:
         raise MatchError(
             "alignment: the upper left 3 x 3 of the matrix is not a rotation: its rows are not at"
             " right angles",
             _ALIGNMENT,
         )
-    if abs(size - 1.0) > _ORTHOGONAL:
+    if abs(size - 1.0) > SENSOR_PLACEMENT.rotation_error:
         raise MatchError(
             f"alignment: the matrix stretches by {size:.6g}; state the unit of the test instead",
             ("unit",),
@@ -123,7 +118,7 @@ def _check_pairs(
     cause = ""
     if 10.0 * fit_rigid(x * [1.0, 1.0, -1.0], y)[2] < residual:
         cause = "; they would as a mirror image: one axis of the test points the other way"
-    elif abs(stretch - 1.0) > _WRONG_SCALE:
+    elif abs(stretch - 1.0) > SENSOR_PLACEMENT.noted_scale:
         cause = f"; those of the model are {stretch:.4g} times as far apart as those of the test"
     rows = [f"{a} on {b}: {d:.3g} m" for (a, b), d in zip(pairs.items(), distances, strict=True)]
     raise MatchError(
@@ -176,7 +171,7 @@ def _iterate_nearest(
     R = np.eye(3)
     shift = start
     before: Points | None = None
-    for _ in range(_MAX_ITERATIONS):
+    for _ in range(SENSOR_PLACEMENT.most_steps):
         y = nearest(x @ R.T + shift)
         if before is not None and np.array_equal(y, before):
             break
@@ -360,8 +355,9 @@ def _check_positions(test: Geometry, nodes: Iterable[int]) -> None:
 
 
 def _format_numbers(numbers: Sequence[int]) -> str:
-    text = ", ".join(map(str, numbers[:SHOWN]))
-    return text + ", ..." if len(numbers) > SHOWN else text
+    most = SENSOR_PLACEMENT.listed_items
+    text = ", ".join(map(str, numbers[:most]))
+    return text + ", ..." if len(numbers) > most else text
 
 
 def read_tolerance(given: float | str | None, size: float, *others: str) -> float:
@@ -370,7 +366,7 @@ def read_tolerance(given: float | str | None, size: float, *others: str) -> floa
     Messages also list the valid values in `others`.
     """
     if given is None:
-        return _DEFAULT_TOLERANCE * size
+        return SENSOR_PLACEMENT.default_tolerance * size
     number: Any = given
     is_share = isinstance(given, str) and given.strip().endswith("%")
     if isinstance(given, str) and is_share:
@@ -486,7 +482,8 @@ def _node_matches(placement: _Placement, attempt: _Attempt) -> dict[int, NodeMat
     names = placement.model_geometry.nodes[rows]
     first = distances[:, 0]
     second = distances[:, 1]
-    tied = np.flatnonzero(second - first <= _EQUALLY_NEAR * placement.candidates.size)
+    equal = SENSOR_PLACEMENT.equal_distance * placement.candidates.size
+    tied = np.flatnonzero(second - first <= equal)
     if len(tied):
         texts = []
         for i in tied:
@@ -503,7 +500,7 @@ def _node_matches(placement: _Placement, attempt: _Attempt) -> dict[int, NodeMat
     out = {}
     for row, node in enumerate(placement.nodes):
         note = ""
-        if second[row] < _NEARLY_AS_NEAR * first[row]:
+        if second[row] < SENSOR_PLACEMENT.noted_distance_ratio * first[row]:
             note = f"node {names[row, 1]} is at {second[row]:.3g} m"
         out[node] = NodeMatch(int(names[row, 0]), float(first[row]), note)
     return out

@@ -11,13 +11,12 @@ from numpy.typing import NDArray
 
 from updyn.errors import DofError, OptionError
 from updyn.frf import FRF
+from updyn.matching.settings import SENSOR_PLACEMENT
 from updyn.modal import ModeSet
 from updyn.model import Model
 from updyn.text_table import text_table
 
 __all__ = [
-    "EXACT",
-    "SHOWN",
     "Alignment",
     "MatchError",
     "Matching",
@@ -25,11 +24,6 @@ __all__ = [
     "format_list",
     "vector_text",
 ]
-
-#: Angle in degrees within which a direction is along a DOF, or two directions are equal.
-EXACT = 0.1
-#: Number of items that a message lists.
-SHOWN = 8
 
 
 class MatchError(DofError):
@@ -240,10 +234,11 @@ def _metres(distance: float) -> str:
 
 
 def format_list(items: Sequence[str], indent: str = "\n  ") -> str:
-    """Return up to `SHOWN` items, each on a line, and the number of others."""
-    lines = list(items[:SHOWN])
-    if len(items) > SHOWN:
-        lines.append(f"... and {len(items) - SHOWN} more")
+    """Return the first items, each on a line, and the number of others."""
+    most = SENSOR_PLACEMENT.listed_items
+    lines = list(items[:most])
+    if len(items) > most:
+        lines.append(f"... and {len(items) - most} more")
     return indent + indent.join(lines)
 
 

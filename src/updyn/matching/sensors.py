@@ -20,7 +20,8 @@ from updyn.frf import FRF
 from updyn.geometry import Geometry
 from updyn.matching.directions import AssignedDof, SensorDirection, assign_dofs
 from updyn.matching.placement import NodeMatch, match_nodes, read_tolerance
-from updyn.matching.result import EXACT, Alignment, MatchError, Matching, SensorMatch
+from updyn.matching.result import Alignment, MatchError, Matching, SensorMatch
+from updyn.matching.settings import SENSOR_DIRECTION
 from updyn.modal import ModeSet
 from updyn.model import Model
 from updyn.positions import CoordinateSystem, check_labels, model_size
@@ -30,8 +31,6 @@ __all__ = ["match"]
 _WAYS = ("label", "coordinates")
 _ANY = "any"  # tolerance without a comparison of positions
 _NODE = re.compile(r"-?[0-9]{1,18}")  # longer numbers are not node numbers
-_FITTED = 1.0  # accuracy in degrees of a rotation fitted to positions
-_SAME_AXES = 1e-9
 
 
 def match(
@@ -142,7 +141,7 @@ def match(
         targets.append(test.target(sensor, role, nodes, rotation, by, model))
     if angle is None:
         is_fitted = aligned is not None and aligned.residual is not None
-        angle = _FITTED if is_fitted else EXACT
+        angle = SENSOR_DIRECTION.fitted_angle if is_fitted else SENSOR_DIRECTION.exact_angle
     try:
         changed, assigned, more = assign_dofs(model, targets, angle)
     except MatchError as error:
@@ -493,7 +492,9 @@ class _UserInput:
 
     def _has_other_axes(self, node: int, axes: NDArray[np.float64]) -> bool:
         test_axes = self.axes(node)
-        return test_axes is not None and bool(np.abs(test_axes - axes).max() > _SAME_AXES)
+        if test_axes is None:
+            return False
+        return bool(np.abs(test_axes - axes).max() > SENSOR_DIRECTION.axes_difference)
 
 
 def _distance(
@@ -526,7 +527,7 @@ def _as_alignment(system: CoordinateSystem) -> Alignment | None:
 def _warn_of_angles(targets: Sequence[SensorDirection], assigned: Sequence[AssignedDof]) -> None:
     off = []
     for target, found in zip(targets, assigned, strict=True):
-        if not found.turned and found.angle > EXACT:
+        if not found.turned and found.angle > SENSOR_DIRECTION.exact_angle:
             off.append((target, found))
     if off:
         target, found = max(off, key=lambda pair: pair[1].angle)

@@ -17,6 +17,7 @@ from updyn.modal.continuation import remove_decay
 from updyn.signals.estimators import ESTIMATORS
 from updyn.signals.quality.pulse import time_of_energy
 from updyn.signals.records import Records, as_records
+from updyn.signals.settings import FRF_ESTIMATE
 from updyn.signals.spectra import Spectra
 from updyn.signals.windows import ImpactWindow
 from updyn.units import Unit, merge_units, parse_unit
@@ -27,11 +28,6 @@ if TYPE_CHECKING:
 __all__ = ["FRFEstimate", "estimate_frf", "frf_estimate"]
 
 _Real = NDArray[np.float64]
-#: Largest share of a record with 90 % of the energy of a force for which LRM treats it as a pulse.
-#: True over stated variance is 1.2 to 1.4 for random bursts of 2 %, and 1.5 to 1.6 for 1 %, in
-#: records of three decay times (`benchmarks/records.py`); for a hit it is 3 to 500, depending on
-#: its place in the record.
-_PULSE = 0.02
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -370,7 +366,7 @@ def _check_no_pulses(forces: _Real, step: float, names: tuple[str, ...], estimat
     duration = forces.shape[2] * step
     for name, force in zip(names, np.swapaxes(forces, 0, 1), strict=True):
         lasts = float(np.median(time_of_energy(force))) * step
-        if lasts < _PULSE * duration:
+        if lasts < FRF_ESTIMATE.pulse_share * duration:
             raise DataError(
                 f"channel {name!r}: the force is a pulse of {lasts:.2g} s in records of"
                 f" {duration:.3g} s; {estimator} cannot separate its response from a transient."

@@ -13,13 +13,10 @@ from updyn.dofs import Dof, DofSet
 from updyn.errors import DataError, UpdynWarning
 from updyn.frf import FRF
 from updyn.geometry import Geometry
+from updyn.signals.settings import SETUP_JOINING
 
 __all__ = ["joined_frfs"]
 
-#: Largest relative difference between equal lines of two setups.
-_SAME_LINE = 1e-9
-#: Largest absolute (in m) or relative difference between equal positions and directions of a node.
-_SAME_PLACE = 1e-6
 _Unsigned = tuple[int, str]
 _Real = NDArray[np.float64]
 
@@ -116,7 +113,7 @@ def _check_same_lines(first: FRF, other: FRF, name: str, its: str) -> None:
             " files"
         )
     if len(other.freq) != len(first.freq) or not np.allclose(
-        other.freq, first.freq, rtol=_SAME_LINE, atol=0.0
+        other.freq, first.freq, rtol=SETUP_JOINING.line_difference, atol=0.0
     ):
         raise DataError(
             f"{its} has {_lines(other)}, {name} {_lines(first)}; records to be joined need equal"
@@ -147,6 +144,7 @@ def _joined_geometry(frfs: Sequence[FRF], names: Sequence[str]) -> Geometry | No
     if not known:
         return None
     nodes: dict[int, tuple[str, _Real, _Real]] = {}
+    allowed = SETUP_JOINING.place_difference
     for name, geometry in known:
         axes = geometry.axes
         if axes is None:
@@ -157,7 +155,7 @@ def _joined_geometry(frfs: Sequence[FRF], names: Sequence[str]) -> Geometry | No
                 ("position", xyz, position),
                 ("directions", node_axes, turned),
             ):
-                if not np.allclose(one, other, rtol=_SAME_PLACE, atol=_SAME_PLACE):
+                if not np.allclose(one, other, rtol=allowed, atol=allowed):
                     raise DataError(
                         f"{name} gives node {node} the {what} {one.tolist()}, {before}"
                         f" {other.tolist()}; expected one for each node"

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
 from updyn.errors import DataError
-from updyn.signals.local_model import ROUNDING, LocalModel, LocalValues, Windows
+from updyn.signals.local_model import LocalModel, LocalValues, Windows
+from updyn.signals.settings import LOCAL_RATIONAL
 from updyn.signals.spectra import Spectra
 
 __all__ = ["local_rational", "without_transients"]
@@ -32,18 +33,6 @@ _MODELS = (
     LocalModel(poles=2, half=16, degree=3),
     LocalModel(poles=2, half=32, degree=4),
 )
-#: A model is used for lines within an eighth of its half width from its centre, in half the time of
-#: a sixteenth, with equal errors.
-_SHARED_LINES = 4
-#: Degrees of freedom of a residual for which its variance is known to 40 %, 1 / sqrt(6).
-_FREEDOM = 6
-#: Number of lines over which models are compared: about two windows of the narrowest.
-_COMPARISON_LINES = 33
-#: Least share of the force outside transients and other forces. Below it, errors of the polynomials
-#: of a window count ten times (1 / sqrt(share)) in the FRF.
-_SEPARABLE = 0.01
-#: Complex numbers in the largest array of a batch of windows, 5 MB; larger ones are no faster.
-_BATCH = 300_000
 
 
 def local_rational(spectra: Spectra, freq: _Real, names: Sequence[str]) -> tuple[_Complex, _Real]:
@@ -89,9 +78,7 @@ def _local_values(spectra: Spectra, freq: _Real, names: Sequence[str]) -> LocalV
     """Return for each line the values of the model with the best prediction of its neighbours."""
     F, X = spectra.force, spectra.motion
     records, lines, forces = F.shape
-    models = [
-        one for one in _MODELS if one.width <= lines and one.freedom(records, forces) >= _FREEDOM
-    ]
+    models = [one for one in _sufficient_models(records, forces) if one.width <= lines]
     if not models:
         raise DataError(_too_few(lines, records, forces), key=("band",))
     levels = [np.sqrt(np.mean(np.abs(values) ** 2, axis=(0, 1))) for values in (F, X)]
@@ -114,9 +101,15 @@ def _local_values(spectra: Spectra, freq: _Real, names: Sequence[str]) -> LocalV
     )
 
 
+def _sufficient_models(records: int, forces: int) -> list[LocalModel]:
+    """Return the models whose residual has enough degrees of freedom."""
+    least = LOCAL_RATIONAL.least_freedom
+    return [one for one in _MODELS if one.freedom(records, forces) >= least]
+
+
 def _too_few(lines: int, records: int, forces: int) -> str:
     """Return a message with the sufficient number of lines."""
-    narrowest = next(one for one in _MODELS if one.freedom(records, forces) >= _FREEDOM)
+    narrowest = _sufficient_models(records, forces)[0]
     return (
         f"{lines} lines of {records} records or segments; LRM of {forces} forces requires at least"
         f" {narrowest.width} lines. Widen the band, or use longer records"
@@ -125,14 +118,16 @@ def _too_few(lines: int, records: int, forces: int) -> str:
 
 def _omission_errors(found: LocalValues) -> _Real:
     """Return the mean logarithm of the error at omitted lines; inf where forces are inseparable."""
-    smooth = uniform_filter1d(found.omission_error, _COMPARISON_LINES, axis=0, mode="nearest")
-    error = np.mean(np.log(np.maximum(smooth, ROUNDING)), axis=1)
-    return np.where((found.separable >= _SEPARABLE).all(axis=1), error, np.inf)
+    lines = LOCAL_RATIONAL.comparison_lines
+    smooth = uniform_filter1d(found.omission_error, lines, axis=0, mode="nearest")
+    error = np.mean(np.log(np.maximum(smooth, LOCAL_RATIONAL.least_noise)), axis=1)
+    separable = found.separable >= LOCAL_RATIONAL.least_separable_share
+    return np.where(separable.all(axis=1), error, np.inf)
 
 
 def _check_separable(separable: _Real, freq: _Real, names: Sequence[str]) -> None:
     """Raise DataError for lines at which a force is not distinct from a transient."""
-    unknown = separable < _SEPARABLE
+    unknown = separable < LOCAL_RATIONAL.least_separable_share
     if not unknown.any():
         return
     at, force = (int(place[0]) for place in np.nonzero(unknown))
@@ -150,11 +145,11 @@ def _check_separable(separable: _Real, freq: _Real, names: Sequence[str]) -> Non
 def _values_at_lines(force: _Complex, motion: _Complex, model: LocalModel) -> LocalValues:
     """Return the values of one model at all lines, in batches of windows."""
     records, lines, forces = force.shape
-    served = max(1, model.half // _SHARED_LINES)
+    served = max(1, model.half // LOCAL_RATIONAL.half_width_per_use)
     offsets = np.arange(served) - served // 2
     centres = np.arange(0, lines, served) + served // 2
     columns = motion.shape[2] * (model.poles + 2) + forces * (model.degree + 1)
-    size = max(1, _BATCH // (records * model.width * columns))
+    size = max(1, LOCAL_RATIONAL.batch_values // (records * model.width * columns))
     parts = [
         Windows.of(force, motion, centres[at : at + size], model).values_at(offsets)
         for at in range(0, len(centres), size)

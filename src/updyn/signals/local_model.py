@@ -8,24 +8,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["ROUNDING", "LocalModel", "LocalValues", "Windows"]
+from updyn.signals.settings import LOCAL_RATIONAL
+
+__all__ = ["LocalModel", "LocalValues", "Windows"]
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 _Index = NDArray[np.intp]
 
-#: Gauss-Newton steps. The first is linear least squares, already near the optimum for small noise;
-#: each later one removes most of the remaining error.
-_STEPS = 4
-#: Smallest share of a residual in the fit without its line; a line that the model follows
-#: regardless of its value does not test the model.
-_LEAST_REST = 0.02
-#: Relative increase of small diagonals of R, for forces that are linearly dependent.
-_SINGULAR = 1e-14
 _TINY = float(np.finfo(float).tiny) ** 0.25
-#: Least noise relative to the mean square of a response over the band, below that of a 24-bit
-#: converter (3e-15). A response that follows the force exactly would otherwise dominate the others.
-ROUNDING = 1e-16
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,7 +127,7 @@ class Windows:
         A follows from Gauss-Newton steps from A = 1, with each response relative to its residual
         (Golub and Pereyra, SIAM J. Numer. Anal. 10, 1973).
         """
-        for step in range(_STEPS if self.model.poles else 0):
+        for step in range(LOCAL_RATIONAL.steps if self.model.poles else 0):
             refitted = fit.poles + fit.change(is_first=step == 0)
             fit = fit.better(_FittedModels.of(self, refitted))
         return fit
@@ -200,7 +191,7 @@ class _FittedModels:
     def power(self) -> _Real:
         """Sum of squares of the residual, shape (n, n_i), at least that of rounding."""
         squares = np.sum(np.abs(self.residual) ** 2, axis=1)
-        return np.asarray(np.maximum(squares, ROUNDING * self.residual.shape[1]))
+        return np.asarray(np.maximum(squares, LOCAL_RATIONAL.least_noise * self.residual.shape[1]))
 
     @property
     def fitted_motion(self) -> _Complex:
@@ -360,7 +351,7 @@ class _Solution:
     @property
     def _omission_error(self) -> _Real:
         """Mean square error at omitted lines, by the leverage (Allen, 1974)."""
-        rest = np.maximum(1.0 - self.leverage, _LEAST_REST)
+        rest = np.maximum(1.0 - self.leverage, LOCAL_RATIONAL.least_omitted_share)
         error = (self.fit.residual / rest).reshape(self.fit.windows.motion.shape)
         return np.asarray(np.mean(np.abs(self._at_lines(error)) ** 2, axis=1))
 
@@ -382,6 +373,6 @@ def _project_off(Q: _Complex, x: _Complex) -> _Complex:
 def _solve_triangular(R: _Complex, b: _Complex) -> _Complex:
     """Return R^-1 b for triangular R, with large values for a singular R."""
     diagonal = np.abs(np.einsum("...ii->...i", R))
-    least = _SINGULAR * diagonal.max(axis=-1, keepdims=True) + _TINY
+    least = LOCAL_RATIONAL.dependent_share * diagonal.max(axis=-1, keepdims=True) + _TINY
     short = np.where(diagonal < least, least, 0.0)
     return np.asarray(np.linalg.solve(R + short[..., None] * np.eye(R.shape[-1]), b))

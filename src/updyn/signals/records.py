@@ -11,20 +11,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from updyn.errors import DataError, key_path, suggest
+from updyn.signals.settings import RECORD_TIME
 from updyn.units import find_unit, merge_units, suggest_unit
 
 if TYPE_CHECKING:
     import xarray
 
 __all__ = ["Records", "as_records", "chain_records", "find_step", "seconds"]
-
-#: Largest relative difference between the sampling steps of several files: times are rounded.
-_SAME_STEP = 1e-6
-#: Largest relative variation of the steps in time, as times are written with few digits.
-_EVEN = 1e-3
-#: Printed times may vary by the rounding of their last digit if that digit is below this share of
-#: the step; a coarser digit could hide a missing sample.
-_FINE = 0.2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -218,7 +211,7 @@ def find_step(times: NDArray[np.float64], rounding: NDArray[np.float64] | None =
     steps = np.diff(times)
     if len(times) >= 2:
         mean = float((times[-1] - times[0]) / (len(times) - 1))
-        is_even = bool((np.abs(steps - mean) <= _EVEN * mean).all())
+        is_even = bool((np.abs(steps - mean) <= RECORD_TIME.step_variation * mean).all())
         if is_even or (rounding is not None and _is_rounded(times, mean, rounding)):
             return mean
     found = f"{steps.min():g} to {steps.max():g} s apart" if len(steps) else f"{len(times)} of them"
@@ -227,12 +220,12 @@ def find_step(times: NDArray[np.float64], rounding: NDArray[np.float64] | None =
 
 def _is_rounded(times: NDArray[np.float64], step: float, rounding: NDArray[np.float64]) -> bool:
     """Return whether times are even ones, each rounded to its last digit."""
-    if not rounding.max() < _FINE * step:
+    if not rounding.max() < RECORD_TIME.last_digit_share * step:
         return False
     away = np.abs(times - times[0] - step * np.arange(len(times)))
     # Each may be off by half a digit, and the line is drawn through the first and the last.
     allowed = 0.5 * (rounding + max(rounding[0], rounding[-1]))
-    return bool((away <= (1.0 + _EVEN) * allowed).all())
+    return bool((away <= (1.0 + RECORD_TIME.step_variation) * allowed).all())
 
 
 def as_records(given: Any) -> Records:
@@ -254,7 +247,7 @@ def chain_records(parts: Sequence[Records]) -> Records:
                     f"{other.source} has {what} {its!r}, {first.source} {mine!r}; records of one"
                     " setup must agree"
                 )
-        if abs(other.step - first.step) > _SAME_STEP * first.step:
+        if abs(other.step - first.step) > RECORD_TIME.step_difference * first.step:
             raise DataError(
                 f"{other.source} has {other.step:g} s between samples, {first.source}"
                 f" {first.step:g} s; records of one setup must agree"

@@ -9,16 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.errors import DataError
+from updyn.signals.settings import FRF_ESTIMATE
 
 __all__ = ["Spectra"]
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
-#: Share of the largest line below which a force is zero.
-_ZERO_FORCE = 1e-12
-#: Smallest eigenvalue of the coherence matrix of forces that are linearly independent; below it is
-#: rounding.
-_DEPENDENT = 1e-12
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -117,7 +113,7 @@ class Spectra:
     def check_power(self, freq: _Real, names: Sequence[str]) -> None:
         """Raise DataError for a line at which a force is zero."""
         for name, column in zip(names, self.power.T, strict=True):
-            silent = column <= _ZERO_FORCE**2 * column.max()
+            silent = column <= FRF_ESTIMATE.zero_force_share**2 * column.max()
             if silent.any():
                 raise DataError(
                     f"channel {name!r}: no force at {freq[silent][0]:g} Hz; narrow the band",
@@ -138,8 +134,8 @@ class Spectra:
         size = np.sqrt(self.power)
         coherent = self.ff / (size[:, :, None] * size[:, None, :])
         least = np.linalg.eigvalsh(coherent)[:, 0]
-        if (least < _DEPENDENT).any():
-            at = freq[least < _DEPENDENT][0]
+        if (least < FRF_ESTIMATE.independent_eigenvalue).any():
+            at = freq[least < FRF_ESTIMATE.independent_eigenvalue][0]
             raise DataError(
                 f"the forces {' and '.join(map(repr, names))} are linearly dependent at {at:g} Hz:"
                 " one is a fixed combination of the others in all records; expected independent"

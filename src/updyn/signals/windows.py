@@ -8,11 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.errors import OptionError
+from updyn.signals.settings import FRF_ESTIMATE
 
 __all__ = ["ImpactWindow"]
-
-#: Share of the force window over which it falls to zero, as half a cosine.
-_TAPER = 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,5 +84,6 @@ class ImpactWindow:
         if self.force is None:
             return np.ones(len(force))
         away = np.abs(np.arange(len(force)) - int(np.argmax(np.abs(force)))) * step
-        past = (away - (1.0 - _TAPER) * self.force) / (_TAPER * self.force)
+        share = FRF_ESTIMATE.taper_share
+        past = (away - (1.0 - share) * self.force) / (share * self.force)
         return np.asarray(0.5 + 0.5 * np.cos(np.pi * np.clip(past, 0.0, 1.0)))

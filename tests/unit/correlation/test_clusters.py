@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 
 import updyn
 from updyn.correlation import ecomac, mac, principal_cosines
-from updyn.correlation.clusters import CLOSE, cluster_modes
+from updyn.correlation.clusters import cluster_modes
+from updyn.correlation.settings import MODE_PAIRING
 from updyn.errors import DataError
 
 STOREYS = 4
@@ -72,7 +73,7 @@ def test_the_mac_of_single_shapes_is_stated_with_that_of_the_subspace():
     text = found.table()
     assert text.count("1.000*") == 8
     assert "subspace MAC 1.000, MAC of single shapes at best 0.750" in text
-    assert f"within {100 * CLOSE:g} % of frequency" in text
+    assert f"within {100 * MODE_PAIRING.close_frequencies:g} % of frequency" in text
 
 
 def planes(*angles, n=6):
@@ -216,13 +217,13 @@ def test_separate_modes_have_the_mac_of_single_shapes(gap):
 
 
 def test_close_modes_are_as_close_as_stated_and_no_chain():
-    step = 0.4 * CLOSE
+    step = 0.4 * MODE_PAIRING.close_frequencies
     chain = 20.0 * (1 + step) ** np.arange(7)
     chain[3:] *= 1.0 + 0.1 * step  # the largest gap is between the third and the fourth mode
     clusters = cluster_modes(chain)
     assert np.concatenate(clusters).tolist() == list(range(7))
     for cluster in clusters:
-        assert chain[cluster[-1]] <= chain[cluster[0]] * (1 + CLOSE)
+        assert chain[cluster[-1]] <= chain[cluster[0]] * (1 + MODE_PAIRING.close_frequencies)
     assert [0, 1, 2] in [cluster.tolist() for cluster in clusters]
     assert [c.tolist() for c in cluster_modes(np.array([0.0, 0.0, 1.0]))] == [[0, 1], [2]]
     assert [len(c) for c in cluster_modes(np.array([20.0, 20.0 * (1 + 1e-9)]), 0.0)] == [1, 1]
@@ -231,7 +232,7 @@ def test_close_modes_are_as_close_as_stated_and_no_chain():
 def test_the_limit_of_close_modes_is_where_a_usual_perturbation_leaves_a_mac_of_nine_tenths():
     """Two modes at that gap, coupled by the change of frequency of a structure assembled anew."""
     coupling = 0.0022
-    K = np.diag([1.0, (1 + CLOSE) ** 2])
+    K = np.diag([1.0, (1 + MODE_PAIRING.close_frequencies) ** 2])
     coupled = K + 2 * coupling * np.array([[0.0, 1.0], [1.0, 0.0]])
     left = mac(scipy.linalg.eigh(K)[1], scipy.linalg.eigh(coupled)[1])[0, 0]
     assert left == pytest.approx(0.9, abs=0.005)

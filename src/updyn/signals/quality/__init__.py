@@ -13,7 +13,6 @@ from updyn.frf import check_band
 from updyn.signals.quality.background import find_drift, find_mains, find_noise_floor
 from updyn.signals.quality.finding import RecordFinding
 from updyn.signals.quality.hits import (
-    REACH,
     find_clipped_pair,
     find_clipped_run,
     find_cut_off,
@@ -25,6 +24,7 @@ from updyn.signals.quality.hits import (
     hit_mask,
 )
 from updyn.signals.quality.pulse import check_pulse
+from updyn.signals.quality.settings import HIT_FORCE
 from updyn.signals.quality.together import find_leakage, find_level_dependence
 from updyn.signals.records import Records, as_records
 
@@ -200,7 +200,7 @@ def _lines(force: _Real, step: float, band: _Band | None) -> NDArray[np.bool_]:
     """Return a mask of the lines in the band with sufficient force."""
     level = np.abs(np.fft.rfft(force - np.median(force)))
     freq = np.fft.rfftfreq(len(force), step)
-    lines = (level > 10.0 ** (REACH / 20.0) * level[1:].max()) & (freq > 0.0)
+    lines = (level > 10.0 ** (HIT_FORCE.least_level / 20.0) * level[1:].max()) & (freq > 0.0)
     if band is not None:
         lines &= (freq >= band[0]) & (freq <= band[1])
     return np.asarray(lines)

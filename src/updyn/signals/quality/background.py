@@ -10,48 +10,30 @@ from scipy.ndimage import median_filter
 from scipy.signal import welch
 
 from updyn.signals.quality.finding import RecordFinding
+from updyn.signals.quality.settings import DRIFT, MAINS, NOISE_FLOOR
 
 __all__ = ["find_drift", "find_mains", "find_noise_floor"]
 
 _Real = NDArray[np.float64]
 
-#: Number of pieces of a record whose means are offsets; least drift as a share of the largest
-#: value; least t value of the slope of the offsets, or least difference from the offset before the
-#: hit as multiples of their spread and of its error.
-_PIECES, _DRIFT, _SLOPE, _ABOVE_SPREAD, _ABOVE_ERROR = 20, 0.01, 12.0, 4.0, 8.0
-#: Number of samples before the hit that give an offset.
-_BEFORE = 64
-#: Frequencies of mains in Hz and their variation; number of harmonics evaluated.
-_MAINS, _WANDER, _HARMONICS = (50.0, 60.0), 0.15, 3
-#: Least ratio of a line of mains to the adjacent power, largest relative change of its amplitude
-#: from one half to the next, and its least share of the spectrum of the whole record.
-_ABOVE_BESIDE, _STEADY, _SHARE = 30.0, 0.25, 0.05
-#: Least length of a half, in s: in shorter ones a mode decays too little to be distinguished.
-_LEAST = 0.2
-#: Factor by which lines are interpolated.
-_FINER = 4
-#: First and last adjacent line, on either side.
-_ADJACENT_LINES = (3, 8)
-#: Required ratio of response to noise in FRFs, in dB; largest share of lines without it.
-_ENOUGH, _WITHOUT = 3.0, 0.45
-#: Least number of samples for the noise at the end of a record.
-_SHORTEST = 256
+#: Nominal frequencies of mains in Hz.
+_MAINS_FREQUENCIES = (50.0, 60.0)
 
 
 def find_drift(
     channel: _Real, begin: int | None, name: str, record: int
 ) -> Iterator[RecordFinding]:
     """Yield an offset that changes along the record, for a hit from sample `begin` on."""
-    if len(channel) < 2 * _PIECES:
+    if len(channel) < 2 * DRIFT.pieces:
         return
-    offsets = np.array([piece.mean() for piece in np.array_split(channel, _PIECES)])
+    offsets = np.array([piece.mean() for piece in np.array_split(channel, DRIFT.pieces)])
     size = float(np.abs(channel - np.median(channel)).max())
     if begin is not None:
-        offsets = offsets[_PIECES // 2 :]  # in the second half the response is small
+        offsets = offsets[DRIFT.pieces // 2 :]  # in the second half the response is small
     change = _trend(offsets)
-    if begin is not None and begin >= _BEFORE:
+    if begin is not None and begin >= DRIFT.least_samples_before:
         change = max(change, _offset_after(offsets, channel[:begin]))
-    if change > _DRIFT * size:
+    if change > DRIFT.least_share * size:
         yield RecordFinding(
             "drift",
             name,
@@ -70,7 +52,7 @@ def _trend(offsets: _Real) -> float:
     slope = float(at @ offsets / (at @ at))
     residual = offsets - offsets.mean() - slope * at
     error = float(np.sqrt(residual @ residual / (len(at) - 2) / (at @ at)))
-    return abs(slope) * _PIECES if abs(slope) > _SLOPE * error else 0.0
+    return abs(slope) * DRIFT.pieces if abs(slope) > DRIFT.least_t * error else 0.0
 
 
 def _offset_after(offsets: _Real, before: _Real) -> float:
@@ -78,7 +60,7 @@ def _offset_after(offsets: _Real, before: _Real) -> float:
     apart = abs(float(offsets.mean() - before.mean()))
     spread = float(offsets.std(ddof=1))
     error = float(before.std()) / np.sqrt(len(before))
-    return apart if apart > _ABOVE_SPREAD * spread and apart > _ABOVE_ERROR * error else 0.0
+    return apart if apart > DRIFT.over_spread * spread and apart > DRIFT.over_error * error else 0.0
 
 
 def find_mains(
@@ -90,12 +72,13 @@ def find_mains(
 ) -> Iterator[RecordFinding]:
     """Yield the largest mains line present throughout most records (of hits: their second half)."""
     found: list[tuple[float, float, float]] = []
-    for f in (base * harmonic for base in _MAINS for harmonic in range(1, _HARMONICS + 1)):
+    multiples = range(1, MAINS.harmonics + 1)
+    for f in (base * multiple for base in _MAINS_FREQUENCIES for multiple in multiples):
         if f + 10.0 >= 0.5 / step or (band is not None and not band[0] <= f <= band[1]):
             continue
         lines = [_sine_in_record(record, step, lasting, f) for record in channel]
         amplitude, share = np.median(lines, axis=0)
-        if share > _SHARE:
+        if share > MAINS.least_share:
             found.append((float(amplitude), f, float(share)))
     if found:
         amplitude, f, share = max(found)
@@ -136,24 +119,26 @@ def _steady_line(halves: list[_Real], step: float, f: float) -> float:
         return 0.0
     first, second = (line for line in found if line is not None)
     amplitude = 0.5 * (first[0] + second[0])
-    allowed = _STEADY * amplitude + 2.0 * max(first[1], second[1])
+    allowed = MAINS.steady_change * amplitude + 2.0 * max(first[1], second[1])
     return amplitude if abs(first[0] - second[0]) <= allowed else 0.0
 
 
 def _find_sine(half: _Real, step: float, f: float) -> tuple[float, float] | None:
     """Return amplitude and error of a sine near f that exceeds its surroundings; else None."""
     n = len(half)
-    if n * step < _LEAST or f * n * step < _ADJACENT_LINES[1] + 1:
+    if n * step < MAINS.least_half or f * n * step < MAINS.last_adjacent + 1:
         return None
     window, resolution = np.hanning(n), 1.0 / (n * step)
-    spectrum = np.abs(np.fft.rfft(half * window, _FINER * n)) * 2.0 / window.sum()
+    finer = MAINS.interpolation * n
+    spectrum = np.abs(np.fft.rfft(half * window, finer)) * 2.0 / window.sum()
     # The frequency of the mains varies; a record that resolves this is searched.
-    lines = _FINER * n * step * np.array([f - _WANDER, f + _WANDER])
+    off = MAINS.frequency_deviation
+    lines = finer * step * np.array([f - off, f + off])
     amplitude = float(spectrum[int(lines[0]) : int(np.ceil(lines[1])) + 1].max())
-    apart = np.arange(_ADJACENT_LINES[0], _ADJACENT_LINES[1] + 1) * resolution
-    places = np.round(_FINER * n * step * np.concatenate([f - apart, f + apart])).astype(int)
+    apart = np.arange(MAINS.first_adjacent, MAINS.last_adjacent + 1) * resolution
+    places = np.round(finer * step * np.concatenate([f - apart, f + apart])).astype(int)
     surroundings = float(np.median(spectrum[places] ** 2))
-    if amplitude**2 <= _ABOVE_BESIDE * surroundings:
+    if amplitude**2 <= MAINS.over_surroundings * surroundings:
         return None
     return amplitude, float(np.sqrt(surroundings))
 
@@ -171,7 +156,7 @@ def find_noise_floor(
     """
     n = len(channel)
     freq = np.fft.rfftfreq(n, step)
-    if lines.sum() < 8 or n < _SHORTEST:
+    if lines.sum() < 8 or n < NOISE_FLOOR.least_samples:
         return
     tail = channel[-(n // 4) :]
     at, density = welch(tail, fs=1.0 / step, nperseg=max(16, len(tail) // 4))
@@ -181,9 +166,9 @@ def find_noise_floor(
     noise = np.interp(freq, at, floor)
     # Smoothed, as a single line of noise may be ten times its mean.
     smooth = np.convolve(power, np.ones(5) / 5.0, mode="same")
-    faint = lines & (smooth < 10.0 ** (_ENOUGH / 10.0) * noise)
+    faint = lines & (smooth < 10.0 ** (NOISE_FLOOR.least_ratio / 10.0) * noise)
     share = float(faint.sum() / lines.sum())
-    if share > _WITHOUT:
+    if share > NOISE_FLOOR.most_faint_share:
         low, high = float(freq[faint][0]), float(freq[faint][-1])
         yield RecordFinding(
             "noise-floor",
@@ -191,7 +176,8 @@ def find_noise_floor(
             record,
             share,
             f"Record {record}, {name}: at {100.0 * share:.0f} % of the lines, within {low:g} to"
-            f" {high:g} Hz, the response is less than {_ENOUGH:.0f} dB above the noise.",
+            f" {high:g} Hz, the response is less than {NOISE_FLOOR.least_ratio:.0f} dB above the"
+            " noise.",
             "Hit harder, take a more sensitive sensor or a smaller range, or average more hits.",
             (low, high),
         )

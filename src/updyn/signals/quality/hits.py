@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from scipy.signal import detrend
 
 from updyn.signals.quality.finding import RecordFinding
+from updyn.signals.quality.settings import CLIPPING, HIT_FORCE, HIT_RESPONSE
 
 __all__ = [
-    "REACH",
     "find_clipped_pair",
     "find_clipped_run",
     "find_cut_off",
@@ -25,36 +25,6 @@ __all__ = [
 
 _Real = NDArray[np.float64]
 
-#: Number of consecutive samples at the largest value that indicates an overload; and the least jump
-#: onto them, in steps of the converter: a slow signal also stays at its peak.
-_FLAT, _JUMP = 3, 5.0
-#: Size in steps of the converter above which samples at the largest value need not be consecutive.
-_FINE = 2.0**14
-#: For two consecutive samples at the largest value: the least jump, in steps of the converter, for
-#: which such a pair is not chance; and the least difference of the jumps on either side, in steps
-#: and as a share: those of a computed symmetric pulse are equal.
-_CERTAIN, _UNEVEN = 1e4, (10.0, 1e-6)
-#: For equal largest values in two hits: the least value, in steps of the converter and per pair of
-#: hits, for which this is not chance among hits whose levels differ by 1 %.
-_REPEATED = 1e5
-#: Least force of a second hit, as a share of the largest, and as a multiple of the noise.
-_SECOND, _ABOVE_NOISE = 0.05, 20.0
-#: A hit ends when its force stays below this share for as long as it rose.
-_OVER = 0.02
-#: Level of the force in dB, relative to its largest line, below which it is noise.
-REACH = -20.0
-#: Least level of the last twentieth of a response, as a share of its first, if truncated.
-_CUT, _LAST = 0.02, 20
-#: Least number of samples before the hit, and least ratio to the level at the end of the record,
-#: for a response before the hit; number of samples in which filters of converters ring before it.
-_REST, _MORE, _FILTER = 16, 3.0, 64
-#: Least share of the power of noise that is not a linear combination of this number of earlier
-#: samples: 7/8 for white noise, a half for half white and half slow noise, 0 for modes.
-_UNPREDICTED, _ORDER = 0.3, 8
-#: Ratio of the rms in the third quarter of a response to that in the last, below which it does not
-#: decay: 1 for a steady wave, 1.1 for a mode that loses a third of its motion in the record.
-_DECAYS = 1.1
-
 
 def find_clipped_run(channel: _Real, name: str, record: int) -> Iterator[RecordFinding]:
     """Yield an overload of consecutive samples at the extreme value after a jump."""
@@ -62,13 +32,13 @@ def find_clipped_run(channel: _Real, name: str, record: int) -> Iterator[RecordF
     for extreme in _extremes(channel):
         at = np.flatnonzero(channel == extreme)
         runs = np.split(at, np.flatnonzero(np.diff(at) > 1) + 1)
-        longest = at if abs(extreme - rest) > _FINE * quantum else max(runs, key=len)
-        if len(longest) < _FLAT or len(longest) == len(channel):
+        longest = at if abs(extreme - rest) > CLIPPING.fine_value * quantum else max(runs, key=len)
+        if len(longest) < CLIPPING.least_samples or len(longest) == len(channel):
             continue
         neighbours = np.setdiff1d(np.concatenate([longest - 1, longest + 1]), at)
         neighbours = neighbours[(neighbours >= 0) & (neighbours < len(channel))]
         jump = float(np.abs(channel[neighbours] - extreme).max(initial=0.0))
-        if jump > _JUMP * quantum:
+        if jump > CLIPPING.least_jump * quantum:
             yield RecordFinding(
                 "clipped",
                 name,
@@ -92,9 +62,9 @@ def find_clipped_pair(channel: _Real, name: str, record: int) -> Iterator[Record
         if len(at) != 2 or at[1] != at[0] + 1 or at[0] == 0 or at[1] == len(channel) - 1:
             continue
         jumps = np.abs(channel[[at[0] - 1, at[1] + 1]] - extreme)
-        steps, share = _UNEVEN
-        is_even = abs(jumps[0] - jumps[1]) <= max(steps * quantum, share * jumps.max())
-        if jumps.min() > _CERTAIN * quantum and not is_even:
+        allowed = max(CLIPPING.uneven_steps * quantum, CLIPPING.uneven_share * float(jumps.max()))
+        is_even = abs(jumps[0] - jumps[1]) <= allowed
+        if jumps.min() > CLIPPING.pair_jump * quantum and not is_even:
             yield RecordFinding(
                 "clipped",
                 name,
@@ -120,7 +90,7 @@ def find_equal_peaks(channels: _Real, name: str) -> Iterator[RecordFinding]:
         around = [hit[max(at[0] - 1, 0) : at[0] + 2] for hit, at in zip(hits, places, strict=True)]
         is_copy = any(np.array_equal(around[0], other) for other in around[1:])
         pairs = 0.5 * len(channels) * (len(channels) - 1)
-        if abs(extreme) > _REPEATED * pairs * quantum and not is_copy:
+        if abs(extreme) > CLIPPING.repeated_value * pairs * quantum and not is_copy:
             for number in numbers:
                 others = ", ".join(str(other) for other in numbers if other != number)
                 yield RecordFinding(
@@ -154,18 +124,18 @@ def find_second_hits(
     """Yield a force that returns after the end of the hit."""
     force = np.abs(channel - np.median(channel))
     noise = float(np.median(force))
-    begin = find_hit_start(channel) - _FILTER
-    if begin >= _REST:  # a window on the record removes the noise after the hit
+    begin = find_hit_start(channel) - HIT_RESPONSE.filter_samples
+    if begin >= HIT_RESPONSE.rest_samples:  # a window on the record removes the noise after the hit
         noise = max(noise, float(np.median(force[:begin])))
     first = int(np.argmax(force))
     for part, when in ((force[first:], "after"), (force[first::-1], "before")):
-        below = part < _OVER * force[first]
+        below = part < HIT_FORCE.end_share * force[first]
         over = 2 * int(np.argmax(below)) if below.any() else len(part)
         if over >= len(part):
             continue
         second = over + int(np.argmax(part[over:]))
         share = float(part[second] / force[first])
-        if share > _SECOND and part[second] > _ABOVE_NOISE * noise:
+        if share > HIT_FORCE.second_share and part[second] > HIT_FORCE.second_over_noise * noise:
             apart = step * second
             yield RecordFinding(
                 "double-hit",
@@ -184,11 +154,12 @@ def find_short_force(
 ) -> Iterator[RecordFinding]:
     """Yield the lines of the band without sufficient force."""
     begin = find_hit_start(channel)
-    offset = channel[:begin].mean() if begin >= _REST else np.median(channel)
+    offset = channel[:begin].mean() if begin >= HIT_RESPONSE.rest_samples else np.median(channel)
     force = np.where(hit_mask(channel), channel - offset, 0.0)
     level = np.abs(np.fft.rfft(force))
     freq = np.fft.rfftfreq(len(channel), step)
-    faint = (freq >= band[0]) & (freq <= band[1]) & (level < 10.0 ** (REACH / 20) * level.max())
+    weak = level < 10.0 ** (HIT_FORCE.least_level / 20) * level.max()
+    faint = (freq >= band[0]) & (freq <= band[1]) & weak
     if faint.any():
         low, high = float(freq[faint][0]), float(freq[faint][-1])
         down = float(20.0 * np.log10(max(level[faint].min() / level.max(), 1e-16)))
@@ -208,7 +179,7 @@ def hit_mask(channel: _Real) -> NDArray[np.bool_]:
     """Return a mask of the samples around the largest force, to twice the distance of its end."""
     force = _from_rest(channel)
     first = int(np.argmax(force))
-    below = np.abs(np.arange(len(force)) - first)[force < _OVER * force[first]]
+    below = np.abs(np.arange(len(force)) - first)[force < HIT_FORCE.end_share * force[first]]
     width = 2 * int(below.min()) if len(below) else len(force)
     return np.asarray(np.abs(np.arange(len(force)) - first) <= width)
 
@@ -217,9 +188,10 @@ def find_cut_off(channel: _Real, force: _Real, name: str, record: int) -> Iterat
     """Yield a response that continues at the end of the record."""
     free = channel - np.median(channel)
     begin = int(np.argmax(np.abs(force - np.median(force))))
-    n = max(2, len(channel) // _LAST)
+    n = max(2, len(channel) // HIT_RESPONSE.parts)
     early, late = _rms(free[begin : begin + n]), _rms(free[-n:])
-    if early > 0.0 and late > _CUT * early and not _is_noise(free, find_hit_start(force), n):
+    is_large = early > 0.0 and late > HIT_RESPONSE.least_share * early
+    if is_large and not _is_noise(free, find_hit_start(force), n):
         yield RecordFinding(
             "cut-off",
             name,
@@ -237,17 +209,18 @@ def _is_noise(free: _Real, begin: int, n: int) -> bool:
     Without samples before the hit, noise is recognised by its prediction error: n modes follow a
     recursion over 2 n samples, noise follows none. A line of the mains does, but does not decay.
     """
-    if begin - _FILTER >= _REST:
-        return _rms(free[-n:]) <= 2.0 * _rms(free[: begin - _FILTER])
-    if len(free) - begin < 8 * _ORDER:
+    quiet, order = begin - HIT_RESPONSE.filter_samples, HIT_RESPONSE.prediction_order
+    if quiet >= HIT_RESPONSE.rest_samples:
+        return _rms(free[-n:]) <= 2.0 * _rms(free[:quiet])
+    if len(free) - begin < 8 * order:
         return False
     first, *_, third, fourth = (_rms(part) for part in np.array_split(free[begin:], 4))
-    if fourth < 0.5 * first and third < _DECAYS * fourth:
+    if fourth < 0.5 * first and third < HIT_RESPONSE.steady_ratio * fourth:
         return True
-    last = detrend(free[-max(n, 8 * _ORDER) :])
-    past = np.lib.stride_tricks.sliding_window_view(last[:-1], _ORDER)
-    rest = last[_ORDER:] - past @ np.linalg.lstsq(past, last[_ORDER:], rcond=None)[0]
-    return bool(rest @ rest > _UNPREDICTED * (last @ last))
+    last = detrend(free[-max(n, 8 * order) :])
+    past = np.lib.stride_tricks.sliding_window_view(last[:-1], order)
+    rest = last[order:] - past @ np.linalg.lstsq(past, last[order:], rcond=None)[0]
+    return bool(rest @ rest > HIT_RESPONSE.unpredicted_share * (last @ last))
 
 
 def _rms(part: _Real) -> float:
@@ -259,17 +232,18 @@ def find_ringing_before(
 ) -> Iterator[RecordFinding]:
     """Yield a response that was not at rest before the hit and adds to that of the hit."""
     begin = find_hit_start(force)
-    if begin - _FILTER < _REST:
+    end = begin - HIT_RESPONSE.filter_samples
+    if end < HIT_RESPONSE.rest_samples:
         return
     free = channel - np.median(channel)
-    n = max(2, len(channel) // _LAST)
-    before = detrend(free[: begin - _FILTER])
+    n = max(2, len(channel) // HIT_RESPONSE.parts)
+    before = detrend(free[:end])
     early, late = _rms(free[begin : begin + n]), _rms(detrend(free[-n:]))
     share = _rms(before) / early if early > 0.0 else 0.0
     # With an exponential window noise decays, too: that of the force by the same factor.
-    quiet = [_rms(detrend(part)) for part in (force[: begin - _FILTER], force[-n:])]
+    quiet = [_rms(detrend(part)) for part in (force[:end], force[-n:])]
     windowed = max(quiet[0] / quiet[1], 1.0) if quiet[1] > 0.0 else 1.0
-    if share > _CUT and _rms(before) > _MORE * late * windowed:
+    if share > HIT_RESPONSE.least_share and _rms(before) > HIT_RESPONSE.over_end * late * windowed:
         yield RecordFinding(
             "leakage",
             name,
@@ -286,7 +260,7 @@ def find_hit_start(force: _Real) -> int:
     """Return the first sample of the hit."""
     free = _from_rest(force)
     largest = int(np.argmax(free))
-    below = np.flatnonzero(free[: largest + 1] < _OVER * free[largest])
+    below = np.flatnonzero(free[: largest + 1] < HIT_FORCE.end_share * free[largest])
     return int(below[-1]) if len(below) else 0
 
 
@@ -294,6 +268,6 @@ def _from_rest(force: _Real) -> _Real:
     """Return the absolute force relative to its value before the hit."""
     free = force - np.median(force)
     largest = int(np.argmax(np.abs(free)))
-    if largest >= _FILTER:
+    if largest >= HIT_RESPONSE.filter_samples:
         free = free - np.median(free[:largest])
     return np.abs(free)

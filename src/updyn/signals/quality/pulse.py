@@ -8,19 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.signals.quality.finding import RecordFinding
+from updyn.signals.quality.settings import PULSE
 
 __all__ = ["check_pulse", "time_of_energy"]
 
 _Real = NDArray[np.float64]
-
-#: Share of the energy that defines the duration of a signal, of samples above this share of the
-#: largest; the rest is noise.
-_ENERGY, _LOUD = 0.9, 0.05
-#: |sum| over the sum of absolute values in this time: least for a signal of one sign, and largest
-#: for an oscillation; 1 for half a sine, 0 for a free vibration.
-_ONE_SIGN, _SWINGS = 0.8, 0.5
-#: Least ratio of the durations of an oscillation and of a pulse.
-_SHORTER = 4.0
 
 
 def check_pulse(
@@ -34,7 +26,8 @@ def check_pulse(
     lasts, sign = _shape(values[:, force])
     for row in others:
         short, one = _shape(values[:, row])
-        is_pulse = (one >= _ONE_SIGN) & (short * _SHORTER <= lasts) & (sign < _SWINGS)
+        is_shorter = short * PULSE.duration_ratio <= lasts
+        is_pulse = (one >= PULSE.one_sign) & is_shorter & (sign < PULSE.oscillation)
         if 2 * np.count_nonzero(is_pulse) < len(values):
             continue
         times = [1e3 * step * float(np.median(n[is_pulse])) for n in (lasts, short)]
@@ -67,10 +60,11 @@ def _shape(channel: _Real) -> tuple[_Real, _Real]:
 def _pulse_shape(record: _Real) -> tuple[float, float]:
     """Return the duration in samples, and |sum| over the sum of absolute values in it."""
     size = np.abs(record)
-    passed = np.concatenate([[0.0], np.cumsum(np.where(size > _LOUD * size.max(), size**2, 0.0))])
+    energy = np.where(size > PULSE.loud_share * size.max(), size**2, 0.0)
+    passed = np.concatenate([[0.0], np.cumsum(energy)])
     if passed[-1] == 0.0:
         return float(len(record)), 0.0
-    ends = np.searchsorted(passed, passed[:-1] + _ENERGY * passed[-1])
+    ends = np.searchsorted(passed, passed[:-1] + PULSE.energy_share * passed[-1])
     lengths = np.where(ends < len(passed), ends - np.arange(len(record)), len(record) + 1)
     begin = int(np.argmin(lengths))
     part = record[begin : begin + int(lengths[begin])]

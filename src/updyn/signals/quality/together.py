@@ -10,24 +10,12 @@ from numpy.typing import NDArray
 from scipy.signal import find_peaks
 
 from updyn.signals.quality.finding import RecordFinding
+from updyn.signals.quality.settings import LEVEL_DEPENDENCE, RECORD_PEAK, SEGMENT_LEAKAGE
 
 __all__ = ["find_leakage", "find_level_dependence"]
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
-
-#: Least number of hits, and least ratio of the strongest to the weakest, for a level dependence.
-_HITS, _RANGE = 4, 1.25
-#: Number of peaks evaluated; their lines are those above this share of the peak, at most so many on
-#: a side; the prominence of a peak is at least half of its height.
-_PEAKS, _FLANK, _MOST = 5, 0.35, 200
-#: Least relevant change of the shape of a peak, and the probability of a larger one by chance.
-_CHANGE, _CHANCE = 0.03, 0.005
-#: Number of blocks of a record; least ratio of a block to the noise for a response.
-_BLOCKS, _LOUD = 200, 2.0
-#: Least relevant loss of a peak to leakage, and number of standard deviations that it must exceed;
-#: these are from so many parts of the records, of at least so many segments each.
-_LOSS, _ERRORS, _PARTS, _LEAST_SEGMENTS = 0.1, 2.0, 5, 3
 
 
 def find_level_dependence(
@@ -47,7 +35,9 @@ def find_level_dependence(
     """
     levels = np.abs(force).max(axis=1)
     n = len(levels)
-    if n < _HITS or levels.max() < _RANGE * levels.min():
+    if n < LEVEL_DEPENDENCE.least_hits:
+        return
+    if levels.max() < LEVEL_DEPENDENCE.least_range * levels.min():
         return
     gate = _gate(motion)
     F, X = np.fft.rfft(force * gate, axis=1), np.fft.rfft(motion * gate, axis=1)
@@ -55,11 +45,11 @@ def find_level_dependence(
     H = np.zeros_like(X)
     lines = lines & (np.abs(F) > 0.0).all(axis=0)
     H[:, lines] = X[:, lines] / F[:, lines]
-    least = (n - 2) * (_CHANCE ** (-1.0 / (n - 2)) - 1.0)
+    least = (n - 2) * (LEVEL_DEPENDENCE.false_alarm ** (-1.0 / (n - 2)) - 1.0)
     found: list[tuple[float, float]] = []
     for peak, about in _peaks(np.abs(H.mean(axis=0)), lines):
         change, F_ratio = _shape_change(H[:, about], levels)
-        if change > _CHANGE and F_ratio > least:
+        if change > LEVEL_DEPENDENCE.least_change and F_ratio > least:
             found.append((change, float(freq[peak])))
     if found:
         change, f = max(found)
@@ -81,10 +71,11 @@ def find_level_dependence(
 def _gate(motion: _Real) -> _Real:
     """Return a window that ends when the responses have decayed to their noise."""
     n = motion.shape[1]
-    size = max(1, n // _BLOCKS)
+    size = max(1, n // LEVEL_DEPENDENCE.blocks)
     blocks = motion[:, : n // size * size].reshape(len(motion), -1, size)
     level = np.sqrt(np.mean(blocks**2, axis=(0, 2)))
-    loud = np.flatnonzero(level > _LOUD * np.median(level[-len(level) // 4 :]))
+    noise = np.median(level[-len(level) // 4 :])
+    loud = np.flatnonzero(level > LEVEL_DEPENDENCE.loud_ratio * noise)
     end = n if not len(loud) else min(n, (int(loud[-1]) + 2) * size)
     fall = max(2, end // 4)
     gate = np.zeros(n)
@@ -98,16 +89,13 @@ def _peaks(size: _Real, lines: NDArray[np.bool_]) -> Iterator[tuple[int, slice]]
     places, known = find_peaks(np.where(lines, size, 0.0), prominence=0.0)
     high = known["prominences"] > 0.5 * size[places]
     places = places[high]
-    for peak in places[np.argsort(-size[places])][:_PEAKS].tolist():
+    for peak in places[np.argsort(-size[places])][: RECORD_PEAK.most_peaks].tolist():
         low = high_end = peak
-        while peak - low < _MOST and lines[low - 1] and size[low - 1] > _FLANK * size[peak]:
+        of_peak = lines & (size > RECORD_PEAK.flank_share * size[peak])
+        most = RECORD_PEAK.most_flank_lines
+        while peak - low < most and of_peak[low - 1]:
             low -= 1
-        while (
-            high_end - peak < _MOST
-            and high_end + 1 < len(size)
-            and lines[high_end + 1]
-            and size[high_end + 1] > _FLANK * size[peak]
-        ):
+        while high_end - peak < most and high_end + 1 < len(size) and of_peak[high_end + 1]:
             high_end += 1
         if high_end - low >= 2:
             yield peak, slice(low, high_end + 1)
@@ -139,25 +127,25 @@ def find_leakage(
     if size < 16 or 2 * size > force.shape[1]:
         return
     short, long = (_Averages.of(force, motion, n) for n in (size, 2 * size))
-    if len(long.xf) < _LEAST_SEGMENTS * _PARTS:
+    if len(long.xf) < SEGMENT_LEAKAGE.segments_per_part * SEGMENT_LEAKAGE.parts:
         return
     freq = np.fft.rfftfreq(size, step)
     whole = np.abs(short.h1(slice(None)))
     places, _ = find_peaks(whole, prominence=0.0)
     places = places[places > 1]
     found: list[tuple[float, float]] = []
-    for peak in places[np.argsort(-whole[places])][:_PEAKS].tolist():
+    for peak in places[np.argsort(-whole[places])][: RECORD_PEAK.most_peaks].tolist():
         about = np.abs(long.h1(slice(None))[2 * peak - 1 : 2 * peak + 2])
         lost = 1.0 - whole[peak] / about.max()
         at = 2 * peak - 1 + int(np.argmax(about))
         # The two estimates share their noise; its effect on the loss follows from parts of records.
         parts = []
-        for part in range(_PARTS):
-            pair = (one.h1(slice(part, None, _PARTS)) for one in (short, long))
+        for part in range(SEGMENT_LEAKAGE.parts):
+            pair = (one.h1(slice(part, None, SEGMENT_LEAKAGE.parts)) for one in (short, long))
             low, high = (float(np.abs(H[k])) for H, k in zip(pair, (peak, at), strict=True))
             parts.append(1.0 - low / high)
-        error = float(np.std(parts, ddof=1)) / np.sqrt(_PARTS)
-        if lost > _LOSS + _ERRORS * error:
+        error = float(np.std(parts, ddof=1)) / np.sqrt(SEGMENT_LEAKAGE.parts)
+        if lost > SEGMENT_LEAKAGE.least_loss + SEGMENT_LEAKAGE.least_stds * error:
             found.append((float(lost), float(freq[peak])))
     if found:
         lost, f = max(found)

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.correlation.clusters import CLOSE, PairingRule, pair_clusters
-from updyn.correlation.modes import GATE, LEAST_MAC
+from updyn.correlation.clusters import PairingRule, pair_clusters
+from updyn.correlation.settings import MODE_PAIRING
 from updyn.correlation.shapes import find_moving
 from updyn.errors import DataError, SolverError
 from updyn.modal import ModeSet
@@ -86,7 +86,9 @@ def _with_subspaces(
         target.at_sensors(modes.shapes[:, move]),
         target.shapes,
         (frequency, target.frequency),
-        PairingRule(GATE, LEAST_MAC, CLOSE),
+        PairingRule(
+            MODE_PAIRING.frequency_gate, MODE_PAIRING.least_mac, MODE_PAIRING.close_frequencies
+        ),
     )
     of_subspaces, close = macs.copy(), {}
     for i, k, mac in zip(*found.pairs, strict=True):
