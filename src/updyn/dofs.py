@@ -19,13 +19,13 @@ from updyn.errors import DofError, InputError, in_all
 
 _T = TypeVar("_T", bound=np.generic)
 
-__all__ = ["DIRECTIONS", "Dof", "DofSet", "Match"]
+__all__ = ["DIRECTIONS", "LARGEST_NODE", "Dof", "DofSet", "Match"]
 
 DIRECTIONS = ("X", "Y", "Z", "RX", "RY", "RZ")
 _INDEX = {name: i for i, name in enumerate(DIRECTIONS)}
 _LABEL = re.compile(r"(-?[0-9]+):([+-]?)(R?[XYZ])")
-_LARGEST_NODE = 10**17  # node * 6 + direction, and a difference of two, have to fit 64 bits
-_MOST_DIGITS = 100  # longest number that is converted, leading zeros included
+#: Largest node number: node * 6 + direction, and a difference of two, have to fit 64 bits.
+LARGEST_NODE = 10**17
 _SHAPE = "node:direction, with an integer node, an optional sign and one of " + ", ".join(
     DIRECTIONS
 )
@@ -63,8 +63,8 @@ class Dof:
     def __post_init__(self) -> None:
         if not isinstance(self.node, int | np.integer) or isinstance(self.node, bool):
             raise DofError(f"node {self.node!r}: expected a whole number")
-        if abs(int(self.node)) > _LARGEST_NODE:
-            raise DofError(f"node: expected at most {_LARGEST_NODE:g} in size")
+        if abs(int(self.node)) > LARGEST_NODE:
+            raise DofError(f"node: expected at most {LARGEST_NODE:g} in size")
         if self.direction not in DIRECTIONS:
             raise DofError(
                 f"direction {self.direction!r} of node {self.node}: expected one of"
@@ -387,10 +387,10 @@ def whole_numbers(
     if array.dtype.kind == "f":
         array = array.astype(np.float64)  # half precision cannot represent the limit
     with np.errstate(invalid="ignore"):
-        bad = ~((array >= -_LARGEST_NODE) & (array <= _LARGEST_NODE)) | (array != np.floor(array))
+        bad = ~((array >= -LARGEST_NODE) & (array <= LARGEST_NODE)) | (array != np.floor(array))
     if bad.any():
         raise error(
-            f"{what}: expected whole numbers of at most {_LARGEST_NODE:g} in size, found"
+            f"{what}: expected whole numbers of at most {LARGEST_NODE:g} in size, found"
             f" {array[bad][0]}"
         )
     return array.astype(np.int64)
@@ -416,9 +416,10 @@ def _parse_label(label: object) -> tuple[int, int, int]:
         if tidy:
             hint = f"; did you mean {tidy[0]!r}?"
         raise DofError(f"DOF {label!r}: expected {_SHAPE}{hint}")
-    if len(found[1]) > _MOST_DIGITS or abs(int(found[1])) > _LARGEST_NODE:
-        raise DofError(f"DOF {label[:40]!r}: expected a node of at most {_LARGEST_NODE:g} in size")
-    node = int(found[1])
+    digits = found[1].lstrip("-0") or "0"  # without leading zeros, as Python limits their number
+    if len(digits) > len(str(LARGEST_NODE)) or int(digits) > LARGEST_NODE:
+        raise DofError(f"DOF {label[:40]!r}: expected a node of at most {LARGEST_NODE:g} in size")
+    node = -int(digits) if found[1].startswith("-") else int(digits)
     return node, _INDEX[found[3]], -1 if found[2] == "-" else 1
 
 

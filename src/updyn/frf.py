@@ -16,6 +16,7 @@ from updyn.dofs import Dof, DofSet
 from updyn.errors import DataError, DofError, in_all, key_path, suggest
 from updyn.geometry import Geometry
 from updyn.notebook import PlotCurve, card, curves
+from updyn.settings import NOTEBOOK, ROUNDING
 from updyn.units import RATES, Unit, find_ratio, find_unit
 
 if TYPE_CHECKING:
@@ -37,16 +38,8 @@ __all__ = [
 QUANTITIES = {"receptance": 0, "mobility": 1, "accelerance": 2}
 #: Suffix to the unit of displacement.
 _POWER_UNITS = {"receptance": "", "mobility": "/s", "accelerance": "/s²"}
-#: Values below this share of the largest value are rounding errors, such as where symmetry makes
-#: an FRF zero.
-ROUNDING = 1e-11
 #: Dimensions of the variables of a dataset.
 _DIMS = ("freq", "response", "reference")
-#: Largest number of channels drawn in a notebook, and of labels listed.
-_MOST_DRAWN = 8
-#: Tolerated excess of a coherence above 1: two units in the last place of single precision, in
-#: which analysers compute it.
-_ABOVE_ONE = 2.0**-22
 #: Remedy for missing values.
 _GAPS = "`updyn.complete_parts` cuts data with gaps into parts that have none"
 _INVERSES = {
@@ -185,7 +178,7 @@ class FRF:
             return None
         array = self._array(name, given, np.float64, shape)
         if name == "coherence" and (array > 1.0).any():
-            array = np.where((array > 1.0) & (array <= 1.0 + _ABOVE_ONE), 1.0, array)
+            array = np.where((array > 1.0) & (array <= 1.0 + ROUNDING.coherence_excess), 1.0, array)
             array.flags.writeable = False
         outside = (array < 0.0) | (array > high)
         if outside.any():
@@ -233,7 +226,7 @@ class FRF:
         size = np.abs(self.values).reshape(len(self.freq), -1)
         pairs = [(i, j) for i in self.responses.labels for j in self.references.labels]
         shown = [PlotCurve(f"{i} / {j}", size[:, k]) for k, (i, j) in enumerate(pairs)]
-        if len(pairs) > _MOST_DRAWN:
+        if len(pairs) > NOTEBOOK.most_channels:
             rms = np.sqrt(np.mean(size**2, axis=1))
             shown = [PlotCurve(f"rms of {len(pairs)} channels", rms)]
         units = ", ".join(dict.fromkeys(unit(self.quantity, i, j) for i, j in pairs))
@@ -644,8 +637,8 @@ class FRF:
 
 def _format_labels(dofs: DofSet) -> str:
     """Return the labels as text; for many labels, the first ones and their number."""
-    text = ", ".join(dofs[:_MOST_DRAWN].labels)
-    return text if len(dofs) <= _MOST_DRAWN else f"{text}, ... ({len(dofs)} in all)"
+    text = ", ".join(dofs[: NOTEBOOK.most_channels].labels)
+    return text if len(dofs) <= NOTEBOOK.most_channels else f"{text}, ... ({len(dofs)} in all)"
 
 
 def _select_dofs(given: Any, existing: DofSet, what: str) -> list[str | Dof] | None:

@@ -25,6 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from updyn.errors import ModelError, suggest
 from updyn.exchanged import AxisExchange
+from updyn.settings import ROUNDING
 
 __all__ = [
     "DAMPING",
@@ -62,8 +63,6 @@ VALUES = {"loss_factor": "", "mass_damping": "1/s", "stiffness_damping": "s"}
 #: All damping of a group except its viscous matrix, by argument name of `Group`.
 DAMPING = (*VALUES, "loss_table")
 
-#: Rounding error of a matrix entry, relative to the largest entry.
-ROUNDING = 1e-10
 
 #: Integers from here on do not fit a double.
 _LARGEST = 2**1023
@@ -487,7 +486,7 @@ def _symmetric(given: ArrayLike | Any, name: str) -> Matrix:
         raise ModelError(f"{name}: row {row} holds a number that is not finite")
     skew = abs(matrix - matrix.T)
     largest = float(np.abs(matrix.data).max(initial=0.0))
-    if skew.nnz and skew.data.max() > ROUNDING * largest:
+    if skew.nnz and skew.data.max() > ROUNDING.relative * largest:
         worst = skew.tocoo()
         at = int(np.argmax(worst.data))
         i, j = int(worst.row[at]), int(worst.col[at])
@@ -499,10 +498,6 @@ def _symmetric(given: ArrayLike | Any, name: str) -> Matrix:
         matrix = sp.csr_array((matrix + matrix.T) * 0.5)
     matrix.sort_indices()
     return read_only(matrix)
-
-
-#: Relative tolerance for frequencies outside a table by rounding.
-_TABLE_ROUNDING = 1e-10
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
@@ -588,7 +583,8 @@ class LossTable:
             If a frequency lies outside the table.
         """
         low, high = self.freq[0], self.freq[-1]
-        outside = (freq < low * (1.0 - _TABLE_ROUNDING)) | (freq > high * (1.0 + _TABLE_ROUNDING))
+        below = freq < low * (1.0 - ROUNDING.relative)
+        outside = below | (freq > high * (1.0 + ROUNDING.relative))
         if outside.any():
             raise ModelError(
                 f"group {group!r}: {freq[outside][0]:.10g} Hz is outside its loss table, which goes"

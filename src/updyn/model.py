@@ -24,21 +24,11 @@ import scipy.sparse as sp
 from updyn.dofs import Dof, DofSet
 from updyn.errors import ModelError, UpdynWarning, suggest
 from updyn.geometry import Geometry
-from updyn.group import (
-    GROUP_QUANTITIES,
-    MATRICES,
-    ROUNDING,
-    VALUES,
-    Group,
-    Matrix,
-    is_number,
-    read_only,
-)
+from updyn.group import GROUP_QUANTITIES, MATRICES, VALUES, Group, Matrix, is_number, read_only
 from updyn.notebook import card, render_view, structure, table
+from updyn.settings import MODEL_CHECK, ROUNDING
 
 __all__ = ["GROUP_QUANTITIES", "VALUES", "Group", "Matrix", "Model"]
-
-_DENSE_CHECK = 600
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -472,22 +462,23 @@ def _negative(matrix: Matrix) -> str | None:
     used = np.unique(matrix.indices)
     if used.size == 0:
         return None
-    if used.size <= _DENSE_CHECK:
+    if used.size <= MODEL_CHECK.dense_dofs:
         values = np.linalg.eigvalsh(matrix[used][:, used].toarray())
         low, high = float(values[0]), float(np.abs(values).max())
-        if low < -ROUNDING * high:
+        if low < -ROUNDING.relative * high:
             return f"smallest eigenvalue {low:.3g}, largest {high:.3g}"
         return None
     diagonal = matrix.diagonal()
     largest = float(np.abs(matrix.data).max())
-    if diagonal.min() < -ROUNDING * largest:
+    if diagonal.min() < -ROUNDING.relative * largest:
         return f"diagonal entry {int(np.argmin(diagonal)) + 1} is {diagonal.min():.3g}"
     upper = matrix.tocoo()
     off = np.flatnonzero(upper.row < upper.col)
     product = diagonal[upper.row[off]] * diagonal[upper.col[off]]
     # Rounding may raise an entry above the geometric mean of its diagonal entries, or make it
     # nonzero although its diagonal entry is 0.
-    excess = upper.data[off] ** 2 - product - 1e-8 * np.abs(product) - (ROUNDING * largest) ** 2
+    rounding = 1e-8 * np.abs(product) + (ROUNDING.relative * largest) ** 2
+    excess = upper.data[off] ** 2 - product - rounding
     if excess.size and excess.max() > 0.0:
         at = off[int(np.argmax(excess))]
         return f"entry ({upper.row[at] + 1}, {upper.col[at] + 1}) outweighs its diagonal entries"

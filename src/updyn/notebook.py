@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from updyn.registry import Registry
+from updyn.settings import NOTEBOOK
 from updyn.style import FIGURE_TEXT, PAPER, SPACES, category
 
 __all__ = [
@@ -43,10 +44,6 @@ _Real = NDArray[np.float64]
 #: Size of a picture in px, and its margins: left, right, top, bottom.
 _WIDTH, _HEIGHT = 620, 210
 _LEFT, _RIGHT, _ABOVE, _BELOW = 62, 12, 24, 36
-#: Number of bins of a curve, each drawn with its minimum and maximum.
-_STEPS = 600
-#: Largest number of rows of a table, and of lines of a structure.
-_MOST_ROWS, _MOST_LINES = 20, 3000
 #: View direction of the picture of a structure: azimuth and elevation in degrees.
 _EYE = 38.0, 24.0
 
@@ -81,8 +78,8 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]], left: Iterable[i
         return ""
     chosen = set(left)
     lines = [_row("th", header, chosen)]
-    lines += [_row("td", row, chosen) for row in rows[:_MOST_ROWS]]
-    hidden = len(rows) - _MOST_ROWS
+    lines += [_row("td", row, chosen) for row in rows[: NOTEBOOK.most_rows]]
+    hidden = len(rows) - NOTEBOOK.most_rows
     if hidden > 0:
         lines.append(f'<tr><td colspan="{len(header)}">... and {hidden} more</td></tr>')
     look = f"border-collapse:collapse;font-size:{FIGURE_TEXT}px;line-height:1.3"
@@ -241,8 +238,8 @@ def _legend(names: Sequence[str]) -> str:
 
 def _path(x: _Real, y: _Real, _floor: _Real) -> str:
     """Return a curve; of many points only the minimum and maximum of each bin, to keep peaks."""
-    if len(x) > 2 * _STEPS:
-        edges = np.linspace(0, len(x), _STEPS + 1).round().astype(np.intp)
+    if len(x) > 2 * NOTEBOOK.curve_bins:
+        edges = np.linspace(0, len(x), NOTEBOOK.curve_bins + 1).round().astype(np.intp)
         chosen: list[int] = []
         for a, b in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
             part = y[a:b]
@@ -277,7 +274,7 @@ def _svg(parts: Sequence[str], height: float) -> str:
 # -- intervals -------------------------------------------------------------------------------------
 def spans(rows: Sequence[tuple[str, float, float, float]], title: str) -> str:
     """Return an SVG of values (name, low, value, high) with intervals; of many, the first ones."""
-    drawn = [row for row in rows if math.isfinite(row[2])][:_MOST_ROWS]
+    drawn = [row for row in rows if math.isfinite(row[2])][: NOTEBOOK.most_rows]
     if not drawn:
         return ""
     numbers = np.array([row[1:] for row in drawn], dtype=np.float64)
@@ -333,7 +330,7 @@ def structure(xyz: ArrayLike, ends: ArrayLike) -> str:
     scale = float(np.min(free / size))
     at = (flat - (low + high) / 2) * scale * [1.0, -1.0] + [_WIDTH / 2, height / 2]
     items = len(pairs) if len(pairs) else len(points)
-    every = -(-items // _MOST_LINES)
+    every = -(-items // NOTEBOOK.structure_lines)
     what = "line" if len(pairs) else "node"
     if len(pairs):
         lines = at[pairs[::every]].reshape(-1, 4).tolist()

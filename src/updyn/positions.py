@@ -1,9 +1,8 @@
 """Whether nodes of a test and of a model with equal numbers are at the same place.
 
-A distance is gross above `GROSS` of the model's size: the fifth mode of a beam has a wavelength of
-about 0.4 of its length, so the sensor is an eighth of a wavelength away. In a coarse model, up to
-`_COARSE` is permitted to the nearest node. Numbers are right if one unit, or one rigid motion,
-brings all pairs together.
+A distance is gross above `POSITIONS.gross_share` of the model's size. In a coarse model, up to
+`POSITIONS.coarse_share` is permitted to the nearest node. Numbers are right if one unit, or one
+rigid motion, brings all pairs together.
 """
 
 from __future__ import annotations
@@ -24,9 +23,9 @@ from updyn.errors import UpdynWarning
 from updyn.frf import FRF
 from updyn.geometry import Geometry
 from updyn.model import Model
+from updyn.settings import MESSAGES, POSITIONS
 
 __all__ = [
-    "GROSS",
     "UNITS",
     "CoordinateSystem",
     "LabelCheck",
@@ -39,19 +38,7 @@ __all__ = [
 
 #: Metres of each unit of length.
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
-#: Distance above which a pair is gross, as a share of the model's size (diagonal of its box).
-GROSS = 0.05
 
-_COORDINATES = 0.01  # tolerance of a match by coordinates, as a share of the model's size
-_SAME_SHAPE = 0.2  # rms distance of pairs in another unit over the rms radius of the nodes
-_RIGID_SHAPE = 0.1  # the same after a rigid motion, which has more freedom
-_BETTER = 0.25  # rms distance over that of the given pairs, below which another system is accepted
-_COARSE = 0.25  # largest distance to a nearest node that is not gross, as a share of the size
-_IN_LINE = 1e-6  # width of a set of points over its length
-_SMALLEST_ROTATION = (
-    1.0  # degrees of rotation from which test directions are taken to be along other axes
-)
-_SHOWN = 6  # pairs listed in a message
 
 Points = NDArray[np.float64]
 
@@ -112,7 +99,7 @@ def rigid_motion(x: Points, y: Points) -> tuple[Points, Points]:
 def is_in_line(centred: Points) -> bool:
     """Return whether centred points (n, 3) are in a line or at one place: rotation undetermined."""
     sizes = np.linalg.svd(centred, compute_uv=False)
-    return len(centred) < 3 or bool(sizes[1] <= _IN_LINE * sizes[0])
+    return len(centred) < 3 or bool(sizes[1] <= POSITIONS.line_width * sizes[0])
 
 
 def _along_line(a: Points, b: Points) -> tuple[Points, Points]:
@@ -156,8 +143,9 @@ def check_labels(
 ) -> LabelCheck | None:
     """Compare the positions of nodes with equal numbers in test and model.
 
-    `limit` is the largest distance in m; by default `GROSS` of the model's size, and more if the
-    node is the nearest one. None if no node has a position in both, or the model is at one place.
+    `limit` is the largest distance in m; by default `POSITIONS.gross_share` of the model's size,
+    and more if the node is the nearest one. None if no node has a position in both, or the model is
+    at one place.
     """
     assert model.geometry is not None
     asked = np.array(list(dict.fromkeys(nodes)), dtype=np.int64)
@@ -186,7 +174,7 @@ class _Comparison:
         self.model = model
         self.size = size
         self.stated = limit is not None
-        self.limit = GROSS * self.size if limit is None else limit
+        self.limit = POSITIONS.gross_share * self.size if limit is None else limit
         self.radius = _rms(self.y - self.y.mean(axis=0))
         span = float(np.ptp(self.x, axis=0).max())
         places = np.round(self.x / (span or 1.0), 9)
@@ -246,7 +234,7 @@ class _Comparison:
         if self.stated or not far.any():
             return np.asarray(far)
         is_nearest = distance <= (1.0 + 1e-9) * self.nearest(system)[0]
-        return np.asarray(far & ~(is_nearest & (distance <= _COARSE * self.size)))
+        return np.asarray(far & ~(is_nearest & (distance <= POSITIONS.coarse_share * self.size)))
 
     def size_ratio(self, system: CoordinateSystem) -> float:
         """Return the size of the test relative to that of the nodes of the model."""
@@ -257,7 +245,7 @@ class _Comparison:
     # -- systems
     def fits_labels(self, unit: CoordinateSystem) -> bool:
         """Return whether the pairs agree in another unit."""
-        shape = _rms(self.pair_vectors(unit)) <= _SAME_SHAPE * self.radius
+        shape = _rms(self.pair_vectors(unit)) <= POSITIONS.unit_share * self.radius
         return shape and not self.far_pairs(unit).any()
 
     def fits_coordinates(self, unit: CoordinateSystem) -> bool:
@@ -268,9 +256,10 @@ class _Comparison:
         distance, names = self.nearest(unit)
         if unit.factor != 1.0 and self.n_places < 3:
             return False  # with a free unit, one or two nodes lie on others by chance
-        near = bool((distance <= GROSS * self.size).all())
+        near = bool((distance <= POSITIONS.gross_share * self.size).all())
         distinct = len(np.unique(names)) >= self.n_places
-        return near and distinct and _rms(distance) < _BETTER * _rms(self.pair_vectors(unit))
+        rms = _rms(self.pair_vectors(unit))
+        return near and distinct and _rms(distance) < POSITIONS.better_share * rms
 
     def align_rigidly(self, unit: CoordinateSystem) -> CoordinateSystem:
         """Return the system with the rigid motion that best aligns the pairs."""
@@ -282,7 +271,8 @@ class _Comparison:
         """Return whether the pairs agree after a rigid motion."""
         assert system.residual is not None
         most = min(
-            _RIGID_SHAPE * self.radius, _BETTER * _rms(self.pair_vectors(CoordinateSystem()))
+            POSITIONS.rigid_share * self.radius,
+            POSITIONS.better_share * _rms(self.pair_vectors(CoordinateSystem())),
         )
         if system.factor != 1.0 and self.n_places < 3:
             most *= 0.1  # with a free unit, any two distances can be made similar
@@ -306,9 +296,9 @@ class _Comparison:
             )
             return LabelCheck(system, warning=warning)
         text = f"The positions of the test are those of the same labels in the model if {motion}"
-        if system.turn <= _SMALLEST_ROTATION and system.factor <= 1.0:
+        if system.turn <= POSITIONS.least_rotation and system.factor <= 1.0:
             return LabelCheck(system, note=text)
-        if system.turn <= _SMALLEST_ROTATION:
+        if system.turn <= POSITIONS.least_rotation:
             return LabelCheck(system, warning=f"{text}; models are in SI")
         pairs = ", ".join(f"{node} = {node}" for node in self.spread_nodes())
         warning = (
@@ -334,14 +324,14 @@ class _Comparison:
         distance = np.linalg.norm(self.pair_vectors(system), axis=1)
         near, names = self.nearest(system)
         rows = []
-        for i in sorted(gross, key=lambda i: -distance[i])[:_SHOWN]:
+        for i in sorted(gross, key=lambda i: -distance[i])[: MESSAGES.listed_items]:
             row = f"  {self.nodes[i]}: {distance[i]:.3g} m from node {self.nodes[i]} of the model"
             if names[i] != self.nodes[i]:
                 row += f"; node {names[i]} is nearer: {_metres(near[i])} m"
             rows.append(row)
         limit = f"{self.limit:.3g} m"
         if not self.stated:
-            limit += f" ({100 * GROSS:g} % of the model's size)"
+            limit += f" ({100 * POSITIONS.gross_share:g} % of the model's size)"
         read = f" read in {system.unit}" if system.unit is not None else ""
         if system.residual is not None:
             read += " turned and moved onto the model as closely as possible"
@@ -350,7 +340,7 @@ class _Comparison:
             f" is farther than {limit} from {len(gross)} of {_count(len(self.nodes))} of the"
             f" test{read}. Largest distances:"
         )
-        if proposal and (worst := float(near.max())) > _COORDINATES * self.size:
+        if proposal and (worst := float(near.max())) > POSITIONS.matched_share * self.size:
             proposal["tolerance"] = f"{math.ceil(100 * worst / self.size)} %"
         return LabelCheck(
             system, "\n".join([head, *rows, self.remedy_text(near, len(gross), proposal)]), proposal

@@ -18,6 +18,7 @@ import numpy as np
 
 from updyn.errors import OptionError
 from updyn.registry import load_object
+from updyn.settings import PROGRESS
 from updyn.style import PAPER
 from updyn.text_table import printable
 
@@ -35,13 +36,6 @@ __all__ = [
     "display_progress",
 ]
 
-#: Shortest time between plain lines of a stage in s: between steps, and within a step.
-_BETWEEN_STEPS = 1.0
-_WITHIN_STEP = 10.0
-#: Run time of a stage in s before its remaining time is estimated.
-_BEFORE_ESTIMATE = 1.0
-#: Shortest time between two updates of a bar in a notebook, in s.
-_BETWEEN_PICTURES = 0.2
 _BAR_WIDTH = 12
 
 
@@ -146,7 +140,7 @@ class StageClock:
         if not 0 < done <= lines:
             return math.nan, math.nan
         share, passed = done / lines, time.monotonic() - self._begun
-        if passed < _BEFORE_ESTIMATE:
+        if passed < PROGRESS.estimate_delay:
             return share, math.nan
         return share, passed * (1.0 - share) / share
 
@@ -220,7 +214,7 @@ class ProgressBar:
         shown_stage, shown_step, shown_at = self._shown
         if stage != shown_stage or shown_step < 0 <= step:
             return True
-        pause = _WITHIN_STEP if step == shown_step else _BETWEEN_STEPS
+        pause = PROGRESS.same_step_interval if step == shown_step else PROGRESS.line_interval
         return time.monotonic() - shown_at >= pause
 
     @contextmanager
@@ -274,7 +268,7 @@ class NotebookBar:
         """Display a step, or the lines solved for the next step."""
         where = self._clock.locate(progress)
         now = time.monotonic()
-        if now - self._last >= _BETWEEN_PICTURES:
+        if now - self._last >= PROGRESS.bar_interval:
             self._last = now
             figures = "  ".join(_figures(progress, where))
             self._handle.update(_Html(_bar(_name(where), where.share, figures)))

@@ -10,10 +10,7 @@ from dataclasses import dataclass
 
 from updyn.model import Model
 
-__all__ = ["LARGEST_TRIED", "Variant", "build_variants", "exchanged_axes"]
-
-#: Largest number of DOFs for which variants are compared with data: about a second each.
-LARGEST_TRIED = 5_000
+__all__ = ["Variant", "build_variants", "exchanged_axes"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -29,6 +29,7 @@ from updyn.elements.checks import (
     read_parts,
     to_reals,
 )
+from updyn.elements.settings import ELEMENT
 from updyn.errors import ModelError
 from updyn.exchanged import AxisExchange, StiffnessAndMass
 from updyn.geometry import Geometry
@@ -36,8 +37,6 @@ from updyn.model import Group, Matrix, Model
 
 __all__ = ["BeamMass", "BeamSupport", "Segment", "beam", "beam_from_table", "element_matrices"]
 
-_SAME = 1e-9  # relative to the length: closer positions are one node
-_DEFAULT_ELEMENTS = 100
 _SLOPE = np.array([1.0, -1.0, 1.0, -1.0])  # from (w, dw/dx - shear) to (Z, RY)
 
 
@@ -432,7 +431,7 @@ def _node_positions(
     """Return ascending node positions in m that include `places`, pairs of name and position."""
     checked = [(what, check_number(what, "position", x)) for what, x in places]
     for what, x in checked:
-        if not -_SAME * length <= x <= (1 + _SAME) * length:
+        if not -ELEMENT.rounding * length <= x <= (1 + ELEMENT.rounding) * length:
             raise ModelError(
                 f"{what} at {x:g} m lies off the beam, which runs from 0 to {length:g} m"
             )
@@ -441,7 +440,7 @@ def _node_positions(
             raise ModelError("beam: give either n_elements or nodes, not both", key=("n_elements",))
         return _read_nodes(length, checked, nodes)
     if n_elements is None:
-        n_elements = _DEFAULT_ELEMENTS
+        n_elements = ELEMENT.beam_elements
     if not is_whole(n_elements) or n_elements < 1:
         raise ModelError(
             f"beam: n_elements {n_elements!r}; expected a whole number of at least 1",
@@ -449,7 +448,7 @@ def _node_positions(
         )
     cuts = np.unique(np.clip([0.0, length, *(x for _, x in checked)], 0.0, length))
     # Positions that differ only by rounding are one; the ends are exact.
-    cuts = cuts[np.r_[True, np.diff(cuts) > _SAME * length]]
+    cuts = cuts[np.r_[True, np.diff(cuts) > ELEMENT.rounding * length]]
     cuts[-1] = length
     counts = np.maximum(np.ceil(np.diff(cuts) / length * n_elements - 1e-6), 1).astype(int)
     pieces = []
@@ -465,7 +464,7 @@ def _read_nodes(
         x = to_reals(nodes)
     except ValueError as error:
         raise ModelError(f"beam: nodes are not numbers ({error})", key=("nodes",)) from error
-    tolerance = _SAME * length
+    tolerance = ELEMENT.rounding * length
     if x.ndim != 1 or len(x) < 2 or not np.isfinite(x).all() or (np.diff(x) <= tolerance).any():
         raise ModelError(
             "beam: nodes must be at least two finite positions that increase", key=("nodes",)
@@ -528,7 +527,7 @@ def _check_cover(segments: Iterable[Segment], length: float) -> None:
     """Check that the segments cover the beam once, without empty segments, overlaps or gaps."""
     reached = 0.0
     before = "the start"
-    tolerance = _SAME * length
+    tolerance = ELEMENT.rounding * length
     for segment in sorted(segments, key=lambda s: (s.start, s.end)):
         name = f"segment {segment.name!r}"
         start = segment.start

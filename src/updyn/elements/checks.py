@@ -10,7 +10,7 @@ from typing import Any, TypeGuard, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from updyn.dofs import whole_numbers
+from updyn.dofs import LARGEST_NODE, whole_numbers
 from updyn.errors import ModelError, key_path, suggest
 
 __all__ = [
@@ -40,7 +40,6 @@ __all__ = [
 ]
 
 _T = TypeVar("_T")
-LARGEST_NODE = 10**17  # largest node number of a DOF
 
 
 # -- numbers

@@ -19,9 +19,11 @@ from scipy.sparse.csgraph import connected_components
 
 from updyn.dofs import DIRECTIONS, Dof, DofSet, whole_numbers
 from updyn.elements.checks import check_node_number, check_vector, set_fields
+from updyn.elements.settings import ELEMENT
 from updyn.errors import ModelError, suggest
 from updyn.geometry import Geometry
 from updyn.model import Group, Matrix, Model
+from updyn.settings import MESSAGES
 
 __all__ = [
     "Equation",
@@ -34,8 +36,6 @@ __all__ = [
 ]
 
 _LARGEST = sys.float_info.max  # integers may be larger
-_SHOWN = 6  # equations of a loop that a message names
-_SAME = 1e-9  # of the size: positions closer than this are the same
 _TRANSLATIONS = ("X", "Y", "Z")
 _ROTATIONS = ("RX", "RY", "RZ")
 
@@ -222,7 +222,7 @@ def _check_no_loop(among_ties: Matrix, ties: Sequence[Equation]) -> None:
     count, component = connected_components(among_ties, directed=True, connection="strong")
     if count < len(ties):
         looped = np.flatnonzero(component == np.argmax(np.bincount(component)))
-        shown = "; ".join(str(ties[i]) for i in looped[:_SHOWN])
+        shown = "; ".join(str(ties[i]) for i in looped[: MESSAGES.listed_items])
         raise ModelError(f"the equations run in a loop: {shown}")
 
 
@@ -403,8 +403,8 @@ def _joined_geometry(parts: Sequence[Geometry]) -> Geometry | None:
     axes = np.concatenate([_axes(geometry) for geometry in parts])
     _, first, place = np.unique(nodes, return_index=True, return_inverse=True)
     size = max(float(np.ptp(xyz, axis=0).max()), 1e-300)
-    differs = np.abs(xyz - xyz[first][place]).max(axis=1) > _SAME * size
-    differs |= np.abs(axes - axes[first][place]).max(axis=(1, 2)) > _SAME
+    differs = np.abs(xyz - xyz[first][place]).max(axis=1) > ELEMENT.rounding * size
+    differs |= np.abs(axes - axes[first][place]).max(axis=(1, 2)) > ELEMENT.rounding
     if differs.any():
         i = int(np.argmax(differs))
         raise ModelError(

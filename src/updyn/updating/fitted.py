@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from updyn.errors import SolverError, UpdynWarning
-from updyn.frf import ROUNDING
+from updyn.settings import ROUNDING
 from updyn.updating.assembly import Assembly
 from updyn.updating.fit.method import Fit
 from updyn.updating.fit.monitor import Monitor
-from updyn.updating.fit.reducing import FINEST
+from updyn.updating.fit.settings import REDUCED_TIER
 from updyn.updating.problem.lines import restrict_to_lines
 from updyn.updating.problem.modal import check_any_pair
 from updyn.updating.problem.problem import Problem
@@ -98,7 +98,7 @@ def _fit_from_start(assembly: Assembly, monitor: Monitor) -> Fitted:
 def _on_chosen_lines(assembly: Assembly, problem: Problem) -> Problem:
     """Return the problem on the chosen lines, without channels whose values are rounding."""
     lines = [test.lines for test in assembly.setup.frf_tests]
-    finest = ROUNDING if assembly.reduced is None else FINEST
+    finest = ROUNDING.receptance_share if assembly.reduced is None else REDUCED_TIER.finest_error
     x = problem.coordinates.start
     parts = map(restrict_to_lines, problem.parts, lines)
     return problem.with_parts([part.without_rounding(x, finest) for part in parts])

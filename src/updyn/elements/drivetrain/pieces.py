@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.elements.checks import check_not_negative, check_number, check_whole
+from updyn.elements.settings import ELEMENT
 from updyn.errors import ModelError
 from updyn.registry import Registry
 
@@ -32,9 +33,6 @@ __all__ = [
     "relative_deformation",
     "solve_ratios",
 ]
-
-
-_CANCELLED = 1e-9  # relative to the largest term: rounding error of terms that cancel
 
 
 @dataclass(frozen=True, slots=True)
@@ -266,7 +264,7 @@ def _substitute(row: dict[int, float], known: dict[int, dict[int, float]]) -> di
             term = factor * coefficient
             total[other] = total.get(other, 0.0) + term
             largest[other] = max(largest.get(other, 0.0), abs(term))
-    return {node: c for node, c in total.items() if abs(c) > _CANCELLED * largest[node]}
+    return {node: c for node, c in total.items() if abs(c) > ELEMENT.rounding * largest[node]}
 
 
 def _eliminate(

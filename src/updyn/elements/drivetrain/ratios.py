@@ -10,25 +10,14 @@ from numpy.typing import NDArray
 from updyn.dynamics.eigen import mass_rank
 from updyn.dynamics.modes import modes
 from updyn.elements.drivetrain.pieces import Part
+from updyn.elements.settings import TRAIN
 from updyn.errors import UpdynError
 from updyn.model import Model
 
-__all__ = ["PLAUSIBLE", "inverted_ratios"]
+__all__ = ["inverted_ratios"]
 
 _Real = NDArray[np.float64]
 _Band = tuple[float, float]
-
-#: Plausible natural frequencies of a drive train in Hz. At 10 kHz a shear wave in steel, with a
-#: speed of sqrt(G / rho) = 3.2 km/s (Timoshenko, Vibration Problems in Engineering), has a length
-#: of 0.32 m, so wheels and shafts are no longer lumped inertias. The largest machines are far
-#: above 0.01 Hz: a telescope of 100 m is modelled by its modes up to 2 Hz (Ranka et al., J.
-#: Astron. Telesc. Instrum. Syst. 2 (2016) 014001).
-PLAUSIBLE: _Band = (0.01, 1e4)
-#: Factor on both ends of the band of a test: the stiffness of the start may be wrong by a factor
-#: of four.
-_OCTAVE = 2.0
-#: Largest number of DOFs of a train to examine: a fraction of a second per ratio.
-_LARGEST = 300
 
 
 def inverted_ratios(
@@ -40,7 +29,7 @@ def inverted_ratios(
     """Return a question about each gear ratio whose inverse gives more plausible frequencies.
 
     A ratio is doubtful if only its inverse has a natural frequency within an octave of `band` in
-    Hz; without a band, if more frequencies are `PLAUSIBLE` with the inverse. Too large trains are
+    Hz; without a band, if more frequencies are plausible with the inverse. Too large trains are
     not examined.
     """
     geared = [at for at, part in enumerate(parts) if part.speeds is not None]
@@ -74,7 +63,7 @@ def _frequencies_with_inverted(
 
 def _frequencies(model: Model) -> _Real:
     """Return the natural frequencies in Hz without rigid-body modes; empty if not computed."""
-    if model.n_dofs > _LARGEST:
+    if model.n_dofs > TRAIN.examined_dofs:
         return np.zeros(0)
     try:
         found = modes(model, mass_rank(model.mass)).frequency
@@ -84,12 +73,12 @@ def _frequencies(model: Model) -> _Real:
 
 
 def _outside_plausible(found: _Real) -> _Real:
-    low, high = PLAUSIBLE
+    low, high = TRAIN.lowest_frequency, TRAIN.highest_frequency
     return np.asarray(found[(found < low) | (found > high)])
 
 
 def _near_band(found: _Real, band: _Band) -> _Real:
-    low, high = band[0] / _OCTAVE, band[1] * _OCTAVE
+    low, high = band[0] / TRAIN.band_factor, band[1] * TRAIN.band_factor
     return np.asarray(found[(found >= low) & (found <= high)])
 
 
@@ -117,7 +106,7 @@ def _question(parts: Sequence[Part], found: _Real, instead: _Real, band: _Band |
         first, second, ratio = part.speeds
         meant.append(f"node {first} turns {_ratio(ratio)} times as fast as node {second}")
     if band is None:
-        low, high = PLAUSIBLE
+        low, high = TRAIN.lowest_frequency, TRAIN.highest_frequency
         outside = _format_frequencies(_outside_plausible(found))
         finding = f"the train has natural frequencies outside {low:g} to {high:g} Hz: {outside}"
     else:

@@ -24,13 +24,11 @@ from updyn.elements.drivetrain.pieces import (
     solve_ratios,
 )
 from updyn.elements.drivetrain.shafts import Shaft
+from updyn.elements.settings import ELEMENT, TRAIN
 from updyn.errors import ModelError, suggest
 from updyn.text_table import text_table
 
 __all__ = ["Reflected", "ReflectedPart", "reflected"]
-
-_RIGID = 1e-9  # singular values of unit rows below which motions cause no deformation
-_SOLVED = 1e-6  # largest residual of a solvable equation
 
 
 @dataclass(frozen=True, slots=True)
@@ -226,8 +224,8 @@ class _RigidTrain:
         A = np.array([*others, self._unit(to)])
         b = np.zeros(len(A))
         b[-1] = 1.0
-        theta = np.linalg.lstsq(A, b, rcond=_RIGID)[0]
-        if np.abs(A @ theta - b).max() >= _SOLVED:
+        theta = np.linalg.lstsq(A, b, rcond=ELEMENT.rounding)[0]
+        if np.abs(A @ theta - b).max() >= TRAIN.solvable_residual:
             return None
         return abs(float(self._coefficients(spring) @ theta))
 
@@ -239,11 +237,11 @@ class _RigidTrain:
         for node in self._supports():
             if motions.shape[1] <= 1:
                 break
-            if np.abs(motions[self._place[node]]).max() > _RIGID:
+            if np.abs(motions[self._place[node]]).max() > ELEMENT.rounding:
                 rigid.append(self._unit(node))
                 motions = self._null_space(rigid)
         motion_at_node = motions[self._place[to]]
-        if motions.shape[1] == 0 or np.abs(motion_at_node).max() < _RIGID:
+        if motions.shape[1] == 0 or np.abs(motion_at_node).max() < ELEMENT.rounding:
             raise ModelError(f"reflected: node {to} cannot turn; reflect to one that can")
         if motions.shape[1] > 1:
             raise ModelError(
@@ -252,7 +250,7 @@ class _RigidTrain:
                 " planetary stage and reflect one train at a time"
             )
         ratios = motions[:, 0] / motion_at_node[0]
-        ratios[np.abs(ratios) < _RIGID * np.abs(ratios).max()] = 0.0
+        ratios[np.abs(ratios) < ELEMENT.rounding * np.abs(ratios).max()] = 0.0
         return dict(zip(self.nodes, ratios.tolist(), strict=True))
 
     def _supports(self) -> list[int]:
@@ -289,14 +287,14 @@ class _RigidTrain:
         # resists it.
         loose = np.eye(free)
         if len(R):
-            loose = sl.null_space(R / size, rcond=_RIGID)
+            loose = sl.null_space(R / size, rcond=ELEMENT.rounding)
         work = np.abs((load / size) @ loose).max(initial=0.0)
-        if work > _SOLVED * np.abs(load / size).max():
+        if work > TRAIN.solvable_residual * np.abs(load / size).max():
             return None
         # Minimise |R q|^2 / 2 - load q by least squares on R itself: R^T R would square the
         # condition number of a stiff train.
-        half = np.linalg.lstsq((R / size).T, load / size, rcond=_RIGID)[0]
-        q = np.linalg.lstsq(R / size, half, rcond=_RIGID)[0] / size
+        half = np.linalg.lstsq((R / size).T, load / size, rcond=ELEMENT.rounding)[0]
+        q = np.linalg.lstsq(R / size, half, rcond=ELEMENT.rounding)[0] / size
         return dict(zip(self.nodes, (T @ q).tolist(), strict=True))
 
     def _transformation(self) -> tuple[NDArray[np.float64], int]:
@@ -328,4 +326,4 @@ class _RigidTrain:
     def _null_space(self, rows: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
         if not rows:
             return np.eye(len(self.nodes))
-        return np.asarray(sl.null_space(np.array(rows), rcond=_RIGID))
+        return np.asarray(sl.null_space(np.array(rows), rcond=ELEMENT.rounding))

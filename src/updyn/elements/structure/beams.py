@@ -21,13 +21,12 @@ from updyn.elements.checks import (
     field_names,
     set_fields,
 )
+from updyn.elements.settings import ELEMENT
 from updyn.elements.structure import pyfe
 from updyn.elements.structure.element import TRANSLATIONS, Element, ElementMatrices
 from updyn.errors import ModelError, suggest
 
 __all__ = ["Beam", "Section", "Truss", "rectangle", "section_from_table", "tube"]
-
-_PARALLEL = 1e-6  # sine of the angle between a beam and its orientation
 
 
 # -- sections
@@ -256,7 +255,7 @@ class Beam(Element):
         if self.orientation is None:
             return np.asarray(np.eye(3)[np.argmin(np.abs(along), axis=1)])
         v = self.orientation / np.linalg.norm(self.orientation)
-        parallel = np.linalg.norm(np.cross(along, v), axis=1) < _PARALLEL
+        parallel = np.linalg.norm(np.cross(along, v), axis=1) < ELEMENT.parallel_sine
         if parallel.any():
             nodes = numbers[int(np.argmax(parallel))].tolist()
             raise ModelError(
@@ -288,11 +287,12 @@ class Beam(Element):
         """Return the orientation rotated by 90 degrees about parallel beams, else None."""
         along = xyz[:, 1] - xyz[:, 0]
         along = along / np.linalg.norm(along, axis=1, keepdims=True)
-        if self.orientation is None or (np.abs(along @ along[0]) < 1.0 - _PARALLEL).any():
+        least_cosine = 1.0 - ELEMENT.parallel_sine
+        if self.orientation is None or (np.abs(along @ along[0]) < least_cosine).any():
             return None
         across = np.cross(along[0], self.orientation)
         across = across / np.linalg.norm(across)
-        return np.asarray(np.where(np.abs(across) < _PARALLEL, 0.0, across))
+        return np.asarray(np.where(np.abs(across) < ELEMENT.parallel_sine, 0.0, across))
 
     @classmethod
     def fields_of_row(cls, where: str, row: Mapping[str, Any]) -> Mapping[str, Any]:

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from updyn.dofs import DIRECTIONS, Dof, DofSet, whole_numbers
 from updyn.elements.checks import check_keys, read_parts, read_row, read_rows, to_reals
 from updyn.elements.constraints import Equation, RigidLink, constrain, rigid_link
+from updyn.elements.settings import ELEMENT
 from updyn.elements.structure.element import ELEMENTS, Element, ElementMatrices
 from updyn.errors import ModelError, key_path
 from updyn.exchanged import AxisExchange, StiffnessAndMass
@@ -22,9 +23,6 @@ from updyn.model import Group, Model
 from updyn.shapes import as_quadrangles, outer_faces
 
 __all__ = ["structure", "structure_from_table"]
-
-_BATCH = 1_000_000  # entries of element matrices computed at once
-_PENDING = 4_000_000  # entries of element matrices kept before summation
 
 
 def structure(
@@ -429,7 +427,7 @@ def _batches(element: Element, table: _Nodes) -> Iterator[tuple[NDArray[np.intp]
     numbers = element.node_numbers
     at = table.find(element.label, numbers)
     size = at.shape[1] * len(element.directions)
-    step = max(_BATCH // size**2, 1)
+    step = max(ELEMENT.entries_at_once // size**2, 1)
     for start in range(0, len(at), step):
         some = slice(start, start + step)
         found = element.matrices(numbers[some], table.xyz[at[some]])
@@ -481,7 +479,7 @@ class _MatrixSum:
         values[rows == columns] *= 0.5
         self.pending.append((values, rows, columns))
         self.waiting += len(values)
-        if self.waiting > _PENDING:
+        if self.waiting > ELEMENT.pending_entries:
             self._merge()
 
     def _merge(self) -> None:

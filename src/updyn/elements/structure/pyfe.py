@@ -20,11 +20,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from updyn.elements.settings import ELEMENT
 from updyn.errors import ModelError
 
 __all__ = ["beam_matrices", "plate_matrices", "truss_matrices"]
 
-_RIGID_IN_SHEAR = 1e10  # ratio of shear modulus to E above which rounding removes the flexibility
 _INDEX = np.dtype("l")  # C long, the type of indices in pyfe3d
 
 
@@ -79,7 +79,7 @@ def beam_matrices(
 
 
 def _shear_modulus(coefficient: float | None, E: float, G: float) -> float:
-    return _RIGID_IN_SHEAR * E if coefficient is None else coefficient * G
+    return ELEMENT.rigid_shear_ratio * E if coefficient is None else coefficient * G
 
 
 def truss_matrices(

@@ -16,14 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.elements.checks import check_connectivity, check_material, check_positive, set_fields
+from updyn.elements.settings import ELEMENT
 from updyn.elements.structure import pyfe
 from updyn.elements.structure.element import Element, ElementMatrices
 from updyn.errors import ModelError, UpdynWarning
 
 __all__ = ["Shell"]
 
-_FLAT = 1e-9  # relative distance below which a node is in the plane
-_WARPED = 0.1  # relative distance above which flat elements are a poor choice
 _CORNERS = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 
 
@@ -96,7 +95,7 @@ class Shell(Element):
         height = local[:, :, 2].copy()
         size = np.sqrt(self._areas(numbers, local))
         self._check_warp(numbers, np.abs(height).max(axis=1) / size)
-        height[np.abs(height) < _FLAT * size[:, None]] = 0.0
+        height[np.abs(height) < ELEMENT.rounding * size[:, None]] = 0.0
         local[:, :, 2] = 0.0
         K, M = pyfe.plate_matrices(self.label, self.thickness, self.E, self.nu, self.rho, local)
         if xyz.shape[1] == 4:
@@ -155,8 +154,8 @@ class Shell(Element):
 
     def _check_warp(self, numbers: NDArray[np.int64], warp: NDArray[np.float64]) -> None:
         worst = warp.max()
-        if worst > _WARPED:
-            count = int((warp > _WARPED).sum())
+        if worst > ELEMENT.warned_warp:
+            count = int((warp > ELEMENT.warned_warp).sum())
             warnings.warn(
                 f"{self._element(numbers, warp == worst)} is warped: a node is {worst:.0%} of its"
                 f" size off the plane ({count} such elements); two triangles, or a finer mesh,"

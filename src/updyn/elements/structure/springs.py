@@ -16,13 +16,11 @@ from updyn.elements.checks import (
     check_six,
     set_fields,
 )
+from updyn.elements.settings import ELEMENT
 from updyn.elements.structure.element import Element, ElementMatrices
 from updyn.errors import ModelError
 
 __all__ = ["PointMass", "Spring"]
-
-_ROUNDING = 1e-9  # relative
-_ROTATION_ROUNDING = 1e-12  # of the largest entry: zeros after a rotation
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,7 +93,8 @@ class Spring(Element):
         if pair.shape != (2, 3):
             raise ModelError(f"{what}: axes of shape {pair.shape}; expected two vectors, (2, 3)")
         x, v = pair
-        if np.linalg.norm(np.cross(x, v)) <= _ROUNDING * np.linalg.norm(x) * np.linalg.norm(v):
+        product = np.linalg.norm(x) * np.linalg.norm(v)
+        if np.linalg.norm(np.cross(x, v)) <= ELEMENT.rounding * product:
             raise ModelError(
                 f"{what}: axes {x} and {v} are parallel or 0; expected two that span a plane"
             )
@@ -133,7 +132,7 @@ class Spring(Element):
             G = R @ _rigid_arm(middle - ends[0])
         else:
             G = np.hstack([-R @ _rigid_arm(middle - ends[0]), R @ _rigid_arm(middle - ends[1])])
-        G[np.abs(G) < _ROTATION_ROUNDING * np.abs(G).max()] = 0.0
+        G[np.abs(G) < ELEMENT.rotation_rounding * np.abs(G).max()] = 0.0
         return ElementMatrices(_quadratic(self.stiffness, G), C=_quadratic(self.viscous, G))
 
     def used_dofs(self, xyz: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -201,12 +200,12 @@ class PointMass(Element):
         tensor = check_floats(what, "inertia", self.inertia)
         if tensor.shape == (3,):
             tensor = np.diag(tensor)
-        if tensor.shape != (3, 3) or not np.allclose(tensor, tensor.T, rtol=_ROUNDING, atol=0):
+        if tensor.shape != (3, 3) or not _is_symmetric(tensor):
             raise ModelError(
                 f"{what}: inertia {self.inertia!r}; expected three moments or a symmetric (3, 3)"
                 " tensor"
             )
-        if np.linalg.eigvalsh(tensor)[0] < -_ROUNDING * np.abs(tensor).max():
+        if np.linalg.eigvalsh(tensor)[0] < -ELEMENT.rounding * np.abs(tensor).max():
             raise ModelError(f"{what}: inertia {self.inertia!r} is negative about some axis")
         offset = check_floats(what, "offset", self.offset)
         if offset.shape != (3,):
@@ -251,3 +250,7 @@ def _rigid_arm(arm: NDArray[np.float64]) -> NDArray[np.float64]:
     out = np.eye(6)
     out[:3, 3:] = -np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     return out
+
+
+def _is_symmetric(tensor: NDArray[np.float64]) -> bool:
+    return np.allclose(tensor, tensor.T, rtol=ELEMENT.rounding, atol=0)

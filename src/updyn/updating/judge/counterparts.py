@@ -25,10 +25,11 @@ from updyn.frf import FRF
 from updyn.modal import ModeSet, identify_modes
 from updyn.modal.peaks import find_resonance_peaks
 from updyn.model import Model
+from updyn.settings import VARIANTS
 from updyn.text_table import format_count
 from updyn.updating.judge.claim import Claim
 from updyn.updating.judge.settings import COUNTERPARTS, EFFORT
-from updyn.variants import LARGEST_TRIED, build_variants
+from updyn.variants import build_variants
 
 __all__ = ["Counterparts", "Pair", "find_counterparts", "identify_modes_for"]
 
@@ -383,7 +384,7 @@ class _Hypothesis:
 
 def _try_variants(model: Model, test: ModeSet, n_measured: int) -> _Hypothesis | None:
     """Return the counterparts in the best variant of a model; None if these are few."""
-    if model.n_dofs > LARGEST_TRIED:
+    if model.n_dofs > VARIANTS.largest_model:
         return None
     variants = build_variants(model)
     best: _Hypothesis | None = None

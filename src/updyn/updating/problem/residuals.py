@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 
 from updyn import sensitivity
 from updyn.errors import DataError, SolverError
-from updyn.frf import FRF, QUANTITIES, ROUNDING
+from updyn.frf import FRF, QUANTITIES
 from updyn.linalg.threads import use_one_thread
 from updyn.registry import Registry
+from updyn.settings import ROUNDING
 from updyn.updating.problem.local import Local, join_locals, qr_triangle, reduce_blocks
 from updyn.updating.problem.modal import ModalError
 from updyn.updating.problem.noise import level_by_unit
@@ -205,7 +206,8 @@ def noise_weights(values: _Complex, variance: _Matrix, frf: FRF) -> _Matrix:
     excess = np.maximum(size**2 - _BIAS * variance, 0.0)
     weight = np.sqrt(excess / (excess + variance / _CLEAR**2 + np.finfo(float).tiny))
     share = size / level_by_unit(frf)
-    return np.where(share > ROUNDING * share.max(axis=(1, 2), keepdims=True), weight, 0.0)
+    least = ROUNDING.receptance_share * share.max(axis=(1, 2), keepdims=True)
+    return np.where(share > least, weight, 0.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -8,21 +8,15 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.frf import FRF, ROUNDING
+from updyn.frf import FRF
+from updyn.settings import ROUNDING
+from updyn.updating.judge.causes.settings import CAUSE_MISFIT
+from updyn.updating.judge.settings import SIGNIFICANCE
 from updyn.updating.problem.noise import level_by_unit
 
-__all__ = ["NOISE_LIMIT", "WeightedData", "compute_log_misfit", "count_values"]
+__all__ = ["WeightedData", "compute_log_misfit", "count_values"]
 
 _Complex = NDArray[np.complex128]
-
-#: Noise, as a share of the level, at which the weight of a value is 0.7.
-_CLEAR = 0.03
-#: Standard deviations of the noise below which a value has no phase, and its level is set to this.
-NOISE_LIMIT = 3.0
-#: Smallest noise, as a share of the rms of all data of one unit: resolution of sensors.
-_LEAST = 1e-5
-#: Quantile of the relative noise at which the weight by likelihood is 1.
-_EXACT = 0.1
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
@@ -43,9 +37,13 @@ class WeightedData(FRF):
     def near_response(cls, H: _Complex, frf: FRF, variance: NDArray[np.float64]) -> Self:
         """Return the data with the variance of their noise, near the response H of a model."""
         level = np.abs(H)
-        is_seen = level > ROUNDING * level.max()
+        is_seen = level > ROUNDING.receptance_share * level.max()
         share = np.sqrt(variance[is_seen]) / level[is_seen]
-        return cls.of(frf, variance, float(np.quantile(share, _EXACT)) if share.size else 1.0)
+        return cls.of(
+            frf,
+            variance,
+            float(np.quantile(share, CAUSE_MISFIT.exact_quantile)) if share.size else 1.0,
+        )
 
     @classmethod
     def of(cls, frf: FRF, variance: NDArray[np.float64], relative_noise: float) -> Self:
@@ -84,13 +82,13 @@ def compute_log_misfit(H: _Complex, frf: FRF) -> tuple[_Complex, NDArray[np.floa
     if isinstance(frf, WeightedData):
         return frf.misfit(H)
     noise = _compute_deviation(frf)
-    least = NOISE_LIMIT * noise
+    least = SIGNIFICANCE.stds * noise
     size = [np.abs(H), np.abs(frf.values)]
     is_seen = [one > least for one in size]
     level = [np.log(np.maximum(one, least)) for one in size]
     phase = np.where(is_seen[0] & is_seen[1], np.angle(frf.values * H.conj()), 0.0)
     clear = np.maximum(np.maximum(*size) ** 2 - least**2, 0.0)
-    weight = np.sqrt(clear / (clear + (noise / _CLEAR) ** 2))
+    weight = np.sqrt(clear / (clear + (noise / CAUSE_MISFIT.clear_noise) ** 2))
     return weight * (level[1] - level[0] + 1j * phase), weight
 
 
@@ -98,10 +96,14 @@ def count_values(frf: FRF) -> int:
     """Return the number of real values with weight: all of `WeightedData`, or those above noise."""
     if isinstance(frf, WeightedData):
         return 2 * frf.values.size
-    return 2 * int(np.count_nonzero(np.abs(frf.values) > NOISE_LIMIT * _compute_deviation(frf)))
+    return 2 * int(
+        np.count_nonzero(np.abs(frf.values) > SIGNIFICANCE.stds * _compute_deviation(frf))
+    )
 
 
 def _compute_deviation(frf: FRF) -> NDArray[np.float64]:
     """Return the standard deviation of the noise of each value."""
     assert frf.variance is not None
-    return np.asarray(np.sqrt(frf.variance + (_LEAST * level_by_unit(frf)) ** 2))
+    return np.asarray(
+        np.sqrt(frf.variance + (CAUSE_MISFIT.sensor_resolution * level_by_unit(frf)) ** 2)
+    )

@@ -9,29 +9,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.errors import ModelError, SolverError
+from updyn.settings import VARIANTS
 from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.other_model import CompiledVariant
 from updyn.updating.judge.causes.score import fit_first_order
-from updyn.updating.judge.causes.shown import LIKELY
+from updyn.updating.judge.causes.settings import CAUSE_CANDIDATES, CAUSE_ODDS
 from updyn.updating.judge.causes.trial import Trial
 from updyn.updating.judge.causes.wrong_axes import WrongAxes
 from updyn.updating.problem.problem import FRFPart
-from updyn.variants import LARGEST_TRIED
 
-__all__ = ["IN_REACH", "estimate_gain", "list_variants", "select_variants"]
+__all__ = ["estimate_gain", "list_variants", "select_variants"]
 
 _Real = NDArray[np.float64]
-
-#: Number of lines on which variants are compared before any fit, and of variants that are fitted.
-_LINES, _FOLLOWED = 20, 3
-#: Difference of the logarithm of the odds, to first order, within which another cause is tried
-#: after one that leaves only noise.
-IN_REACH = 50.0
 
 
 def list_variants(part: FRFPart) -> list[CompiledVariant]:
     """Return the variants of the whole model of a part; empty for a large model."""
-    if part.solver.system.n > LARGEST_TRIED:
+    if part.solver.system.n > VARIANTS.largest_model:
         return []
     return [CompiledVariant(part, variant) for variant in part.variants]
 
@@ -46,15 +40,19 @@ def select_variants(
     faults = [WrongAxes(one.variant.groups, 0.0, one, len(variants)) for one in variants]
     if not faults or _is_needless(without, faults[0].prior):
         return []
-    few = part.thin(_LINES)
+    few = part.thin(CAUSE_CANDIDATES.variant_lines)
     found: list[tuple[float, WrongAxes]] = []
     for fault, one in zip(faults, variants, strict=True):
         part.session.check(often=True)
         with suppress(SolverError, ModelError):
             found.append((_compare_parts(few, one.replace_model(few), fault, start), fault))
     found.sort(key=lambda pair: -pair[0])
-    least = max((gain for gain, _ in found), default=0.0) - IN_REACH
-    return [fault for gain, fault in found[:_FOLLOWED] if gain > max(least, -IN_REACH)]
+    least = max((gain for gain, _ in found), default=0.0) - CAUSE_CANDIDATES.reach_log_odds
+    return [
+        fault
+        for gain, fault in found[: CAUSE_CANDIDATES.most_variants]
+        if gain > max(least, -CAUSE_CANDIDATES.reach_log_odds)
+    ]
 
 
 def estimate_gain(part: FRFPart, fault: WrongAxes, x: _Real) -> float:
@@ -74,4 +72,7 @@ def _is_needless(without: Trial, prior: float) -> bool:
 
     Another model can gain at most half the squared distance of the unknowns from their start.
     """
-    return without.is_noise and 0.5 * without.squared_distance + float(np.log(prior)) < LIKELY
+    return (
+        without.is_noise
+        and 0.5 * without.squared_distance + float(np.log(prior)) < CAUSE_ODDS.likely_log_odds
+    )
