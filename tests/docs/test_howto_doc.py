@@ -15,6 +15,7 @@ import updyn
 from ansys_samples import beam_elements, write_emat
 from nastran_decks import plate
 from pages import ROOT, blocks, run_console, run_python, save_toml
+from updyn.elements.beam import beam_from_table
 from updyn.elements.drivetrain import drivetrain_from_table
 from updyn.model import Model
 
@@ -135,3 +136,24 @@ def test_notebook() -> None:
 def test_from_zero_to_a_report() -> None:
     run("tutorial-report")
     assert Path("first/report.html").exists()
+
+
+def test_a_test_with_other_labels() -> None:
+    page = next(b for b in blocks(DOCS / "howto-test.md") if b.language == "toml")
+    model = beam_from_table(tomllib.loads(page.text)["model"])
+    true = model.scaled({"beam": {"stiffness": 0.9}, "clamp": {"stiffness": 0.5}})
+    loaded, _ = updyn.sensor_masses(true, {"103:Z": 0.03})
+    lines = np.arange(1.0, 400.0, 2.0)
+    exact = updyn.response(loaded, lines, ["101:Z", "102:Z", "103:Z"], ["103:Z"], "accelerance")
+    real, imaginary = np.random.default_rng(0).normal(size=(2, *exact.values.shape))
+    values = exact.values * (1 + 0.01 * (real + 1j * imaginary) / np.sqrt(2))
+    values[:, 2] *= 1.08  # the sensitivity of the tip sensor
+    values[(lines >= 49.0) & (lines <= 51.0)] *= 100.0
+    np.savez("hammer.npz", freq=lines, values=values)
+    points = [f"{node},{x},0,0" for node, x in ((1, 320.5), (2, 520), (3, 719))]
+    Path("points.csv").write_text("\n".join(["node,x,y,z", *points]) + "\n")
+    run("howto-test")
+    values = found("result/run.nc")
+    assert values["beam.stiffness"] == pytest.approx(0.9, rel=0.01)
+    assert values["clamp.stiffness"] == pytest.approx(0.5, rel=0.05)
+    assert values["103:Z.calibration"] == pytest.approx(1.08, rel=0.01)
