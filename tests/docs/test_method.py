@@ -15,12 +15,12 @@ from updyn.dynamics.settings import BASIS, CERTIFICATE, LINE_SOLVER, REDUCTION, 
 from updyn.linalg.settings import SPARSE_SOLVER
 from updyn.updating.fit import search
 from updyn.updating.fit.settings import (
+    ANSWER_RESIDUAL,
     ANSWERS,
     FURTHER_ANSWERS,
     NULL_SPACE,
     REDUCED_FIT,
     REDUCED_TIER,
-    RESIDUAL_TEST,
     SEARCH,
     SEARCH_BASIS,
     TRY_STARTS,
@@ -45,7 +45,7 @@ TEXT = " ".join((ROOT / "docs" / "method.md").read_text(encoding="utf-8").split(
         f"by more than {100 * FURTHER_ANSWERS.uncertain_std:g} % is moved alone",
         f"w = 1 / sqrt(1 + (s / {residuals._CLEAR:g})^2)",
         f"s^2 = E|dH|^2 / (|H_X|^2 - {residuals._BIAS:g} E|dH|^2)",
-        f"below {residuals.ROUNDING:.0e} of the largest of its line",
+        f"below {residuals.ROUNDING.receptance_share:.0e} of the largest of its line",
         f"whose log error is at most {SEARCH.fitted_cost_ratio:g} times the least",
         "Factors are moved by up to {:.0f} or {:.0f} %".format(
             *(100 * far for far in TRY_STARTS.nearby_logs)
@@ -53,7 +53,7 @@ TEXT = " ".join((ROOT / "docs" / "method.md").read_text(encoding="utf-8").split(
         f"loss factors by {TRY_STARTS.nearby_loss:g}; every",
         f"or {TRY_STARTS.nearby_ratio * search.Search().starts} have found nothing better",
         {0.5: "half of the band"}[TRY_STARTS.band_share] + ", or any third of the lines",
-        f"size leaves once in {1 / RESIDUAL_TEST.least_probability:.0f} times",
+        f"size leaves once in {1 / ANSWER_RESIDUAL.least_probability:.0f} times",
         f"within a factor {math.exp(search.Search().spread):.1f} of the start",
         f"with a standard deviation above {100 * FURTHER_ANSWERS.movable_std:g} %,",
         f"within {math.exp(ANSWERS.equal_log_odds):.0f} to 1 fit equally well",

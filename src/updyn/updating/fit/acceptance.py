@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.updating.fit.settings import ACCEPTANCE, RESIDUAL_TEST
+from updyn.updating.fit.settings import ACCEPTANCE, ANSWER_RESIDUAL
 from updyn.updating.fit.trust_region import Outcome
 from updyn.updating.problem.problem import Problem
 from updyn.updating.problem.residuals import make_log_error
@@ -77,7 +77,7 @@ class Acceptance:
         misfits = self._misfits(x)
         power = _power(misfits)
         if (
-            min(len(r) for r in misfits) < RESIDUAL_TEST.least_lines
+            min(len(r) for r in misfits) < ANSWER_RESIDUAL.least_lines
             or power > ACCEPTANCE.gross_misfit**2
         ):
             return False

@@ -18,7 +18,7 @@ from updyn.updating.fit.method import serial_correlation
 from updyn.updating.fit.models import Models
 from updyn.updating.fit.null_space import resolve
 from updyn.updating.fit.screen import Screen
-from updyn.updating.fit.settings import ANSWERS, FURTHER_ANSWERS, RESIDUAL_TEST, TRUST_REGION
+from updyn.updating.fit.settings import ANSWER_RESIDUAL, ANSWERS, FURTHER_ANSWERS, TRUST_REGION
 from updyn.updating.problem.local import Local
 from updyn.updating.problem.noise import NoiseModel
 from updyn.updating.problem.noise.size import size_p_value
@@ -53,13 +53,13 @@ def has_noise_residual(problem: Problem, answer: Answer) -> bool:
         if answer.noises[i].size_known and _exceeds(problem, i, e, H, answer.noises[i]):
             return False
         if (
-            len(e) >= RESIDUAL_TEST.least_lines
-            and serial_correlation(e) > RESIDUAL_TEST.largest_correlation
+            len(e) >= ANSWER_RESIDUAL.least_lines
+            and serial_correlation(e) > ANSWER_RESIDUAL.largest_correlation
         ):
             return False
     for modal, error in zip(problem.modal, answer.residual.modal, strict=True):
         squares, number = error.power(modal, answer.x)
-        if error.noise.size_known and squares > RESIDUAL_TEST.largest_chi_square * number:
+        if error.noise.size_known and squares > ANSWER_RESIDUAL.largest_chi_square * number:
             return False
     return True
 
@@ -75,12 +75,12 @@ def _exceeds(
     part = problem.parts[i]
     square = float(np.sum(np.abs(e) ** 2))
     if noise.heavy_tails:
-        return square > 2.0 * RESIDUAL_TEST.largest_chi_square * e.size
+        return square > 2.0 * ANSWER_RESIDUAL.largest_chi_square * e.size
     count = 2.0 * np.count_nonzero((H != 0.0) | (part.frf.values != 0.0))
     freedom = max(count - problem.n * part.n_values / problem.n_values, 1.0)
     averages = None if noise.source == "stated" else part.frf.averages
     p = float(size_p_value(square, count, freedom, averages))
-    return p < RESIDUAL_TEST.least_probability / len(problem.parts)
+    return p < ANSWER_RESIDUAL.least_probability / len(problem.parts)
 
 
 def choose_answer(problem: Problem, answers: Sequence[Answer]) -> Answer:

@@ -45,6 +45,14 @@ from updyn.updating.fit.models import Models
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.regularisation import keeps_to_directions
 from updyn.updating.fit.search import scatter_points, thin_problem
+from updyn.updating.fit.settings import (
+    ANSWERS,
+    FURTHER_ANSWERS,
+    REDUCED_ANSWERS,
+    REDUCED_FIT,
+    REDUCED_TIER,
+    SEARCH_BASIS,
+)
 from updyn.updating.fit.trust_region import TrustRegion
 from updyn.updating.fit.valley import fix_in_box
 from updyn.updating.problem.noise import Approximate, NoiseModel
@@ -52,72 +60,9 @@ from updyn.updating.problem.problem import FRFPart, Problem, relative_levels
 from updyn.updating.problem.residuals import make_log_error
 from updyn.updating.problem.session import Stopped
 
-__all__ = ["FINEST", "Reducing", "is_reduced", "make_reduction", "record_fallback"]
+__all__ = ["Reducing", "is_reduced", "make_reduction", "record_fallback"]
 
 _Vector = NDArray[np.float64]
-
-#: Without a forced tier, models with more DOFs and at least this number of lines are reduced. Above
-#: about this size the reduced tier takes less time (`benchmarks/tiers.py`).
-_DOFS = 600
-_LINES = 40
-#: Trust radius of a basis for logarithms of factors.
-_TRUST_RADIUS = 0.2
-#: Trust radius for loss factors: this, or half their value if that is larger.
-_LOSS_RADIUS = 0.05
-#: Largest number of steps of a round that leaves the trust radius; largest number of rounds.
-_MAX_STEPS_PER_ROUND = 12
-_ROUNDS = 12
-#: Largest number of rounds of a fit from the start. If a round does not lower the log error below
-#: this share of the previous one, and the residual does not look like noise, the start is far off.
-_FIRST_ROUNDS, _SLOW_DECREASE = 12, 0.8
-#: Ratio of their trust radius to that of a fit: they only have to end near the answer.
-_WIDER_RADIUS = 4.0
-#: Settings of their descents.
-_APPROACH = TrustRegion(_MAX_STEPS_PER_ROUND, 1e-9, radius=0.3, min_relative_decrease=1e-3)
-#: Ratio of the accepted error at the start, which only serves tables and figures, to that at the
-#: end.
-_AT_START = 10.0
-#: Within this share of the trust radius a basis is enriched; beyond it, a new basis is smaller and
-#: takes less time. With more than `_HEAVY` DOFs factorisations dominate the time, and the second
-#: share applies (`benchmarks/large.py`).
-_NEAR, _NEAR_IF_HEAVY, _HEAVY = 0.1, 1.0, 20_000
-#: Number of bases that a fit builds anew. Later bases are enriched instead; as they then hold along
-#: the whole path, the trust radius grows by this factor each round.
-_MOST_BUILT, _RADIUS_GROWTH = 2, 2.0
-#: Bases with more vectors than this are compressed.
-_LARGE = 400
-#: Least and largest number of points around the start that span the basis of a search; two for each
-#: factor in between.
-_POINTS = (8, 24)
-#: Number of sample points whose response fields select among these vectors.
-_SAMPLES = 40
-#: Distance of these points from the start, in logarithms of factors.
-_SAMPLE_DISTANCE = 1.0
-#: Largest loss factor at these points.
-_SAMPLE_LOSS = 0.3
-#: Square root of the share of the energy of these fields that may be dropped.
-_DROPPED_ENERGY = 1e-4
-#: Factor on the error of these fields in the noise model of a search: unlike noise, this error has
-#: a mean other than 0.
-_MARGIN = 10.0
-#: Largest number of lines of a search.
-_SEARCH_LINES = 200
-#: Largest error as a share of the faintest channel; smallest error that is ever requested.
-_FAINT, FINEST = 1e-3, 1e-9
-#: Number of DOFs without a sensor whose error is certified too, for the experiment advice.
-_OTHER_DOFS = 200
-#: Largest number of searches for other answers, each around the best answer so far.
-_HOPS = 2
-#: In such a search: ratio of the accepted error of the basis to that of the fit, and largest number
-#: of vectors added to the basis of the answer.
-_SEARCH_ERROR, _MOST_ADDED = 10.0, 200
-#: Within this share of the trust radius of the answer its basis is not enriched.
-_COVERED_SHARE = 0.25
-#: If the misfit at a point exceeds this share of the quadratic model about an answer, a descent
-#: from the point leads back to that answer.
-_PARABOLA_SHARE = 0.5
-#: Largest number of times that a basis is enriched at one point, each time at other lines.
-_MOST_PASSES = 6
 
 
 def is_reduced(
@@ -138,7 +83,7 @@ def is_reduced(
     if tier is not None:
         return tier == "reduced"
     exact = bool(refused) or keeps_to_directions(regularise)
-    return not exact and n > _DOFS and n_lines >= _LINES
+    return not exact and n > REDUCED_TIER.most_exact_dofs and n_lines >= REDUCED_TIER.least_lines
 
 
 def make_reduction(
@@ -178,16 +123,19 @@ class _Part:
     @classmethod
     def of(cls, part: FRFPart, accuracy: float, *, keeps: bool) -> _Part:
         others = part.solver.other_dofs(np.union1d(part.rows, part.columns))
-        stride = max(1, -(-len(others) // _OTHER_DOFS))
+        stride = max(1, -(-len(others) // REDUCED_TIER.most_other_dofs))
         reduction = make_reduction(part, accuracy, others[::stride])
-        reduction.accuracy = min(accuracy, max(_FAINT * _faintest_level(part.frf), FINEST))
+        reduction.accuracy = min(
+            accuracy,
+            max(REDUCED_TIER.faintest_share * _faintest_level(part.frf), REDUCED_TIER.finest_error),
+        )
         reduction.shifted.keeps = keeps
         return cls(part, reduction)
 
     def build(self, x: _Vector) -> None:
         state = self.exact.state(x)
         self.reduction.build(state)
-        if self.reduction.basis.size > _LARGE:
+        if self.reduction.basis.size > REDUCED_FIT.most_vectors:
             self.reduction.compress(state, self.exact.frf.freq)
 
     def build_around(self, points: Sequence[_Vector], samples: Sequence[_Vector]) -> None:
@@ -196,7 +144,7 @@ class _Part:
         self.reduction.extend(others)
         freq = self.exact.frf.freq
         states = [self.exact.state(x) for x in samples]
-        self.lost = self.reduction.compress_around(states, freq, _DROPPED_ENERGY)
+        self.lost = self.reduction.compress_around(states, freq, SEARCH_BASIS.dropped_energy)
         self.solver = self.reduction.solver("reduced, around the start")
 
     def certify(self, x: _Vector) -> None:
@@ -271,7 +219,7 @@ class Reducing:
     def begin(self) -> None:
         """Build the reduced models at the start, where the model must be solvable."""
         self._build(self._home)
-        self._enrich(self._home, _AT_START)  # serves the figures of the start
+        self._enrich(self._home, REDUCED_TIER.start_error_ratio)  # serves the figures of the start
         for part in self._parts:
             part.first = part.solver
 
@@ -333,17 +281,20 @@ class Reducing:
         few = thin_problem(self.with_reduced_models(problem), noises)
         x, cost = self._home, _log_error_cost(few, self._home)
         is_answer = is_enriched = False
-        for _ in range(_FIRST_ROUNDS):
+        settings = TrustRegion(
+            REDUCED_FIT.steps_per_round, 1e-9, radius=0.3, min_relative_decrease=1e-3
+        )
+        for _ in range(REDUCED_FIT.most_rounds):
             with monitor.stage("approach", few):
-                boxed = few.with_box(self._box(_WIDER_RADIUS))
-                outcome = descend(boxed, make_log_error(boxed), x, monitor, _APPROACH)
+                boxed = few.with_box(self._box(REDUCED_FIT.wider_ratio))
+                outcome = descend(boxed, make_log_error(boxed), x, monitor, settings)
             before, x, cost = cost, outcome.x, outcome.local.cost
             self._latest_x = x
             is_answer, is_near = _is_answer(few, noises, x, cost), self._is_near(x)
             has_ended = is_near and outcome.reason != "max-iterations"
             if is_near and is_answer:
                 break
-            is_stuck = cost > _SLOW_DECREASE * before and (is_enriched or not has_ended)
+            is_stuck = cost > REDUCED_FIT.slow_decrease * before and (is_enriched or not has_ended)
             if outcome.reason == "stopped" or (is_stuck and not is_answer):
                 return x, False
             with monitor.stage("reduce"):
@@ -364,16 +315,16 @@ class Reducing:
     def _build_around_start(self, problem: Problem) -> Problem:
         """Return the problem with models that hold roughly in the whole region of a search."""
         factor = self.exact.coordinates.parameters.is_factor
-        number = int(np.clip(2 * factor.sum(), *_POINTS))
+        number = int(np.clip(2 * factor.sum(), SEARCH_BASIS.least_points, SEARCH_BASIS.most_points))
         bounds = self.exact.coordinates.bounds
-        lowest = np.where(factor, self._home - _SAMPLE_DISTANCE, 0.0)
-        highest = np.where(factor, self._home + _SAMPLE_DISTANCE, _SAMPLE_LOSS)
+        lowest = np.where(factor, self._home - ANSWERS.log_spread, 0.0)
+        highest = np.where(factor, self._home + ANSWERS.log_spread, ANSWERS.loss_spread)
         middle, half = 0.5 * (lowest + highest), 0.5 * (highest - lowest)
         points = np.clip(scatter_points(middle, half, number, seed=0), *bounds)
-        samples = np.clip(scatter_points(middle, half, _SAMPLES, seed=1), *bounds)
+        samples = np.clip(scatter_points(middle, half, SEARCH_BASIS.samples, seed=1), *bounds)
         for part in self._parts:
             part.build_around([self._home, *points], [self._home, *samples])
-        return self.with_reduced_models(problem).thin(_SEARCH_LINES)
+        return self.with_reduced_models(problem).thin(SEARCH_BASIS.most_lines)
 
     def _add_basis_error(self, problem: Problem, noises: Sequence[NoiseModel]) -> list[NoiseModel]:
         """Return noise models that include the error of the search basis in each channel."""
@@ -382,7 +333,7 @@ class Reducing:
             assert reduced.lost is not None
             rows = reduced.exact.rows  # includes held-out responses
             at = np.argsort(rows)[np.searchsorted(rows, part.rows, sorter=np.argsort(rows))]
-            out.append(Approximate(noise, _MARGIN * reduced.lost[at]))
+            out.append(Approximate(noise, SEARCH_BASIS.error_ratio * reduced.lost[at]))
         return out
 
     def _fit_in_rounds(
@@ -399,13 +350,13 @@ class Reducing:
         fit = Fit.without_jacobian(x, "stopped")
         is_ready = True  # the basis was built or enriched at x
         try:
-            for number in range(_ROUNDS):
+            for number in range(REDUCED_FIT.most_rounds):
                 with monitor.stage("reduce"):
-                    if not is_ready and number < _MOST_BUILT and not self._is_near(x):
+                    if not is_ready and number < REDUCED_FIT.most_built and not self._is_near(x):
                         self._build(x)
                     elif not is_ready:
                         self._enrich(x)
-                share = _RADIUS_GROWTH ** max(number + 1 - _MOST_BUILT, 0)
+                share = REDUCED_FIT.radius_growth ** max(number + 1 - REDUCED_FIT.most_built, 0)
                 problem, box = self.with_reduced_models(problem), self._box(share)
                 boxed = problem.with_box(
                     box if fixed_unknown is None else fix_in_box(box, x, fixed_unknown)
@@ -413,7 +364,7 @@ class Reducing:
                 before = len(monitor.history)
                 steps = remaining
                 if not near:
-                    steps = min(remaining, _MAX_STEPS_PER_ROUND)
+                    steps = min(remaining, REDUCED_FIT.steps_per_round)
                 fit = replace(strategy, max_iterations=steps).fit(boxed, noises, monitor, x)  # type: ignore[type-var]
                 remaining = max(remaining - (len(monitor.history) - before), 0)
                 near, x, is_ready = not _is_outside(fit.x, box), fit.x, False
@@ -448,7 +399,7 @@ class Reducing:
             return problem, fit
         known, rivals = [chosen], list[_Certified]()
         with suppress(Stopped):
-            for _ in range(_HOPS):
+            for _ in range(FURTHER_ANSWERS.most_searches):
                 known += self._fit_candidates(chosen, known, strategy, noises, monitor)
                 before, best = (
                     chosen.answer,
@@ -556,13 +507,18 @@ class Reducing:
     def _is_near(self, x: _Vector) -> bool:
         """Return whether the basis should be enriched at x rather than built anew there."""
         size = max(part.exact.solver.system.n for part in self._parts)
-        return not _is_outside(x, self._box(_NEAR if size <= _HEAVY else _NEAR_IF_HEAVY))
+        share = REDUCED_FIT.enriched_share
+        if size > REDUCED_FIT.heavy_dofs:
+            share = REDUCED_FIT.enriched_share_if_heavy
+        return not _is_outside(x, self._box(share))
 
     def _box(self, share: float = 1.0, place: _Vector | None = None) -> tuple[_Vector, _Vector]:
         """Return the box of the trust radius about a point, by default that of the basis."""
         x = self._x if place is None else place
         factor = self.exact.coordinates.parameters.is_factor
-        radius = share * np.where(factor, _TRUST_RADIUS, np.maximum(_LOSS_RADIUS, 0.5 * np.abs(x)))
+        radius = share * np.where(
+            factor, REDUCED_FIT.radius, np.maximum(REDUCED_FIT.loss_radius, 0.5 * np.abs(x))
+        )
         return x - radius, x + radius
 
     def _add_note(self, fit: Fit) -> Fit:
@@ -655,7 +611,7 @@ class Reducing:
 
     def are_near(self, x: _Vector, place: _Vector) -> bool:
         """Return whether a basis that is accurate at `place` is accurate at x, too."""
-        return not _is_outside(x, self._box(_NEAR, place))
+        return not _is_outside(x, self._box(REDUCED_FIT.enriched_share, place))
 
     def _certify(self, x: _Vector) -> None:
         for part in self._parts:
@@ -699,16 +655,17 @@ class _ReducedModels(Models):
 
     def near(self, x: _Vector) -> Problem:
         """Return the problem with models enriched at x, further with each call for a point."""
-        if not self._reducing.is_outside(x, _COVERED_SHARE):
+        if not self._reducing.is_outside(x, REDUCED_ANSWERS.covered_share):
             return self.latest
         indices = (i for i, place in enumerate(self._places) if self._reducing.are_near(x, place))
         i = next(indices, len(self._places))
         if i == len(self._places):
             self._places.append(x)
             self._passes.append(0)
-        if self._passes[i] < _MOST_PASSES:
+        if self._passes[i] < REDUCED_ANSWERS.most_passes:
             number = self._passes[i]
-            self._passes[i] = number + 1 if self._is_enriched(x, number) else _MOST_PASSES
+            is_enriched = self._is_enriched(x, number)
+            self._passes[i] = number + 1 if is_enriched else REDUCED_ANSWERS.most_passes
         return self.latest
 
     def is_rough(self, x: _Vector) -> bool:
@@ -725,12 +682,13 @@ class _ReducedModels(Models):
         The misfit then falls along the path to the answer, and no other minimum is near.
         """
         rise = negative_log_likelihood - answer.negative_log_likelihood
-        return rise > _PARABOLA_SHARE * 0.5 * distance(answer, x) ** 2
+        return rise > REDUCED_ANSWERS.quadratic_share * 0.5 * distance(answer, x) ** 2
 
     def _is_enriched(self, x: _Vector, number: int) -> bool:
         """Enrich the bases at x, after a reset of oversized ones; return whether they grew."""
         made = list(zip(self._reducing._parts, self._definite, self._sizes, strict=True))
-        if any(part.reduction.basis.size > size + _MOST_ADDED for part, _, size in made):
+        most_added = REDUCED_ANSWERS.most_added
+        if any(part.reduction.basis.size > size + most_added for part, _, size in made):
             self._passes = [0] * len(self._passes)
             for part, _, size in made:
                 part.reduction.basis = part.reduction.basis.take_leading(size)
@@ -740,7 +698,7 @@ class _ReducedModels(Models):
                 part.exact.state(x),
                 np.linalg.norm(part_latest.responses(x), axis=(1, 2)),
             )
-            accuracy = _SEARCH_ERROR * part.reduction.accuracy
+            accuracy = REDUCED_ANSWERS.error_ratio * part.reduction.accuracy
             about = state, part_latest.frf.freq, level, number, accuracy
             grown.append(part.reduction.enrich_with_nearby_factor(definite, *about))
         if any(grown):
@@ -766,7 +724,7 @@ def record_fallback(used: Mapping[str, int], backend: str) -> dict[str, str]:
 def _faintest_level(frf: FRF) -> float:
     """Return the ratio of the faintest channel's level to the loudest one's, without rounding."""
     share = relative_levels(frf.values, frf)
-    return float(share[share > FINEST].min(initial=1.0))
+    return float(share[share > REDUCED_TIER.finest_error].min(initial=1.0))
 
 
 def _is_answer(problem: Problem, noises: Sequence[NoiseModel], x: _Vector, cost: float) -> bool:

@@ -22,7 +22,7 @@ from updyn.text_table import format_count
 from updyn.updating.fit.method import Fit, Method, Regularisation, Starts, divide_by_std
 from updyn.updating.fit.methods import METHODS, methods_with
 from updyn.updating.fit.monitor import Monitor
-from updyn.updating.fit.settings import NULL_SPACE
+from updyn.updating.fit.settings import NULL_SPACE, REGULARISATION
 from updyn.updating.problem.coordinates import Coordinates
 from updyn.updating.problem.noise import NoiseModel
 from updyn.updating.problem.noise.known import WrappedNoise
@@ -43,9 +43,6 @@ __all__ = [
 ]
 
 _Vector = NDArray[np.float64]
-
-#: Number of strengths on the logarithmic grid whose best point is refined.
-_GRID = 400
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -169,12 +166,12 @@ def discrepancy(spectrum: SingularSpectrum, low: float, high: float) -> float:
         expected, scatter = np.sum(given_up), np.sqrt(2.0 * np.sum(given_up**2))
         return float(np.sum((given_up * spectrum.beta) ** 2) - expected - scatter)
 
-    logs = np.linspace(np.log(low), np.log(high), _GRID)
+    logs = np.linspace(np.log(low), np.log(high), REGULARISATION.grid_points)
     within = np.flatnonzero([excess(t) <= 0.0 for t in logs])
     if not within.size:
         return low
     last = int(within[-1])
-    if last == _GRID - 1:
+    if last == REGULARISATION.grid_points - 1:
         return high
     return float(np.exp(brentq(excess, logs[last], logs[last + 1], xtol=1e-10)))
 
@@ -183,9 +180,9 @@ def _best(cost: Callable[[float], float], low: float, high: float) -> float:
     """Return the strength of least cost: the best of a grid, refined between its neighbours."""
     from scipy.optimize import minimize_scalar
 
-    logs = np.linspace(np.log(low), np.log(high), _GRID)
+    logs = np.linspace(np.log(low), np.log(high), REGULARISATION.grid_points)
     at = int(np.argmin([cost(float(np.exp(t))) for t in logs]))
-    bounds = logs[max(at - 1, 0)], logs[min(at + 1, _GRID - 1)]
+    bounds = logs[max(at - 1, 0)], logs[min(at + 1, REGULARISATION.grid_points - 1)]
     found = minimize_scalar(
         lambda t: cost(float(np.exp(t))), bounds=bounds, method="bounded", options={"xatol": 1e-8}
     )
@@ -202,18 +199,6 @@ _STRENGTHS: dict[str, Callable[[SingularSpectrum, float, float], float]] = {
     "discrepancy": discrepancy,
 }
 CHOICES = (*_STRENGTHS, "tsvd")
-#: First and smallest strength: a prior with a standard deviation of a factor e.
-WEAKEST = 1.0
-#: Largest number of fits with a new strength.
-_ROUNDS = 8
-#: Largest number of fits with new directions.
-_MOST_TURNS = 4
-#: A strength has settled when its logarithm changes by less than this.
-_SETTLED = 0.05
-#: Directions have settled when their cosine is above this.
-_SAME_DIRECTION = 1.0 - 1e-4
-#: Number of points of the curve in the record.
-_POINTS = 41
 
 
 def check_regularise(
@@ -330,7 +315,7 @@ class _RegularisedFits:
     # -- Tikhonov ----------------------------------------------------------------------------------
     def fit_given_strength(self, noises: Sequence[NoiseModel], x: _Vector, strength: float) -> Fit:
         """Fit with a given strength, relative to the noise of an almost unregularised fit."""
-        first = self._fit_with_prior(noises, x, min(strength, WEAKEST))
+        first = self._fit_with_prior(noises, x, min(strength, REGULARISATION.weakest))
         if _has_failed(first):
             return first
         run = self._set_unit(first)
@@ -341,17 +326,17 @@ class _RegularisedFits:
 
     def fit_chosen_strength(self, noises: Sequence[NoiseModel], x: _Vector, how: str) -> Fit:
         """Fit with the strength that a criterion chooses at the end of the fit."""
-        strength, tried, settled = WEAKEST, list[float](), False
+        strength, tried, settled = REGULARISATION.weakest, list[float](), False
         fit = self._fit_with_prior(noises, x, strength)
         noises, run = self._fix_noise(noises, fit), self._set_unit(fit)
-        for _ in range(_ROUNDS):
+        for _ in range(REGULARISATION.most_strengths):
             if _has_failed(fit):
                 break
             tried.append(strength / _inflation(fit))
             spectrum = run._spectrum(fit)
             low, high = _strength_range(spectrum)
             wanted = _STRENGTHS[how](spectrum, low, high) * _inflation(fit)
-            settled = abs(np.log(wanted / strength)) < _SETTLED
+            settled = abs(np.log(wanted / strength)) < REGULARISATION.settled_log
             if settled:
                 break
             strength = wanted
@@ -380,7 +365,7 @@ class _RegularisedFits:
         spectrum = self._spectrum(fit)
         low, high = _strength_range(spectrum)
         low, high = min(low, strength), max(high, strength)
-        curve = np.geomspace(low, high, _POINTS).tolist()
+        curve = np.geomspace(low, high, REGULARISATION.curve_points).tolist()
         filters = list(map(spectrum.tikhonov_filter, curve))
         record: dict[str, Any] = {
             "how": how,
@@ -401,7 +386,7 @@ class _RegularisedFits:
     def _describe(
         self, how: str, strength: float, spectrum: SingularSpectrum, settled: bool
     ) -> str:
-        if how != "stated" and strength <= 1.01 * WEAKEST:
+        if how != "stated" and strength <= 1.01 * REGULARISATION.weakest:
             return f"Regularisation ({how}) is not necessary: the data determine the unknowns."
         text = (
             f"Regularised ({how}): values are pulled to their start as by priors of standard"
@@ -411,7 +396,7 @@ class _RegularisedFits:
         if not settled:
             text += " The strength had not converged after the last round."
         if how == "l-curve" and spectrum.gcv(spectrum.tikhonov_filter(strength)) > spectrum.gcv(
-            spectrum.tikhonov_filter(WEAKEST)
+            spectrum.tikhonov_filter(REGULARISATION.weakest)
         ):
             text += (
                 " The corner of the L-curve raises the misfit by more than the noise justifies,"
@@ -423,11 +408,11 @@ class _RegularisedFits:
     def fit_truncated(self, noises: Sequence[NoiseModel], x: _Vector, number: int | None) -> Fit:
         """Fit from the start along the leading singular vectors, renewed at each end."""
         home = self.problem.coordinates.start
-        fit = self._fit_with_prior(noises, x, WEAKEST)
+        fit = self._fit_with_prior(noises, x, REGULARISATION.weakest)
         noises, run = self._fix_noise(noises, fit), self._set_unit(fit)
         within: NDArray[np.float64] | None = None
         settled, number_kept, tried = False, 0, list[int]()
-        for _ in range(_MOST_TURNS):
+        for _ in range(REGULARISATION.most_turns):
             if _has_failed(fit):
                 break
             spectrum = run._spectrum(fit)
@@ -564,7 +549,7 @@ def _inflation(fit: Fit) -> float:
 
 
 def _strength_range(spectrum: SingularSpectrum) -> tuple[float, float]:
-    return WEAKEST, max(float(spectrum.s[0]), 10.0 * WEAKEST)
+    return REGULARISATION.weakest, max(float(spectrum.s[0]), 10.0 * REGULARISATION.weakest)
 
 
 def _rank(spectrum: SingularSpectrum) -> int:
@@ -583,7 +568,7 @@ def _span_same_space(before: NDArray[np.float64], now: NDArray[np.float64]) -> b
     if before.shape != now.shape:
         return False
     return now.shape[1] == 0 or bool(
-        np.linalg.svd(before.T @ now, compute_uv=False)[-1] > _SAME_DIRECTION
+        np.linalg.svd(before.T @ now, compute_uv=False)[-1] > REGULARISATION.settled_cosine
     )
 
 

@@ -153,7 +153,7 @@ ACCEPTANCE = AcceptanceSettings()
 
 
 @dataclass(frozen=True)
-class ResidualTestSettings:
+class AnswerResidualSettings:
     """Numbers that decide whether a residual is more than noise."""
 
     #: [lines] Least number of lines for a judgement of the serial correlation. Why: with fewer, the
@@ -170,7 +170,7 @@ class ResidualTestSettings:
     largest_chi_square: float = 1.5
 
 
-RESIDUAL_TEST = ResidualTestSettings()
+ANSWER_RESIDUAL = AnswerResidualSettings()
 
 
 @dataclass(frozen=True)

@@ -25,6 +25,7 @@ from updyn.updating.fit.method import (
 )
 from updyn.updating.fit.methods.linear import linearise, make_unweighted_fit
 from updyn.updating.fit.methods.searching import SearchingMethod
+from updyn.updating.fit.methods.settings import SANDWICH
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.search import thin_problem
 from updyn.updating.fit.settings import NULL_SPACE
@@ -239,13 +240,6 @@ def make_sandwich_fit(
 
 
 _Matrix = NDArray[np.float64]
-#: Directions whose singular value is below this share of the largest are hardly determined; they
-#: keep their length in the Jacobian.
-_CLEAR = 10.0 * NULL_SPACE.rank_tolerance
-#: Ratio of noise to |H| above which curvature biases the logarithm of a value.
-_LOUD = 0.5
-#: Share of such values above which a note is given.
-_MANY = 0.02
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -306,14 +300,15 @@ def _sandwich(
         refitted_noises.append(noise)
         weights.append(weight)
         spreads.append(OutputError(weight**2 * np.sqrt(0.5 * variance), "spread"))
-        loud.append(np.mean(np.sqrt(variance) > _LOUD * safe))
+        loud.append(np.mean(np.sqrt(variance) > SANDWICH.loud_noise * safe))
     meat = OutputErrorSet(tuple(spreads)).local(problem, x)
     if meat is None or total == 0.0:
         return None
     norms = np.linalg.norm(local.R, axis=0)
     scale = np.where(norms > 0.0, norms, 1.0)
     _, s, Vt = np.linalg.svd(local.R / scale)
-    clear = s > _CLEAR * max(s[0], np.finfo(float).tiny)
+    least = SANDWICH.clear_ratio * NULL_SPACE.rank_tolerance
+    clear = s > least * max(s[0], np.finfo(float).tiny)
     # along^T along is J^T S J in the basis in which J has unit singular values.
     along = (meat.R / scale) @ Vt[clear].T / s[clear]
     expected = total - float(np.sum(along**2))
@@ -345,7 +340,7 @@ def _sandwich(
 
 def _note(residual: LogError | OutputErrorSet, loud: Sequence[Any]) -> str:
     share = float(np.max(loud))
-    if not isinstance(residual, LogError) or share <= _MANY:
+    if not isinstance(residual, LogError) or share <= SANDWICH.noted_share:
         return ""
     return (
         f"In {100.0 * share:.0f} % of the values the noise is above half of |H|: their logarithm is"

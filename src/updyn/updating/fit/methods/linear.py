@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from updyn.errors import OptionError, ParameterError, SolverError
 from updyn.updating.fit.method import Fit, Method, residual_std
+from updyn.updating.fit.methods.settings import LINEAR_STEP
 from updyn.updating.fit.monitor import Monitor, condition
 from updyn.updating.fit.settings import TRUST_REGION
 from updyn.updating.fit.trust_region import Step
@@ -38,14 +39,6 @@ _Vector = NDArray[np.float64]
 
 #: Quantity that each damping value multiplies.
 _BASES = {"loss_factor": "stiffness", "stiffness_damping": "stiffness", "mass_damping": "mass"}
-#: Factor or loss factor above which the iteration has diverged.
-_ABSURD = 1e9
-#: Condition number above which a linear problem is singular to rounding.
-_SINGULAR = 1e12
-#: Largest number of times that a step is halved.
-_HALVINGS = 20
-#: Columns whose lengths differ by less than this share are equally long to rounding.
-_TIE = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,7 +155,7 @@ class PlainIteration:
         `values` and `wanted` are the unknowns before the step and after the full step.
         """
         share = 1.0
-        for _ in range(_HALVINGS + 1):
+        for _ in range(LINEAR_STEP.most_halvings + 1):
             try:
                 moved = _apply_step(
                     problem, values, values + share * (wanted - values), current, number
@@ -187,9 +180,13 @@ def _apply_step(
     """Return x after a step to given values; refuse factors that are not positive."""
     parameters = problem.coordinates.parameters
     size = condition(current.R)
-    is_what = f"has condition number {size:.2g}" if size < _SINGULAR else "is singular"
+    is_what = (
+        f"has condition number {size:.2g}"
+        if size < LINEAR_STEP.singular_condition
+        else "is singular"
+    )
     where = f"in step {number}, whose linear problem {is_what}: the plain iteration has diverged."
-    if not np.isfinite(values).all() or (np.abs(values) > _ABSURD).any():
+    if not np.isfinite(values).all() or (np.abs(values) > LINEAR_STEP.diverged_value).any():
         raise SolverError(f"The unknowns grow without limit {where}")
     negative = np.flatnonzero(parameters.is_factor & (values <= 0.0))
     if negative.size:
@@ -244,7 +241,7 @@ def basic_solution(A: NDArray[np.float64], b: _Vector) -> _Vector:
     readings of its error rates; least-norm solutions move along the undetermined direction.
     """
     # Among columns equally long to rounding, the first is chosen on every processor.
-    weight = 1.0 - _TIE * np.arange(A.shape[1])
+    weight = 1.0 - LINEAR_STEP.tie_share * np.arange(A.shape[1])
     Q, R, order = scipy.linalg.qr(A * weight, mode="economic", pivoting=True)
     size = np.abs(np.diag(R))
     rank = int((size > 1e-13 * size[0]).sum()) if size.size else 0

@@ -38,10 +38,11 @@ from updyn.updating.fit.method import (
     record_correlation_length,
 )
 from updyn.updating.fit.methods.searching import SearchingMethod
+from updyn.updating.fit.methods.settings import FURTHER_DESCENTS, GLOBAL_SEARCH, MAXIMUM_LIKELIHOOD
 from updyn.updating.fit.models import Models
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.search import scatter_points, thin_problem
-from updyn.updating.fit.settings import ANSWERS
+from updyn.updating.fit.settings import ACCEPTANCE, ANSWERS, FURTHER_ANSWERS, TRY_STARTS
 from updyn.updating.fit.trust_region import TrustRegion
 from updyn.updating.fit.valley import find_valleys, fix_unknown
 from updyn.updating.problem.local import Local, join_locals
@@ -56,44 +57,10 @@ __all__ = ["MaximumLikelihood"]
 
 _Vector = NDArray[np.float64]
 
-#: Largest number of times that the weights are renewed.
-_ROUNDS = 12
-#: If the last renewal moved the estimate by more standard deviations than this, weights and
-#: estimate have not settled.
-_SETTLED = 1.0
 _UNSETTLED_CAUSE = (
     "The weights of the noise and the estimate do not converge together: the misfit is so large"
     " that each set of weights has another minimum."
 )
-#: Negligible decrease of half the chi-square: a hundredth of a standard deviation.
-_FALL = 5e-5
-#: First descent from a further point: largest number of steps, and the decrease of half the
-#: chi-square at which it ends. A fit follows if its log-likelihood is lower than the best by at
-#: most the third number.
-_SHORT_DESCENT, _NEAR, _WORTH = 40, 0.1, 15.0
-#: Least number of tries with which agreement between tries is required.
-_AGREE = 3
-#: Number of tries near an answer for each try of the search, and their largest number;
-#: log-likelihoods that differ by less than the third number belong to the same answer.
-_A_TRY, _MOST_TRIES, _SAME = 2, 64, 0.5
-#: Number of returns to an answer after which it is accepted: if its residual is more than noise,
-#: and if it is noise.
-_BACK = (6, 2)
-#: Largest number of searches for further answers, each around the best answer so far.
-_HOPS = 2
-#: Largest number of times that a descent continues in the model of its end; and the ratio below
-#: which a better model must lower a misfit for it to count as an error of the model.
-_RENEWED, _FALLING = 6, 0.8
-#: Largest number of steps of a descent along a valley; of all further descents, if the run took
-#: fewer steps before.
-_FOLLOWING, _FEWEST = 12, 50
-
-
-#: Largest number of tries of an update to modes for each try of a search. Of the four answers of a
-#: chain of four springs, the rarest was reached by 4 of 80 tries: 160 tries miss it with a
-#: probability of 3e-4. Tries begin within a factor of 5 of the start, and at loss factors up to
-#: 0.3.
-_TRIES, _FAR_FACTOR, _FAR_LOSS = 20, float(np.log(5.0)), 0.3
 #: Plural names of the kinds of modal residuals.
 _KIND_PLURALS = {
     "frequency": "frequencies",
@@ -159,7 +126,7 @@ class MaximumLikelihood(SearchingMethod):
             chosen = choose_answer(problem, answers)
             if self._has_data_fault(problem, monitor, chosen):
                 return self._finish_fit(problem, noises, chosen)
-        fitted = max(len(monitor.history), _FEWEST)
+        fitted = max(len(monitor.history), FURTHER_DESCENTS.least_limit)
         if problem.parts and not starts.exact:  # no better answer exists
             answers += self._search_nearby(problem, noises, monitor, chosen, starts.agreed)
         chosen = choose_answer(problem, answers)
@@ -168,14 +135,14 @@ class MaximumLikelihood(SearchingMethod):
             if not problem.parts:  # tries cover all unknowns: one pass suffices
                 answers += self._search_globally(models, noises, monitor, chosen, fitted)
                 chosen = choose_answer(problem, answers)
-            for _ in range(_HOPS if problem.parts else 0):
+            for _ in range(FURTHER_ANSWERS.most_searches if problem.parts else 0):
                 others = self._find_starting_points(models, monitor, chosen)
                 answers += self._fit_promising(models, noises, others, monitor, chosen)
                 before, chosen = chosen, choose_answer(problem, answers)
                 if not are_distinct(chosen, before):
                     break
             most = None if problem.parts else fitted
-            for _ in range(_HOPS):
+            for _ in range(FURTHER_ANSWERS.most_searches):
                 ends, reached = self._follow_valleys(models, noises, monitor, chosen, most)
                 answers += reached
                 before, chosen = chosen, choose_answer(problem, answers)
@@ -190,7 +157,11 @@ class MaximumLikelihood(SearchingMethod):
         ]
         if monitor.stopped:
             return replace(fit, reason="stopped", rivals=tuple(rivals))
-        settled = self.starts < _AGREE or starts.agreed or self._has_noise_residual(problem, chosen)
+        settled = (
+            self.starts < MAXIMUM_LIKELIHOOD.agreement_tries
+            or starts.agreed
+            or self._has_noise_residual(problem, chosen)
+        )
         if fit.reason == "converged" and not settled:
             return replace(fit, reason="unsettled", rivals=tuple(rivals))
         return replace(fit, rivals=tuple(rivals))
@@ -230,12 +201,13 @@ class MaximumLikelihood(SearchingMethod):
         if self._has_data_fault(models.rough, monitor, at):
             return []
         # At most as many steps as the fit took, if each costs more than a step of the fit.
-        most = max(len(monitor.history), _FEWEST) if models.only_ranks else None
+        limit = max(len(monitor.history), FURTHER_DESCENTS.least_limit)
+        most = limit if models.only_ranks else None
         with monitor.stage("other answers"):
             points = [*points, *self._find_starting_points(models, monitor, at)]
             found = self._fit_promising(models, noises, points, monitor, at, most)
             ends, reached = self._follow_valleys(models, noises, monitor, at, most)
-        return [*find_rivals(at, [*found, *reached], _WORTH), *ends]
+        return [*find_rivals(at, [*found, *reached], FURTHER_DESCENTS.fitted_log_odds), *ends]
 
     def _search_nearby(
         self,
@@ -255,10 +227,11 @@ class MaximumLikelihood(SearchingMethod):
         rough, found = thin_problem(problem, noises), list[Answer]()
         back = last = 0
         explained = self._has_noise_residual(problem, best)
-        for number in range(_MOST_TRIES):
-            if monitor.stopped or number - last == _A_TRY * self.starts:
+        for number in range(FURTHER_DESCENTS.most_nearby_tries):
+            if monitor.stopped or number - last == TRY_STARTS.nearby_ratio * self.starts:
                 break
-            if back >= _BACK[explained] or (explained and agreed):
+            enough = ACCEPTANCE.tries_if_noise if explained else ACCEPTANCE.tries_if_not_noise
+            if back >= enough or (explained and agreed):
                 break
             x = None
             with monitor.stage("search", rough), suppress(Stopped):
@@ -270,9 +243,9 @@ class MaximumLikelihood(SearchingMethod):
             found += near
             for answer in near:
                 gained = best.negative_log_likelihood - answer.negative_log_likelihood
-                if gained > _SAME:  # the search did not agree on this one
+                if gained > FURTHER_DESCENTS.same_log_odds:  # the search did not agree on this one
                     back, last, agreed = 0, number + 1, False
-                elif gained > -_SAME:
+                elif gained > -FURTHER_DESCENTS.same_log_odds:
                     back += 1
                 if gained > 0.0:
                     best, explained = answer, self._has_noise_residual(problem, answer)
@@ -299,13 +272,16 @@ class MaximumLikelihood(SearchingMethod):
         best, found, ends = first, [first], [first.negative_log_likelihood]
         n_before = len(monitor.history)
         overdetermined = problem.n_numbers > problem.n
-        settings = TrustRegion(
-            min(_SHORT_DESCENT, self.max_iterations), self.tolerance, min_decrease=_NEAR
+        settings = self._further_descent(min(FURTHER_DESCENTS.most_steps, self.max_iterations))
+        far = np.where(
+            coordinates.parameters.is_factor, GLOBAL_SEARCH.log_distance, ANSWERS.loss_spread
         )
-        far = np.where(coordinates.parameters.is_factor, _FAR_FACTOR, _FAR_LOSS)
-        for start in scatter_points(coordinates.start, far, _TRIES * self.starts, self.seed):
-            agreed = sum(end <= best.negative_log_likelihood + _WORTH for end in ends)
-            number = len(select_as_likely(best, found, _WORTH))
+        for start in scatter_points(
+            coordinates.start, far, GLOBAL_SEARCH.tries_ratio * self.starts, self.seed
+        ):
+            limit = best.negative_log_likelihood + FURTHER_DESCENTS.fitted_log_odds
+            agreed = sum(end <= limit for end in ends)
+            number = len(select_as_likely(best, found, FURTHER_DESCENTS.fitted_log_odds))
             enough = overdetermined and agreed > 2 * number**2 + 3 * number + 2
             exhausted = (
                 problem.system.n > MODE_DERIVATIVE.most_decomposed_dofs
@@ -318,7 +294,7 @@ class MaximumLikelihood(SearchingMethod):
                 _, x = _descend_with_weights(models, x, monitor, settings, best)
                 misfit = _negative_log_likelihood(problem, *_weigh(problem, noises, x), x)
                 ends.append(misfit)
-                if misfit > best.negative_log_likelihood + _WORTH:
+                if misfit > limit:
                     continue
                 if not any(models.is_known(x, answer) for answer in found):
                     answer = self._fit_answer(problem, noises, x, monitor)
@@ -330,6 +306,12 @@ class MaximumLikelihood(SearchingMethod):
                     if is_better(answer, best):
                         best = answer
         return [answer for answer in found if answer is not first]
+
+    def _further_descent(self, most_steps: int) -> TrustRegion:
+        """Return the settings of a descent that shows whether a point is worth a fit."""
+        return TrustRegion(
+            most_steps, self.tolerance, min_decrease=FURTHER_DESCENTS.negligible_decrease
+        )
 
     @classmethod
     def _has_data_fault(cls, problem: Problem, monitor: Monitor, answer: Answer) -> bool:
@@ -389,9 +371,7 @@ class MaximumLikelihood(SearchingMethod):
         """
         found: list[Answer] = []
         n_before = len(monitor.history)
-        settings = TrustRegion(
-            min(_SHORT_DESCENT, self.max_iterations), self.tolerance, min_decrease=_NEAR
-        )
+        settings = self._further_descent(min(FURTHER_DESCENTS.most_steps, self.max_iterations))
         for x in points:
             if monitor.stopped or (most is not None and len(monitor.history) - n_before >= most):
                 break
@@ -403,7 +383,7 @@ class MaximumLikelihood(SearchingMethod):
                     and misfit >= at.negative_log_likelihood - ANSWERS.equal_log_odds
                 ):
                     continue
-                if misfit <= at.negative_log_likelihood + _WORTH:
+                if misfit <= at.negative_log_likelihood + FURTHER_DESCENTS.fitted_log_odds:
                     found.append(self._fit_answer(problem, noises, x, monitor))
         return found
 
@@ -418,7 +398,7 @@ class MaximumLikelihood(SearchingMethod):
         """Return the far ends of open valleys, and the answers reached from there."""
         if at.local is None:
             return [], []
-        settings = TrustRegion(_FOLLOWING, self.tolerance, min_decrease=_NEAR)
+        settings = self._further_descent(FURTHER_DESCENTS.valley_steps)
 
         def refit(x: _Vector, fixed_unknown: int) -> Answer | None:
             with suppress(SolverError):
@@ -435,7 +415,7 @@ class MaximumLikelihood(SearchingMethod):
 
         ends, reached = list[Answer](), list[Answer]()
         n_before = len(monitor.history)
-        most = max(n_before, _FEWEST) if most is None else most
+        most = max(n_before, FURTHER_DESCENTS.least_limit) if most is None else most
         with suppress(Stopped):
             for valley in find_valleys(models.exact, at):
                 if monitor.stopped or len(monitor.history) - n_before >= most:
@@ -459,7 +439,7 @@ class MaximumLikelihood(SearchingMethod):
         remaining, reason, length = self.max_iterations, "converged", 0.0
         residual, local = OutputErrorSet(()), None
         try:
-            for number in range(_ROUNDS):
+            for number in range(MAXIMUM_LIKELIHOOD.weight_rounds):
                 noises, residual = _weigh(problem, noises, x)
                 assumed = number == 0 and bool(problem.modal)
                 if assumed:  # residuals far from the answer do not show the modal noise
@@ -470,7 +450,10 @@ class MaximumLikelihood(SearchingMethod):
                     break
                 before = len(monitor.history)
                 settings = TrustRegion(
-                    remaining, self.tolerance, min_decrease=_FALL, noise=_unit_std
+                    remaining,
+                    self.tolerance,
+                    min_decrease=MAXIMUM_LIKELIHOOD.negligible_decrease,
+                    noise=_unit_std,
                 )
                 outcome = descend(problem, residual, x, monitor, settings, relax=number == 0)
                 remaining -= len(monitor.history) - before
@@ -480,10 +463,11 @@ class MaximumLikelihood(SearchingMethod):
                 length = float(np.linalg.norm(local.R @ moved))
                 if assumed:
                     continue
-                if (number > 0 and length < 1e-2) or np.abs(moved).max() <= self.tolerance:
+                is_settled = number > 0 and length < MAXIMUM_LIKELIHOOD.settled_stds
+                if is_settled or np.abs(moved).max() <= self.tolerance:
                     break
             else:
-                if length > _SETTLED:
+                if length > MAXIMUM_LIKELIHOOD.unsettled_stds:
                     reason = "unsettled"
             misfit = _negative_log_likelihood(problem, noises, residual, x)
             return Answer(x, reason, misfit, noises, residual, local)
@@ -544,7 +528,7 @@ def _descend_with_weights(
     unless it has returned to the answer or its misfit is far larger.
     """
     problem, worse, remaining = models.near(x), np.inf, settings.max_iterations
-    for _ in range(_RENEWED):
+    for _ in range(FURTHER_DESCENTS.most_renewals):
         constrained = problem if fixed_unknown is None else fix_unknown(problem, x, fixed_unknown)
         n_before = len(monitor.history)
         some = replace(settings, max_iterations=remaining)
@@ -558,7 +542,9 @@ def _descend_with_weights(
             _negative_log_likelihood(problem, at.noises, at.residual, x)
             - at.negative_log_likelihood,
         )
-        if worse > max(_FALLING * last, problem.n_numbers / 2, 50):
+        if worse > max(
+            FURTHER_DESCENTS.falling_ratio * last, problem.n_numbers / 2, FURTHER_ANSWERS.fair_rise
+        ):
             break
     return problem, x
 
@@ -576,8 +562,10 @@ def _evaluate_point(models: Models, x: _Vector, at: Answer) -> float:
     while is_rough:
         before, last, problem = problem, misfit, models.near(x)
         misfit = _negative_log_likelihood(problem, at.noises, at.residual, x)
-        is_rough = problem is not before and misfit - at.negative_log_likelihood <= _FALLING * (
-            last - at.negative_log_likelihood
+        is_rough = (
+            problem is not before
+            and misfit - at.negative_log_likelihood
+            <= FURTHER_DESCENTS.falling_ratio * (last - at.negative_log_likelihood)
         )
     return np.inf if models.leads_back(x, at, misfit) else misfit
 

@@ -19,7 +19,7 @@ from updyn.updating.fit.trust_region import TrustRegion
 from updyn.updating.problem.local import Local, join_locals
 from updyn.updating.problem.modal import ModalError, ModalPart, ModalTarget, check_any_pair
 from updyn.updating.problem.noise import NoiseModel
-from updyn.updating.problem.noise.modes import ModalNoise
+from updyn.updating.problem.noise.modes import ASSUMED_OF_MODES, ModalNoise
 from updyn.updating.problem.parameters import CHANNELS
 from updyn.updating.problem.problem import FRFPart, Problem
 from updyn.updating.problem.residuals import OutputErrorSet
@@ -29,8 +29,6 @@ __all__ = ["ADVICE", "ModalMethod"]
 
 _Vector = NDArray[np.float64]
 
-#: Assumed relative standard deviation of a frequency if the residuals do not exceed the unknowns.
-_ASSUMED = 0.01
 ADVICE = (
     "Modes show stiffness and mass against each other: hold one, or give a prior; use more modes,"
     " or sensors that tell their shapes; or fit the FRFs with the default method, whose level shows"
@@ -207,13 +205,13 @@ class ModalMethod(Method):
 
 
 def _spread(problem: Problem, error: ModalError, x: _Vector, local: Local | None = None) -> float:
-    """Return the standard deviation of a frequency, from all residuals or else `_ASSUMED`."""
+    """Return the standard deviation of a frequency, or the assumed one for few residuals."""
     squares, count = 0.0, 0
     for part in problem.modal:
         part_squares, number = error.power(part, x)
         squares, count = squares + part_squares, count + number
     if count <= problem.n:
-        return _ASSUMED
+        return ASSUMED_OF_MODES["frequency"]
     return float(np.sqrt(squares / (count - problem.n)))
 
 

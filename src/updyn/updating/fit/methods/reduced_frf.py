@@ -25,6 +25,7 @@ from updyn.updating.fit.methods.linear import (
     make_unweighted_fit,
     scaled_solution,
 )
+from updyn.updating.fit.methods.settings import REDUCED_FRF
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.problem.local import Local
 from updyn.updating.problem.noise import NoiseModel
@@ -42,8 +43,6 @@ _NOTE = (
     " deviations do not include this bias. The iteration has no bounds. Use equation-error or"
     " maximum likelihood, which condense exactly."
 )
-#: Relative error of the reduced FRFs up to which the message calls them correct.
-_SMALL = 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -186,7 +185,7 @@ def _describe_error(freq: _Vector, errors: _Vector) -> str:
         "and the transformation that replaces them is not exact: at the start of the fit, the FRFs"
         f" differ by {100.0 * np.median(errors):.2g} % (median of all lines)"
     )
-    wrong = np.flatnonzero(errors > _SMALL)
+    wrong = np.flatnonzero(errors > REDUCED_FRF.small_error)
     if not wrong.size:
         return f"{text}."
     if wrong[0] == 0:
