@@ -13,8 +13,7 @@ import pytest
 
 import updyn
 from pages import ROOT, blocks, run_python
-from updyn.uncertainty import bootstrap, minima, prediction
-from updyn.uncertainty import sampling as diagnosis
+from updyn.uncertainty.settings import BOOTSTRAP, POSTERIOR_SEARCH, PREDICTED_BAND, SAMPLER
 
 PAGE = ROOT / "docs" / "uncertainty.md"
 TEXT = " ".join(PAGE.read_text(encoding="utf-8").split())
@@ -37,10 +36,10 @@ def test_page_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize(
     "said",
     [
-        f"(`starts={minima.STARTS}`; 0 leaves it out)",
-        f"If it is above {diagnosis.CHAINS_AGREE:g}",
-        f"up to {prediction._DRAWS} of them",
-        f"more than {100 * bootstrap._FAILED:g} % of them make",
+        f"(`starts={POSTERIOR_SEARCH.starts}`; 0 leaves it out)",
+        f"If it is above {SAMPLER.most_r_hat:g}",
+        f"up to {PREDICTED_BAND.most_draws} of them",
+        f"more than {100 * BOOTSTRAP.most_failed_share:g} % of them make",
     ],
 )
 def test_constants_are_as_documented(said: str) -> None:

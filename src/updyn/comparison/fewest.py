@@ -6,11 +6,11 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
+from updyn.comparison.settings import FEWEST_LINES
 from updyn.updating.problem.parameters import Parameter, ParameterSet
 from updyn.updating.result import JointResult, UpdateResult
 
 __all__ = [
-    "COUNTS",
     "Fewest",
     "describe_rule",
     "distance_from_estimate",
@@ -18,11 +18,6 @@ __all__ = [
     "find_fewest_lines",
     "list_counts",
 ]
-
-#: Numbers of lines that are tried before all lines.
-COUNTS = (1, 2, 3, 4, 5, 6, 8, 10, 15, 20, 30, 40, 60, 80, 100, 150, 200, 300, 400, 600, 800, 1000)
-#: Standard deviations within which an unknown counts as recovered.
-_STDS = 3.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,19 +48,20 @@ def describe_rule(tolerance: float, chosen: str, *, truth: bool) -> str:
     if chosen == "d-optimal":
         which = "D-optimally at the start of the unknowns"
     goal = (
-        f"every unknown is within {_STDS:g} standard deviations, or within {tolerance:g}, of the"
-        " method's own estimate with all lines"
+        f"every unknown is within {FEWEST_LINES.most_stds:g} standard deviations, or within"
+        f" {tolerance:g}, of the method's own estimate with all lines"
     )
     if truth:
         goal = (
             f"every unknown that the method updates is within {tolerance:g} of the truth (as a"
             " share of it; for a loss factor as it is)"
         )
+    first = ", ".join(map(str, FEWEST_LINES.counts[:8]))
     return (
-        f"Fewest lines: {', '.join(map(str, COUNTS[:8]))}, ... lines are tried in turn, chosen"
-        f" {which}, from the same start, until {goal}. Numbers of lines with fewer measured values"
-        " than unknowns are skipped; a method that has not converged with all lines within its"
-        " largest number of steps is not tried with fewer."
+        f"Fewest lines: {first}, ... lines are tried in turn, chosen {which}, from the same start,"
+        f" until {goal}. Numbers of lines with fewer measured values than unknowns are skipped; a"
+        " method that has not converged with all lines within its largest number of steps is not"
+        " tried with fewer."
     )
 
 
@@ -76,7 +72,7 @@ def list_counts(n_lines: int, values_a_line: int, n_unknowns: int) -> list[int]:
     unknowns without a prior, which fewer real values cannot determine.
     """
     least = math.ceil(n_unknowns / (2 * values_a_line))
-    return [k for k in COUNTS if least <= k < n_lines] + [n_lines]
+    return [k for k in FEWEST_LINES.counts if least <= k < n_lines] + [n_lines]
 
 
 def errors_against(
@@ -111,7 +107,7 @@ def distance_from_estimate(
         worst = 0.0
         for p in parameters:
             estimate, std = result.values[p.name], result.std[p.name]
-            allowed = max(_STDS * std, tolerance * _scale(p, estimate))
+            allowed = max(FEWEST_LINES.most_stds * std, tolerance * _scale(p, estimate))
             worst = max(worst, abs(values[p.name] - estimate) / allowed)
         return worst
 

@@ -15,11 +15,11 @@ from updyn.job.prepared import Prepared
 from updyn.job.schema import Job, Table, Texts
 from updyn.store.uncertainty import write_uncertainty
 from updyn.uncertainty.bootstrap import bootstrap
-from updyn.uncertainty.counts import MOST_DRAWS
 from updyn.uncertainty.draws import Draws
 from updyn.uncertainty.profile import Profiles, profile
 from updyn.uncertainty.restored import LIKELIHOOD, STATES_NOISE, find_positions
 from updyn.uncertainty.sampling import sample
+from updyn.uncertainty.settings import COUNT_LIMITS
 from updyn.updating.fit.methods import methods_with
 from updyn.updating.fit.monitor import Progress
 
@@ -37,7 +37,7 @@ class UncertaintyTable(Table):
 
     kind: Literal["profile", "bootstrap", "sampling"]
     names: Texts | None = Field(default=None, min_length=1)  # of a profile; default: all unknowns
-    n: int | None = Field(default=None, ge=2, le=MOST_DRAWS)
+    n: int | None = Field(default=None, ge=2, le=COUNT_LIMITS.most_draws)
     seed: int = Field(default=0, ge=0)
     level: float = Field(default=0.95, gt=0, lt=1)
 

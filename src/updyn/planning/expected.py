@@ -12,6 +12,7 @@ from updyn.frf import FRF
 from updyn.planning.choice import Choice
 from updyn.planning.information import Candidates
 from updyn.planning.result import BandWorth
+from updyn.planning.settings import PLAN
 from updyn.updating.judge.assessment import linearise_at_start
 from updyn.updating.judge.identifiability import Analysis, analyse_identifiability
 from updyn.updating.problem.noise import choose_noise
@@ -21,10 +22,6 @@ __all__ = ["Expected"]
 
 _Real = NDArray[np.float64]
 
-#: Number of parts of the band with a stated gain.
-_PARTS = 10
-#: Number of parameters that a message names.
-_NAMED = 3
 #: Variance of a channel that is rounding: it has no influence.
 _BOUNDLESS = np.finfo(np.float64).max ** 0.25
 
@@ -77,9 +74,10 @@ class Expected:
     def _undetermined_error(self, analysis: Analysis) -> ParameterError:
         names = self.part.coordinates.parameters.names
         undetermined = [names[i] for i in np.flatnonzero(analysis.involved)]
-        shown = ", ".join(undetermined[:_NAMED])
-        if len(undetermined) > _NAMED:
-            shown += f" and {len(undetermined) - _NAMED} more"
+        shown = ", ".join(undetermined[: PLAN.named_items])
+        n_more = len(undetermined) - PLAN.named_items
+        if n_more > 0:
+            shown += f" and {n_more} more"
         frf = self.part.frf
         return ParameterError(
             f"plan: sensors {', '.join(frf.responses.labels)} with forces"
@@ -104,11 +102,12 @@ class Expected:
     def parts_of_band(self) -> tuple[BandWorth, ...]:
         """Return the gain of each part of the band over the others, at the start."""
         total = self.map_lines.sum(axis=0) + self.choice.planning.information.before
-        edges = np.linspace(*self.choice.band, _PARTS + 1)
+        n_parts = PLAN.band_parts
+        edges = np.linspace(*self.choice.band, n_parts + 1)
         which = np.searchsorted(edges, self.layout.freq, side="right") - 1
-        which = np.clip(which, 0, _PARTS - 1)
+        which = np.clip(which, 0, n_parts - 1)
         out = []
-        for i in range(_PARTS):
+        for i in range(n_parts):
             others = total - self.map_lines[which == i].sum(axis=0)
             gain = self.choice.gain(total[None], others[None])
             out.append(BandWorth(float(edges[i]), float(edges[i + 1]), gain))

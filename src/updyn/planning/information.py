@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TypeAlias
 
 import numpy as np
@@ -26,6 +26,7 @@ from updyn.errors import OptionError
 from updyn.frf import FRF, QUANTITIES
 from updyn.linalg.threads import use_one_thread
 from updyn.model import Model
+from updyn.planning.settings import INFORMATION
 from updyn.sensitivity import contract
 from updyn.updating.problem.noise.known import Stated, two_part_variance, unit_kinds
 from updyn.updating.problem.optimal_design import initial_information
@@ -41,15 +42,6 @@ _Complex = NDArray[np.complex128]
 _Item: TypeAlias = "tuple[_Real, slice]"
 #: Context that names a stage of the work.
 Stage: TypeAlias = Callable[[str], AbstractContextManager[object]]
-
-#: Largest memory for the information of all pairs, in bytes.
-_MOST_BYTES = 2**30
-#: Memory for the derivatives and their forces that are processed at a time, in bytes.
-_CHUNK_BYTES = 32 * 2**20
-#: Number of pieces of the lines of a point.
-_PIECES = 16
-#: Share of the largest channel of its unit below which a channel is rounding.
-_ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,7 +61,7 @@ class Candidates:
     noise: Stated
     level: _Real
     reduced: FieldSolver | None = None
-    error: float = _ROUNDING
+    error: float = field(default_factory=lambda: INFORMATION.rounding)
 
     @classmethod
     def compile(
@@ -170,7 +162,8 @@ class Candidates:
         """
         session, n_lines = self.part.session, len(self.freq)
         session.check()
-        items = [(x, lines) for lines in split_into_blocks(n_lines, -(-n_lines // _PIECES))]
+        blocks = split_into_blocks(n_lines, -(-n_lines // INFORMATION.pieces))
+        items = [(x, lines) for lines in blocks]
         pieces = session.map(function, self, items, spread=self.is_distributed, long=True)
         total = np.zeros(())
         for (_, lines), piece in zip(items, pieces, strict=True):
@@ -332,14 +325,14 @@ def check_size(candidates: Candidates, n_points: int) -> None:
     """Raise OptionError if the information of all pairs needs too much memory."""
     n, rows, columns = candidates.part.n, len(candidates.responses), len(candidates.references)
     one = 8 * n_points * (n * (n + 1) // 2)
-    if rows * columns * one <= _MOST_BYTES:
+    if rows * columns * one <= INFORMATION.most_bytes:
         return
     text = (
         f"{rows} candidate responses with {columns} candidate references and {n} unknowns, at"
         f" {n_points} starts, need {rows * columns * one / 2**30:.3g} GiB; expected at most"
-        f" {_MOST_BYTES / 2**30:g}; name fewer candidates"
+        f" {INFORMATION.most_bytes / 2**30:g}; name fewer candidates"
     )
-    fits = _MOST_BYTES // (rows * one)
+    fits = INFORMATION.most_bytes // (rows * one)
     if fits:
         text += f": with all of the responses, at most {fits} candidate references"
     if n_points > 1:
@@ -380,7 +373,7 @@ def _compute_line_information(candidates: Candidates, item: _Item) -> _Real:
         factor = omega ** QUANTITIES[candidates.quantity]
         slopes = unknowns.slopes(system, state, values, omega) * by_coordinate[:, None] * factor
         weight = np.sqrt(2.0 / candidates.variance(block.H))
-        step = max(1, _CHUNK_BYTES // (16 * len(omega) * (part.n * n_i + n_forces)))
+        step = max(1, INFORMATION.chunk_bytes // (16 * len(omega) * (part.n * n_i + n_forces)))
         for first in range(0, n_j, step):
             part.session.check()
             some = slice(first, first + step)

@@ -9,16 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.planning.information import PairInformation
+from updyn.planning.settings import LAYOUT_SEARCH
 from updyn.updating.problem.optimal_design import DesignScore, exchange_items, select_greedily
 
 __all__ = ["Layout", "OverPoints", "best_layout"]
 
 _Real = NDArray[np.float64]
-
-#: Number of initial references of the search, those with the best separate scores.
-_STARTS = 6
-#: Largest number of exchanges of responses, then references.
-_ROUNDS = 10
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +47,8 @@ def best_layout(
     """
     all_rows = range(information.shape[0])
     alone = information.of_references(all_rows)
-    firsts = np.argsort(-criterion.score(alone + information.before), kind="stable")[:_STARTS]
+    firsts = np.argsort(-criterion.score(alone + information.before), kind="stable")
+    firsts = firsts[: LAYOUT_SEARCH.starts]
     best, highest = Layout((), ()), -np.inf
     for first in firsts.tolist():
         total = information.before + alone[first]
@@ -78,12 +75,11 @@ def _improve_layout(
     """Return the layout from some references by greedy selection and exchange."""
     items = information.of_responses(columns)
     rows, _ = select_greedily(items, information.before, n_rows, criterion)
-    for _ in range(_ROUNDS):
+    while True:  # each exchange increases the score, so the loop ends
         before = Layout(tuple(rows), tuple(columns))
         items = information.of_responses(columns)
         rows = exchange_items(items, information.of_layout(rows, columns), rows, criterion)
         items = information.of_references(rows)
         columns = exchange_items(items, information.of_layout(rows, columns), columns, criterion)
         if before == Layout(tuple(rows), tuple(columns)):
-            break
-    return Layout(tuple(rows), tuple(columns))
+            return before

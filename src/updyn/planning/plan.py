@@ -31,6 +31,7 @@ from updyn.planning.options import (
 )
 from updyn.planning.result import BandWorth, Plan, RivalLayout
 from updyn.planning.screening import is_many, reduce_candidates, screen_candidates
+from updyn.planning.settings import PLAN
 from updyn.updating.fit.checkpoint import Checkpoint, checkpoint_session, fingerprint
 from updyn.updating.fit.monitor import Monitor, Progress
 from updyn.updating.problem.parameters import ParameterSet
@@ -41,12 +42,7 @@ from updyn.updating.problem.session import Session, Stopped, digest
 if TYPE_CHECKING:
     from distributed import Client
 
-__all__ = ["LINES", "ROBUST", "plan"]
-
-#: Default number of lines.
-LINES = 200
-#: Default number of draws of the start.
-ROBUST = 4
+__all__ = ["plan"]
 
 
 def plan(
@@ -60,10 +56,10 @@ def plan(
     *,
     reference_candidates: str | Iterable[str | Dof] | None = None,
     quantity: str = "accelerance",
-    lines: int | ArrayLike = LINES,
+    lines: int | ArrayLike = PLAN.lines,
     noise: Mapping[str, float] | None = None,
     interest: str | Iterable[str] | None = None,
-    robust: int = ROBUST,
+    robust: int = PLAN.starts,
     off: float = 0.2,
     seed: int = 0,
     compare: bool = False,

@@ -9,13 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.model import Model
+from updyn.planning.settings import PLAN
 from updyn.text_table import format_count, text_table
 from updyn.updating.problem.parameters import ParameterSet
 
 __all__ = ["BandWorth", "Plan", "RivalLayout", "Worth"]
-
-#: Number of further sensors in a summary.
-_NAMED = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -204,7 +202,8 @@ class Plan:
         ):
             for number, (label, gain) in enumerate(zip(labels, gains, strict=True)):
                 rows.append([kind, label, _format_percent(gain) if number else "first"])
-        rows += [["next sensor", w.label, _format_percent(w.gain)] for w in self.further[:_NAMED]]
+        further = self.further[: PLAN.named_items]
+        rows += [["next sensor", w.label, _format_percent(w.gain)] for w in further]
         rows += [
             ["next force", w.label, _format_percent(w.gain)] for w in self.further_references[:1]
         ]

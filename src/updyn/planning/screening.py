@@ -18,6 +18,7 @@ from updyn.dofs import DofSet
 from updyn.dynamics.reduction import Reduction, VectorsPerState
 from updyn.planning.criteria import Criterion, Planning
 from updyn.planning.information import Candidates, PairInformation
+from updyn.planning.settings import CANDIDATE_REDUCTION, SCREENING
 from updyn.updating.problem.optimal_design import DesignScore, select_greedily
 from updyn.updating.problem.session import Record
 
@@ -25,30 +26,10 @@ __all__ = ["is_many", "reduce_candidates", "screen_candidates"]
 
 _Real = NDArray[np.float64]
 
-#: Number of pairs of candidates above which they are screened.
-_PAIRS = 40_000
-#: Number of lines evaluated; number of candidates in a sample.
-_LINES, _SAMPLE = 16, 40
-#: Least number of responses and references kept, and number per selected one.
-_KEPT, _FOR_EACH = (96, 24), 6
-#: Number of references that each start a layout whose responses are kept.
-_LAYOUTS = 8
-#: Number of DOFs above which models are reduced.
-_DOFS = 600
-#: Least number of states of a basis, each solved at another shift, with their additional vectors;
-#: square root of the share of the energy of fields that may be dropped.
-_STATES, _DROPPED = 6, 1e-4
-_ACROSS = VectorsPerState(shifts=(0.2, 0.5, 0.8), depth=4, combinations=8, lossy=False)
-#: Largest error of a reduced model, as a share of the largest receptance of a line; the expected
-#: results of the layout are computed with the model itself.
-_ERROR = 1e-2
-#: Number of lines of the certification.
-_CERTIFIED = 40
-
 
 def is_many(candidates: Candidates) -> bool:
     """Return whether the number of candidates requires screening."""
-    return len(candidates.responses) * len(candidates.references) > _PAIRS
+    return len(candidates.responses) * len(candidates.references) > SCREENING.most_pairs
 
 
 def screen_candidates(
@@ -73,8 +54,12 @@ def screen_candidates(
     )
     rough = replace(candidates, reduced=solver)
     rough = rough.with_level(rough.select(rows, some_columns))
-    kept = [max(least, _FOR_EACH * count) for least, count in zip(_KEPT, counts, strict=True)]
-    few = rough.at_lines(_spread_lines(candidates.freq, _LINES))
+    least = SCREENING.least_responses, SCREENING.least_references
+    kept = [
+        max(few, SCREENING.kept_per_selected * count)
+        for few, count in zip(least, counts, strict=True)
+    ]
+    few = rough.at_lines(_spread_lines(candidates.freq, SCREENING.lines))
     start_point = points[:1]
 
     sampled = few.select(some_rows, columns)
@@ -104,7 +89,7 @@ def _select_responses(
         return np.arange(n_i)
     before = np.broadcast_to(information.before, information.points_shape)
     alone = information.of_references(range(n_i))
-    firsts = np.argsort(-score.score(alone + before), kind="stable")[:_LAYOUTS]
+    firsts = np.argsort(-score.score(alone + before), kind="stable")[: SCREENING.layouts]
     layouts: list[tuple[float, list[int]]] = []
     for first in firsts.tolist():
         others = np.setdiff1d(np.arange(n_j), [first])
@@ -132,12 +117,18 @@ def _build_reduction(candidates: Candidates, points: Sequence[_Real]) -> Reducti
         dofs.match(candidates.references).index,
         (float(freq[0]), float(freq[-1])),
         part.solver.backend,
-        _ERROR,
+        CANDIDATE_REDUCTION.most_error,
         poll=part.session.check,
     )
     states = [part.state(x) for x in points]
-    often = -(-_STATES // len(states))
-    reduction.build_around(states * often, across=_ACROSS)
+    often = -(-CANDIDATE_REDUCTION.least_states // len(states))
+    vectors = VectorsPerState(
+        CANDIDATE_REDUCTION.shifts,
+        CANDIDATE_REDUCTION.depth,
+        CANDIDATE_REDUCTION.combinations,
+        lossy=False,
+    )
+    reduction.build_around(states * often, across=vectors)
     return reduction
 
 
@@ -148,19 +139,21 @@ def reduce_candidates(candidates: Candidates, points: Sequence[_Real]) -> Candid
     the user stops the work.
     """
     part = candidates.part
-    if part.solver.system.n <= _DOFS:
+    if part.solver.system.n <= CANDIDATE_REDUCTION.most_exact_dofs:
         return candidates
     reduction = _build_reduction(candidates, points)
-    reduction.compress_around([part.state(x) for x in points], candidates.freq, _DROPPED)
+    states = [part.state(x) for x in points]
+    reduction.compress_around(states, candidates.freq, CANDIDATE_REDUCTION.dropped_energy_root)
     error = max(_certify_error(candidates, reduction, x) for x in points)
-    if error > _ERROR:
+    if error > CANDIDATE_REDUCTION.most_error:
         return candidates
     return replace(candidates, reduced=reduction.solver(), error=error)
 
 
 def _certify_error(candidates: Candidates, reduction: Reduction, x: _Real) -> float:
     """Return the certified error of a reduced model at a point, relative to each line's largest."""
-    part, lines = candidates.part, _spread_lines(candidates.freq, _CERTIFIED)
+    part = candidates.part
+    lines = _spread_lines(candidates.freq, CANDIDATE_REDUCTION.certified_lines)
 
     def compute() -> Record:
         part.session.check()
@@ -180,9 +173,8 @@ def _sample_dofs(dofs: DofSet) -> NDArray[np.intp]:
     found = []
     for indices in (np.flatnonzero(~is_turned), np.flatnonzero(is_turned)):
         if indices.size:
-            found.append(
-                indices[np.linspace(0, indices.size - 1, min(_SAMPLE, indices.size)).astype(int)]
-            )
+            count = min(SCREENING.sampled_dofs, indices.size)
+            found.append(indices[np.linspace(0, indices.size - 1, count).astype(int)])
     return np.sort(np.concatenate(found))
 
 

@@ -14,12 +14,13 @@ from numpy.typing import NDArray
 from updyn.dynamics.settings import REDUCTION
 from updyn.engines import Engine, opened_engine
 from updyn.errors import OptionError, SolverError, suggest
-from updyn.uncertainty.counts import MOST_DRAWS, check_count
+from updyn.uncertainty.counts import check_count
 from updyn.uncertainty.draws import Draws
 from updyn.uncertainty.likelihood import Gaussian, Point
 from updyn.uncertainty.model_error import model_error_of, model_error_remark
 from updyn.uncertainty.progress import WorkCounter, WorkProgress
 from updyn.uncertainty.restored import STATES_NOISE, RestoredFit, restore, std_of
+from updyn.uncertainty.settings import BOOTSTRAP, COUNT_LIMITS
 from updyn.uncertainty.surrogate import describe_excess, run_about
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.problem.noise import NoiseModel
@@ -36,8 +37,6 @@ _Vector = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 
 RESAMPLING = ("parametric", "residual")
-#: Largest share of failed refits in draws that can be relied on.
-_FAILED = 0.05
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -124,7 +123,7 @@ def bootstrap(
     >>> draws.values.shape  # draws, unknowns
     (20, 12)
     """
-    n = check_count("n", n, "refits", 2, MOST_DRAWS)
+    n = check_count("n", n, "refits", 2, COUNT_LIMITS.most_draws)
     if kind not in RESAMPLING:
         raise OptionError(f"kind {kind!r}: {suggest(str(kind), RESAMPLING)}")
     with opened_engine(engine) as engine_of_run:
@@ -266,7 +265,7 @@ def _collect_draws(
             succeeded.append(coordinates.to_values(x) + 0.0)
     values = np.array(succeeded).reshape(len(succeeded), len(parameters))
     n_failed = len(found) - len(succeeded)
-    reliable = n_failed <= _FAILED * len(found) and len(succeeded) > 1
+    reliable = n_failed <= BOOTSTRAP.most_failed_share * len(found) and len(succeeded) > 1
     messages = []
     if len(found) < options["n"]:
         messages.append(f"Stopped after {len(found)} of {options['n']} refits.")

@@ -8,13 +8,7 @@ import numpy as np
 
 from updyn.errors import OptionError
 
-__all__ = ["MOST_DRAWS", "MOST_EVALUATIONS", "check_count"]
-
-#: Largest number of draws: their mean is accurate to a thousandth of their standard deviation.
-#: All are kept in memory, 8 MB for each unknown.
-MOST_DRAWS = 1_000_000
-#: Largest number of evaluations of a sampler, all of which are kept: 80 MB for each unknown.
-MOST_EVALUATIONS = 10_000_000
+__all__ = ["check_count"]
 
 
 def check_count(name: str, value: Any, what: str, least: int, most: int) -> int:

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.errors import SolverError
+from updyn.uncertainty.settings import POSTERIOR_SEARCH
 from updyn.updating.fit.trust_region import TrustRegion
 from updyn.updating.problem.local import Local
 from updyn.updating.problem.problem import Problem
@@ -31,9 +32,6 @@ __all__ = [
 ]
 
 _Vector = NDArray[np.float64]
-
-#: Steps of a descent.
-_STEPS = 60
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -110,7 +108,7 @@ class Likelihood:
         start = np.clip(x[free], lower[free], upper[free])
         if evaluate(start) is None:
             return None
-        settings = TrustRegion(_STEPS, 1e-8, min_decrease=1e-6)
+        settings = TrustRegion(POSTERIOR_SEARCH.descent_steps, 1e-8, min_decrease=1e-6)
         outcome = settings.minimise(
             lambda y: _recall_local(evaluated, free, y) or evaluate(y),
             start,

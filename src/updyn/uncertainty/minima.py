@@ -15,6 +15,7 @@ from scipy.stats import qmc
 
 from updyn.uncertainty.likelihood import Likelihood, Point
 from updyn.uncertainty.progress import WorkCounter
+from updyn.uncertainty.settings import POSTERIOR_SEARCH
 from updyn.updating.fit.answers import exchange_groups
 from updyn.updating.fit.settings import SEARCH
 from updyn.updating.fit.trust_region import TrustRegion
@@ -22,20 +23,9 @@ from updyn.updating.problem.local import Local
 from updyn.updating.problem.problem import Problem
 from updyn.updating.problem.residuals import LogError, add_prior
 
-__all__ = ["STARTS", "find_minima"]
+__all__ = ["find_minima"]
 
 _Vector = NDArray[np.float64]
-
-#: Default number of random starts.
-STARTS = 8
-#: Largest distance of a random start from the estimate, in logarithms of factors.
-_SPREAD = 1.0
-#: Least loss factor of every other random start: more damping widens the basin.
-_INFLATED = 0.1
-#: Exchanges from which the cost is minimised.
-_EXCHANGES = 3
-#: Cost above the lowest minimum beyond which a minimum is dropped.
-_NEGLIGIBLE = 12.0
 
 
 def find_minima(
@@ -67,7 +57,7 @@ def find_minima(
         if counter is not None:
             counter.report()
     found.sort(key=lambda p: p.cost)
-    return [p for p in found if p.cost < found[0].cost + _NEGLIGIBLE]
+    return [p for p in found if p.cost < found[0].cost + POSTERIOR_SEARCH.negligible_cost]
 
 
 def _random_starts(
@@ -79,8 +69,8 @@ def _random_starts(
     for number, draw in enumerate(draws):
         least_loss = 0.0
         if number % 2 == 0:
-            least_loss = _INFLATED
-        factors = x + _SPREAD * (2.0 * draw - 1.0)
+            least_loss = POSTERIOR_SEARCH.inflated_loss
+        factors = x + POSTERIOR_SEARCH.start_distance * (2.0 * draw - 1.0)
         start = np.where(factor, factors, np.maximum(x, least_loss))
         yield np.clip(start, lower, upper), True
 
@@ -91,7 +81,7 @@ def _exchange_parts(
     """Yield the estimate with parts of the structure exchanged, of lowest cost first."""
     tries = list(exchange_groups(whole, x))
     costs = list(map(likelihood.cost, tries))
-    for at in np.argsort(costs, kind="stable")[:_EXCHANGES]:
+    for at in np.argsort(costs, kind="stable")[: POSTERIOR_SEARCH.exchanges]:
         if np.isfinite(costs[at]):
             yield tries[at], False
 

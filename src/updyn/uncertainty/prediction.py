@@ -16,6 +16,7 @@ from updyn.frf import FRF, check_lines
 from updyn.uncertainty.draws import Draws
 from updyn.uncertainty.likelihood import select_furthest
 from updyn.uncertainty.restored import estimate_of, restore, solver_options
+from updyn.uncertainty.settings import PREDICTED_BAND, SURROGATE
 from updyn.uncertainty.surrogate import Surrogate, describe_excess
 from updyn.updating.judge.identifiability import analyse_identifiability
 from updyn.updating.problem.noise import Stated, level_by_unit
@@ -29,15 +30,6 @@ __all__ = [
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
-
-#: Most draws that a band is made of.
-_DRAWS = 1000
-#: Solves of a line from which a reduced model is made: it takes about 20.
-_SOLVES = 40
-#: Points by which it is enriched.
-_POINTS = 4
-#: Change of H along an undetermined combination, as a share of |H|, that makes a band infinite.
-_OPEN = 1e-6
 
 
 def predict(
@@ -202,7 +194,7 @@ def _propagate_covariance(
     covariance, free = _covariance(part, x, about, result)
     with np.errstate(divide="ignore", invalid="ignore"):
         change = np.einsum("kfij,kl->lfij", dH, free)
-        is_open = (np.abs(change) > _OPEN * np.abs(H)).any(axis=0)
+        is_open = (np.abs(change) > PREDICTED_BAND.open_change * np.abs(H)).any(axis=0)
         real, imag = dH.real, dH.imag
         rr = np.einsum("kfij,kl,lfij->fij", real, covariance, real)
         ii = np.einsum("kfij,kl,lfij->fij", imag, covariance, imag)
@@ -261,7 +253,7 @@ def _select_draws(draws: Draws, part: FRFPart) -> _Real:
     values = draws.values
     if len(values) < 2:
         raise OptionError(f"{len(values)} draws are too few for a band")
-    even = np.linspace(0, len(values) - 1, min(_DRAWS, len(values)))
+    even = np.linspace(0, len(values) - 1, min(PREDICTED_BAND.most_draws, len(values)))
     chosen = np.unique(even.round().astype(np.intp))
     return np.array([part.coordinates.to_x(values[i]) for i in chosen])
 
@@ -290,13 +282,13 @@ def _reduce_if_faster(
     result: UpdateResult, part: FRFPart, x: _Real, X: _Real, accuracy: float
 ) -> FRFPart:
     """Return a part with a reduced model about x, if it takes less time at points, shape (m, n)."""
-    few = len(X) * part.n_lines < _SOLVES
+    few = len(X) * part.n_lines < PREDICTED_BAND.least_solves
     if part.solver.tier == "dense" or few or part.frf.freq[-1] == 0.0:
         return part
     surrogate = Surrogate(Problem.of([part]), [result], accuracy)
     surrogate.begin(x)
     if len(X) > 1:
-        surrogate.enrich(list(select_furthest(X, min(_POINTS, len(X)))))
+        surrogate.enrich(list(select_furthest(X, min(SURROGATE.points, len(X)))))
     reduction = surrogate.settle_run(lambda problem: X)
     if errs := describe_excess(reduction, "the furthest points"):
         raise SolverError(f"{errs} Allow it by accuracy=, or predict a narrower band")

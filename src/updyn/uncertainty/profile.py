@@ -16,10 +16,11 @@ from updyn.engines import Engine, opened_engine
 from updyn.errors import OptionError, SolverError, suggest
 from updyn.uncertainty.counts import check_count
 from updyn.uncertainty.likelihood import Likelihood, Point
-from updyn.uncertainty.minima import STARTS, find_minima
+from updyn.uncertainty.minima import find_minima
 from updyn.uncertainty.model_error import model_error_of, model_error_remark
 from updyn.uncertainty.progress import WorkCounter, WorkProgress
 from updyn.uncertainty.restored import RestoredFit, find_positions, restore
+from updyn.uncertainty.settings import POSTERIOR_SEARCH, PROFILES
 from updyn.uncertainty.surrogate import describe_excess, run_about
 from updyn.updating.fit.settings import SEARCH
 from updyn.updating.problem.coordinates import Coordinates
@@ -40,11 +41,6 @@ __all__ = [
 ]
 
 _Vector = NDArray[np.float64]
-
-#: Decrease of the cost that counts as another minimum: a tenth of a standard deviation.
-_BETTER = 0.005
-#: Largest number of computations of the profiles, each from the lowest minimum found.
-_ROUNDS = 3
 
 
 def profile(
@@ -168,10 +164,10 @@ class _ProfileRun:
             raise SolverError("the model cannot be solved at the estimate")
         starts = self.starts
         if starts is None:
-            starts = 0 if restored.is_reduced or problem.is_distributed else STARTS
+            starts = 0 if restored.is_reduced or problem.is_distributed else POSTERIOR_SEARCH.starts
         minima = find_minima(likelihood, first, restored.whole, starts, self.seed, self.counter)
         self.found, best = _trace_profiles(likelihood, minima, self.at, self.drop, self.counter)
-        if best.cost < first.cost - _BETTER:
+        if best.cost < first.cost - PROFILES.better_cost:
             values = problem.coordinates.to_values(best.x)
             self.better = dict(zip(restored.names, values.tolist(), strict=True))
         points = [one.others for one in self.found.values()]
@@ -186,7 +182,7 @@ def _trace_profiles(
     counter: WorkCounter,
 ) -> tuple[dict[int, Profile], Point]:
     """Profile the unknowns, and repeat it from a better fit if one is found."""
-    for number in range(_ROUNDS):
+    for number in range(PROFILES.most_rounds):
         best = minima[0]
         found: dict[int, Profile] = {}
         better = best
@@ -205,7 +201,8 @@ def _trace_profiles(
                     break
         except Stopped:
             pass
-        if counter.stopped or better.cost > best.cost - _BETTER or number == _ROUNDS - 1:
+        is_last = counter.stopped or number == PROFILES.most_rounds - 1
+        if is_last or better.cost > best.cost - PROFILES.better_cost:
             break
         minima = [likelihood.descend(better.x) or better, *minima]
     return found, best
@@ -419,19 +416,6 @@ class Profiles(Mapping[str, Profile]):
 
 
 # -- tracing -----------------------------------------------------------------------------------
-#: Distance between two points of a profile, in standard deviations.
-_STEP = 0.5
-#: Tolerance of a crossing of the level, as a share of the level in standard deviations.
-_TOLERANCE = 2e-3
-#: Largest step, as a share of the distance between the bounds.
-_LARGEST_STEP = 0.1
-#: Most points on one side of a minimum.
-_MOST_STEPS = 60
-#: Most halvings of a step behind which the model cannot be solved.
-_MOST_HALVINGS = 5
-#: Most points tried for a crossing.
-_MOST_ROOT_STEPS = 40
-_ROUNDING = 1e-12
 
 #: An interval and the reasons for its lower and its upper end.
 _EndedInterval = tuple["Interval", str, str]
@@ -495,9 +479,9 @@ class ProfileTracer:
         if side < 0:
             bound = float(lower[self.k])
         point = minimum
-        for _ in range(_MOST_STEPS):
+        for _ in range(PROFILES.most_points):
             room = side * (bound - point.x[self.k])
-            if room <= _ROUNDING * max(1.0, abs(bound)):
+            if room <= PROFILES.rounding * max(1.0, abs(bound)):
                 return bound, self._bound_kind(side, bound)
             next_point = self._advance(point, side, min(self._next_step(point, side), room))
             if next_point is None:
@@ -520,9 +504,9 @@ class ProfileTracer:
 
     def _next_step(self, point: Point, side: float) -> float:
         """Return the step to the next point, `_STEP` standard deviations further."""
-        z = np.sqrt(2.0 * max(self._drop(point), 0.0)) + _STEP
+        z = np.sqrt(2.0 * max(self._drop(point), 0.0)) + PROFILES.step
         lower, upper = self.likelihood.bounds
-        largest = float(_LARGEST_STEP * (upper[self.k] - lower[self.k]))
+        largest = float(PROFILES.most_step_share * (upper[self.k] - lower[self.k]))
         return min(self._step_to(point, side, 0.5 * z**2), largest)
 
     def _step_to(self, point: Point, side: float, drop: float) -> float:
@@ -560,7 +544,7 @@ class ProfileTracer:
         """Return the profile after a step, shortened while the model cannot be solved there."""
         lower, upper = self.likelihood.bounds
         along = self._tangent(point)[0]
-        for _ in range(_MOST_HALVINGS):
+        for _ in range(PROFILES.most_halvings):
             target = float(np.clip(point.x[self.k] + side * h, lower[self.k], upper[self.k]))
             along_tangent = np.clip(point.x + along * (target - point.x[self.k]), lower, upper)
             others_unchanged = np.array(point.x)
@@ -576,10 +560,11 @@ class ProfileTracer:
         """Return the value at which the drop reaches the level, between two points."""
         wanted = np.sqrt(2.0 * self.drop)
         widths = [np.inf, np.inf]
-        for _ in range(_MOST_ROOT_STEPS):
+        for _ in range(PROFILES.most_crossing_points):
             a, za = float(inside.x[self.k]), self._distance(inside)
             b, zb = float(outside.x[self.k]), self._distance(outside)
-            if min(wanted - za, zb - wanted) < _TOLERANCE * wanted or abs(b - a) < 1e-12:
+            is_near = min(wanted - za, zb - wanted) < PROFILES.crossing_tolerance * wanted
+            if is_near or abs(b - a) < PROFILES.rounding:
                 break
             nearest, other = outside, inside
             if wanted - za < zb - wanted:
@@ -597,7 +582,7 @@ class ProfileTracer:
             else:
                 inside = trial
         # The bracket is below a hundredth of a standard deviation: interpolate linearly.
-        if zb - za < 1e-12:
+        if zb - za < PROFILES.rounding:
             return b
         return float(a + (b - a) * np.clip((wanted - za) / (zb - za), 0.0, 1.0))
 

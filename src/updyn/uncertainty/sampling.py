@@ -16,13 +16,14 @@ from scipy.special import gammaln, logsumexp
 from updyn.dynamics.settings import REDUCTION
 from updyn.engines import Engine, opened_engine
 from updyn.errors import OptionError, SolverError
-from updyn.uncertainty.counts import MOST_DRAWS, MOST_EVALUATIONS, check_count
+from updyn.uncertainty.counts import check_count
 from updyn.uncertainty.draws import Draws
 from updyn.uncertainty.likelihood import Gaussian, Likelihood, Point
-from updyn.uncertainty.minima import STARTS, find_minima
+from updyn.uncertainty.minima import find_minima
 from updyn.uncertainty.model_error import model_error_of, model_error_remark
 from updyn.uncertainty.progress import WorkCounter, WorkProgress
 from updyn.uncertainty.restored import RestoredFit, restore, std_of
+from updyn.uncertainty.settings import COUNT_LIMITS, MIXTURE, POSTERIOR_SEARCH, SAMPLER
 from updyn.uncertainty.surrogate import describe_excess, run_about
 from updyn.updating.fit.settings import SEARCH
 from updyn.updating.problem.problem import Problem
@@ -33,24 +34,12 @@ if TYPE_CHECKING:
     from distributed import Client
 
 __all__ = [
-    "CHAINS_AGREE",
     "Mixture",
     "compute_diagnostics",
     "sample",
 ]
 
 _Vector = NDArray[np.float64]
-
-#: Independent ensembles.
-_ENSEMBLES = 4
-#: Steps of warm-up, whose draws are discarded.
-_WARM_UP = 40
-#: Steps of a round.
-_ROUND = 25
-#: Shares of steps: proposals from the mixture, differences of walkers, and snooker updates.
-_MOVES = (0.7, 0.2, 0.1)
-#: Least length of a chain, in autocorrelation times.
-_LONG = 20
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -132,9 +121,9 @@ def sample(
     >>> draws.converged, draws.values.shape[1]  # unknowns
     (True, 2)
     """
-    n = check_count("n", n, "effective draws", 1, MOST_DRAWS)
+    n = check_count("n", n, "effective draws", 1, COUNT_LIMITS.most_draws)
     max_evaluations = check_count(
-        "max_evaluations", max_evaluations, "evaluations", 0, MOST_EVALUATIONS
+        "max_evaluations", max_evaluations, "evaluations", 0, COUNT_LIMITS.most_evaluations
     )
     if starts is not None:
         starts = check_count("starts", starts, "starts", 0, SEARCH.most_tries)
@@ -181,7 +170,7 @@ class _SamplingRun:
             raise SolverError("the model cannot be solved at the estimate")
         starts = self.starts
         if starts is None:
-            starts = STARTS
+            starts = POSTERIOR_SEARCH.starts
             if self.restored.is_reduced:
                 starts = 0
         whole = self.restored.whole
@@ -189,22 +178,23 @@ class _SamplingRun:
         self.n_modes = len(minima)
         mixture = Mixture.of(likelihood, minima)
         states = self._begin(likelihood, mixture, minima)
-        states, warm, _ = self._advance(likelihood, mixture, states, _WARM_UP)
-        mixture = mixture.adapt(warm[:, _WARM_UP // 2 :].reshape(-1, warm.shape[-1]))
+        states, warm, _ = self._advance(likelihood, mixture, states, SAMPLER.warm_up_steps)
+        mixture = mixture.adapt(warm[:, SAMPLER.warm_up_steps // 2 :].reshape(-1, warm.shape[-1]))
         rounds: list[NDArray[np.float64]] = []
         shares: list[float] = []
         while self.evaluations < self.max_evaluations:
-            states, drawn, share = self._advance(likelihood, mixture, states, _ROUND)
+            states, drawn, share = self._advance(likelihood, mixture, states, SAMPLER.round_steps)
             rounds.append(drawn)
             shares.append(share)
             self.chains, self.accepted = np.concatenate(rounds, axis=1), float(np.mean(shares))
-            found = compute_diagnostics(self.chains, _ENSEMBLES)
+            found = compute_diagnostics(self.chains, SAMPLER.ensembles)
             effective = min(found["ess_bulk"].min(), found["ess_tail"].min())
             self.counter.done = min(int(effective), self.n)
             self.counter.note = f"{effective:.0f} effective draws, R-hat {found['r_hat'].max():.3f}"
             # The effective size is unreliable for chains that are short against their correlation.
-            is_long = effective * self.chains.shape[1] >= _LONG * self.chains[..., 0].size
-            agree = found["r_hat"].max() <= CHAINS_AGREE
+            times = effective * self.chains.shape[1] / self.chains[..., 0].size
+            is_long = times >= SAMPLER.least_length
+            agree = found["r_hat"].max() <= SAMPLER.most_r_hat
             if self.counter.report() or (effective >= self.n and is_long and agree):
                 break
         if self.chains is None:
@@ -217,7 +207,7 @@ class _SamplingRun:
         """Return ensembles drawn from the mixture, within the bounds."""
         lower, upper = likelihood.bounds
         states = []
-        for number in range(_ENSEMBLES):
+        for number in range(SAMPLER.ensembles):
             seed = np.random.default_rng([self.seed, number]).integers(2**32)
             random = np.random.RandomState(seed)
             coords = np.clip(mixture.draw(random, self.walkers), lower, upper)
@@ -227,7 +217,7 @@ class _SamplingRun:
             coords[lost] = minima[0].x
             log_prob[lost] = -minima[0].cost
             states.append(_Ensemble(coords, log_prob, random.get_state()))
-        self.evaluations += _ENSEMBLES * self.walkers
+        self.evaluations += SAMPLER.ensembles * self.walkers
         return states
 
     def _advance(
@@ -254,7 +244,7 @@ class _SamplingRun:
             "n_modes": self.n_modes,
             "evaluations": self.evaluations,
             "acceptance": self.accepted,
-            "ensembles": _ENSEMBLES,
+            "ensembles": SAMPLER.ensembles,
             **self.reduction,
         }
         none = Draws(
@@ -274,7 +264,7 @@ class _SamplingRun:
         if self.chains is None:
             return none
         chains = coordinates.to_values(self.chains)
-        diagnostics = compute_diagnostics(chains, _ENSEMBLES)
+        diagnostics = compute_diagnostics(chains, SAMPLER.ensembles)
         problems = self._problems(diagnostics, parameters.names)
         message = " ".join(problems)
         if self.n_modes > 1 and not problems:
@@ -297,14 +287,14 @@ class _SamplingRun:
         r_hat = diagnostics["r_hat"]
         effective = np.minimum(diagnostics["ess_bulk"], diagnostics["ess_tail"])
         # A diagnostic that is nan counts against its unknown.
-        disagreeing = list(compress(names, ~(r_hat <= CHAINS_AGREE)))
-        few = list(compress(names, ~(effective >= min(self.n, 400))))
+        disagreeing = list(compress(names, ~(r_hat <= SAMPLER.most_r_hat)))
+        few = list(compress(names, ~(effective >= min(self.n, SAMPLER.reliable_draws))))
         if self.counter.stopped:
             problems.append("Stopped by the caller.")
         if disagreeing:
             problems.append(
                 f"Not converged: independent ensembles disagree on {', '.join(disagreeing)} (R-hat"
-                f" up to {np.nanmax(r_hat):.3f}, above {CHAINS_AGREE:g})."
+                f" up to {np.nanmax(r_hat):.3f}, above {SAMPLER.most_r_hat:g})."
             )
         if few:
             problems.append(f"Too few effective draws of {', '.join(few)} ({effective.min():.0f}).")
@@ -328,9 +318,9 @@ def _run_steps(
 
     mixture, state, steps = item
     moves = [
-        (emcee.moves.MHMove(mixture.propose), _MOVES[0]),
-        (emcee.moves.DEMove(), _MOVES[1]),
-        (emcee.moves.DESnookerMove(), _MOVES[2]),
+        (emcee.moves.MHMove(mixture.propose), SAMPLER.mixture_weight),
+        (emcee.moves.DEMove(), SAMPLER.difference_weight),
+        (emcee.moves.DESnookerMove(), SAMPLER.snooker_weight),
     ]
 
     log_prob = partial(_log_prob, likelihood)
@@ -353,14 +343,6 @@ def _check_installed() -> None:
 
 # -- proposals ---------------------------------------------------------------------------------
 _Matrix = NDArray[np.float64]
-
-#: Degrees of freedom: tails heavier than those of any posterior within bounds, at little cost near
-#: the centre.
-_FREEDOM = 6.0
-#: Least share of a component, before division by the number of components.
-_LEAST_SHARE = 0.1
-#: Distinct draws for each unknown from which the covariance of a component is estimated.
-_ENOUGH = 10
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -398,7 +380,7 @@ class Mixture:
         for k in range(len(means)):
             nearest_draws = X[nearest == k]
             shares[k] = len(nearest_draws) / len(X)
-            if len(np.unique(nearest_draws, axis=0)) <= _ENOUGH * X.shape[1]:
+            if len(np.unique(nearest_draws, axis=0)) <= MIXTURE.draws_per_unknown * X.shape[1]:
                 continue
             means[k] = nearest_draws.mean(axis=0)
             scaled = (nearest_draws - means[k]) / np.sqrt(len(nearest_draws) - 1)
@@ -412,20 +394,22 @@ class Mixture:
         """Return draws, shape (count, n), by a `numpy.random.RandomState`."""
         n = self.means.shape[1]
         chosen = random.choice(len(self.shares), size=count, p=self.shares)
-        stretch = np.sqrt(_FREEDOM / random.chisquare(_FREEDOM, size=count))
+        freedom = MIXTURE.degrees_of_freedom
+        stretch = np.sqrt(freedom / random.chisquare(freedom, size=count))
         z = random.standard_normal((count, n)) * stretch[:, None]
         return np.asarray(self.means[chosen] + np.einsum("mij,mj->mi", self.roots[chosen], z))
 
     def log_density(self, X: _Matrix) -> _Vector:
         """Return the logarithm of the density at points X, shape (m, n), up to a constant."""
         n = X.shape[1]
-        power = 0.5 * (_FREEDOM + n)
-        constant = gammaln(power) - gammaln(0.5 * _FREEDOM)
+        freedom = MIXTURE.degrees_of_freedom
+        power = 0.5 * (freedom + n)
+        constant = gammaln(power) - gammaln(0.5 * freedom)
         terms = []
         for k in range(len(self.shares)):
             distance = _distances(X, self.means[k], self.roots[k])
             level = np.log(self.shares[k]) - self.log_volumes[k]
-            terms.append(level - power * np.log1p(distance / _FREEDOM))
+            terms.append(level - power * np.log1p(distance / freedom))
         return np.asarray(constant + logsumexp(terms, axis=0))
 
     def propose(self, X: _Matrix, random: Any) -> tuple[_Matrix, _Vector]:
@@ -441,13 +425,11 @@ def _distances(X: _Matrix, mean: _Vector, root: _Matrix) -> _Vector:
 
 def _with_floor(shares: _Vector) -> _Vector:
     """Return shares with a lower limit, for sufficient proposals by each component."""
-    limited = np.maximum(shares, _LEAST_SHARE / len(shares))
+    limited = np.maximum(shares, MIXTURE.least_share / len(shares))
     return np.asarray(limited / limited.sum())
 
 
 # -- diagnostics -------------------------------------------------------------------------------
-#: Largest R-hat of ensembles that represent one density (Vehtari et al. 2021).
-CHAINS_AGREE = 1.01
 
 
 def compute_diagnostics(chains: NDArray[np.float64], ensembles: int) -> dict[str, _Vector]:

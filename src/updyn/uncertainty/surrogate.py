@@ -20,6 +20,7 @@ from updyn.dynamics.reduction import Reduction
 from updyn.errors import SolverError
 from updyn.uncertainty.likelihood import Gaussian, Point, select_furthest
 from updyn.uncertainty.restored import RestoredFit
+from updyn.uncertainty.settings import SURROGATE
 from updyn.updating.fit.reducing import make_reduction
 from updyn.updating.problem.problem import Problem
 from updyn.updating.result import UpdateResult
@@ -27,13 +28,6 @@ from updyn.updating.result import UpdateResult
 __all__ = ["Surrogate", "describe_excess", "reduce_about", "run_about"]
 
 _Vector = NDArray[np.float64]
-
-#: Points about the estimate at which the basis is enriched.
-_POINTS = 4
-#: Their distance from the estimate, in standard deviations.
-_DISTANCE = 2.0
-#: Points at which the error is evaluated afterwards, and how often it is mended there.
-_CHECKED, _ENRICHMENTS = 4, 2
 
 
 @dataclass(slots=True, eq=False)
@@ -105,13 +99,13 @@ class Surrogate:
         furthest. Return ``"basis"``, its size, ``"error"`` and ``"accuracy"`` for the record; empty
         without points.
         """
-        for number in range(_ENRICHMENTS + 1):
+        for number in range(SURROGATE.most_enrichments + 1):
             reached = run(self.problem())
             if not len(reached):
                 return {}
-            far = select_furthest(reached, min(_CHECKED, len(reached)))
+            far = select_furthest(reached, min(SURROGATE.checked_points, len(reached)))
             error = self.error(list(far))
-            if error <= self.accuracy or number == _ENRICHMENTS:
+            if error <= self.accuracy or number == SURROGATE.most_enrichments:
                 break
             self.settle(list(far))
         return {"basis": self.size, "error": error, "accuracy": self.accuracy}
@@ -154,8 +148,8 @@ def reduce_about(restored: RestoredFit, accuracy: float, seed: int) -> Surrogate
     local = likelihood.local(restored.x)
     if local is None:
         raise SolverError("the model cannot be solved at the estimate")
-    z = np.random.default_rng([seed, 1]).standard_normal((_POINTS, len(restored.x)))
-    z *= _DISTANCE * np.sqrt(len(restored.x)) / np.linalg.norm(z, axis=1)[:, None]
+    z = np.random.default_rng([seed, 1]).standard_normal((SURROGATE.points, len(restored.x)))
+    z *= SURROGATE.distance * np.sqrt(len(restored.x)) / np.linalg.norm(z, axis=1)[:, None]
     points = np.clip(Gaussian(likelihood, Point(restored.x, local)).at(z), *likelihood.bounds)
     surrogate.enrich(list(points))
     return surrogate

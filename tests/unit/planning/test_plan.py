@@ -9,16 +9,17 @@ import numpy as np
 import pytest
 
 import updyn
+from overriding import override
 from updyn.correlation import auto_mac
 from updyn.demos import chain
 from updyn.errors import DataError, DofError, OptionError, ParameterError
 from updyn.model import Group, Model
-from updyn.planning import screening
 from updyn.planning.classical import effective_independence, least_mac
 from updyn.planning.criteria import CRITERIA, Planning
 from updyn.planning.information import Candidates, PairInformation
 from updyn.planning.layout import best_layout
 from updyn.planning.options import find_noise
+from updyn.planning.settings import CANDIDATE_REDUCTION, INFORMATION, SCREENING
 from updyn.updating.problem.optimal_design import DOptimal
 
 BAND = (1.0, 40.0)
@@ -98,12 +99,12 @@ def test_a_layout_among_screened_candidates_is_as_good(rods, monkeypatch, criter
     """The figures of both are those of the model itself."""
     how = {"criterion": criterion, "lines": 80, "robust": 1}
     whole = updyn.plan(*rods, None, 4, 1, (0.5, 8.0), **how)
-    monkeypatch.setattr(screening, "_PAIRS", 1000)
-    monkeypatch.setattr(screening, "_KEPT", (24, 12))
-    monkeypatch.setattr(screening, "_FOR_EACH", 3)
-    monkeypatch.setattr(screening, "_SAMPLE", 20)
+    override(monkeypatch, SCREENING, most_pairs=1000)
+    override(monkeypatch, SCREENING, least_responses=24, least_references=12)
+    override(monkeypatch, SCREENING, kept_per_selected=3)
+    override(monkeypatch, SCREENING, sampled_dofs=20)
     if reduced:
-        monkeypatch.setattr(screening, "_DOFS", 10)
+        override(monkeypatch, CANDIDATE_REDUCTION, most_exact_dofs=10)
     found = updyn.plan(*rods, None, 4, 1, (0.5, 8.0), **how)
     assert whole.screened == ""
     assert found.screened.startswith(
@@ -119,7 +120,7 @@ def test_a_layout_among_screened_candidates_is_as_good(rods, monkeypatch, criter
 
 def test_classical_criteria_look_at_all_candidates(rods, monkeypatch):
     whole = updyn.plan(*rods, None, 4, 1, (0.5, 8.0), "mac", lines=40, robust=0)
-    monkeypatch.setattr(screening, "_PAIRS", 1000)
+    override(monkeypatch, SCREENING, most_pairs=1000)
     found = updyn.plan(*rods, None, 4, 1, (0.5, 8.0), "mac", lines=40, robust=0)
     assert found.screened == ""
     assert found.responses == whole.responses
@@ -215,7 +216,7 @@ def by_noise(found):
 def test_pairs_are_the_same_whatever_is_worked_on_at_a_time(model, unknowns, monkeypatch, chunk):
     """All pairs at once, by reciprocity and in chunks, against rows of candidates by themselves."""
     whole = planning_of(model, unknowns)
-    monkeypatch.setattr("updyn.planning.information._CHUNK_BYTES", chunk)
+    override(monkeypatch, INFORMATION, chunk_bytes=chunk)
     again = planning_of(model, unknowns)
     assert again.information.packed == pytest.approx(whole.information.packed, rel=1e-9)
     some = whole.candidates.select([2, 7], range(12))
@@ -473,7 +474,7 @@ def test_calibration_factors_are_refused(model, unknowns):
 
 
 def test_too_many_pairs_are_refused_before_the_work(model, unknowns, monkeypatch):
-    monkeypatch.setattr("updyn.planning.information._MOST_BYTES", 50_000)
+    override(monkeypatch, INFORMATION, most_bytes=50_000)
     with pytest.raises(OptionError, match="at most 6 candidate references"):
         updyn.plan(model, unknowns, None, 3, 1, BAND, robust=0)
     with pytest.raises(OptionError, match="fewer draws"):

@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 import updyn
+from overriding import override
 from updyn.demos import chain
 from updyn.errors import OptionError, StoppedError
-from updyn.planning import screening
 from updyn.planning.information import Candidates
 from updyn.planning.options import find_noise
+from updyn.planning.settings import CANDIDATE_REDUCTION, SCREENING
 from updyn.store.planning import plan_to_json
 from updyn.updating.problem import problem as problem_module
 
@@ -51,11 +52,11 @@ class Stopping:
 def way(request, monkeypatch):
     """Each way to a layout, on a small model."""
     if request.param != "whole":
-        monkeypatch.setattr(screening, "_DOFS", 5)
+        override(monkeypatch, CANDIDATE_REDUCTION, most_exact_dofs=5)
     if request.param == "screened":
-        monkeypatch.setattr(screening, "_PAIRS", 50)
-        monkeypatch.setattr(screening, "_KEPT", (8, 5))
-        monkeypatch.setattr(screening, "_FOR_EACH", 1)
+        override(monkeypatch, SCREENING, most_pairs=50)
+        override(monkeypatch, SCREENING, least_responses=8, least_references=5)
+        override(monkeypatch, SCREENING, kept_per_selected=1)
     return request.param
 
 

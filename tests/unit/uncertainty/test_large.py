@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 import updyn
+from overriding import override
 from uncertain_cases import noisy
 from updyn.errors import SolverError
-from updyn.uncertainty import prediction
 from updyn.uncertainty.minima import _exchange_parts
 from updyn.uncertainty.restored import restore
+from updyn.uncertainty.settings import PREDICTED_BAND
 from updyn.uncertainty.surrogate import Surrogate, reduce_about
 
 N = 60
@@ -136,7 +137,7 @@ def test_bands_of_draws_are_made_in_a_reduced_model(result, monkeypatch, freq) -
     draws = updyn.bootstrap(result, 110)
     reduced = updyn.predict(draws, freq, ["40:X"], ["60:X"])
     with monkeypatch.context() as patch:
-        patch.setattr(prediction, "_SOLVES", np.inf)
+        override(patch, PREDICTED_BAND, least_solves=np.inf)
         whole = updyn.predict(draws, freq, ["40:X"], ["60:X"])
     assert np.allclose(reduced.lower, whole.lower, rtol=1e-3)
     assert np.allclose(reduced.upper, whole.upper, rtol=1e-3)
@@ -148,7 +149,7 @@ def test_bands_of_draws_are_made_in_a_reduced_model(result, monkeypatch, freq) -
 def test_a_band_of_the_covariance_is_made_in_a_reduced_model(result, monkeypatch) -> None:
     asked = result, np.linspace(0.5, 6.0, 60), ["40:X"], ["60:X"]
     reduced = updyn.predict(*asked)
-    monkeypatch.setattr(prediction, "_SOLVES", np.inf)
+    override(monkeypatch, PREDICTED_BAND, least_solves=np.inf)
     whole = updyn.predict(*asked)
     np.testing.assert_allclose(reduced.frf.values, whole.frf.values, rtol=1e-3)
     for side in ("lower", "upper", "phase_lower", "phase_upper", "std_real", "std_imag"):

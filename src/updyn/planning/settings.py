@@ -1,0 +1,112 @@
+"""Numbers that decide how tests are planned."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class PlanSettings:
+    """Defaults, limits and extent of a plan."""
+
+    #: [lines] Default number of lines. Why: about those of a usual test; the layout depends little
+    #: on it (a rule of thumb).
+    lines: int = 200
+    #: [lines] Largest number of lines. Why: the model is solved at each, and all sensitivities are
+    #: in memory.
+    most_lines: int = 100_000
+    #: [draws] Default number of draws of the start of the parameters. Why: limit of effort.
+    starts: int = 4
+    #: [draws] Largest number of draws of the start. Why: the plan is computed at each.
+    most_starts: int = 1_000
+    #: [DOFs] Number of further sensors and forces with a stated gain. Why: enough to decide on more
+    #: of them (a rule of thumb).
+    further_items: int = 5
+    #: [1] Number of parts of the band with a stated gain. Why: a resolution of a tenth of the band.
+    band_parts: int = 10
+    #: [items] Largest number of parameters in a message, and of further sensors in a summary. Why:
+    #: more names are hard to read.
+    named_items: int = 3
+
+
+@dataclass(frozen=True)
+class InformationSettings:
+    """Numbers of the information of all pairs of candidates."""
+
+    #: [bytes] Largest memory for the information of all pairs. Why: available on any computer.
+    most_bytes: int = 2**30
+    #: [bytes] Memory for the derivatives that are processed at a time. Why: about the size of the
+    #: cache of a processor.
+    chunk_bytes: int = 32 * 2**20
+    #: [1] Number of pieces into which the lines are divided, for workers and for stopping. Why: a
+    #: stop takes a sixteenth of the time of a point.
+    pieces: int = 16
+    #: [1] Level of a channel over that of the largest one of its unit below which it is rounding.
+    #: Why: above the rounding of a solution.
+    rounding: float = 1e-9
+
+
+@dataclass(frozen=True)
+class LayoutSearchSettings:
+    """Numbers of the search for the best layout."""
+
+    #: [references] Number of references, those with the best separate scores, from each of which a
+    #: layout is searched. Why: limit of effort.
+    starts: int = 6
+
+
+@dataclass(frozen=True)
+class ScreeningSettings:
+    """Numbers of the screening of candidates."""
+
+    #: [pairs] Number of pairs of candidates above which they are screened. Why: limit of effort.
+    most_pairs: int = 40_000
+    #: [lines] Number of lines at which candidates are screened. Why: limit of effort.
+    lines: int = 16
+    #: [DOFs] Number of translations, and of rotations, in a sample of the candidates. Why: limit of
+    #: effort.
+    sampled_dofs: int = 40
+    #: [DOFs] Least number of kept responses. Why: limit of effort.
+    least_responses: int = 96
+    #: [DOFs] Least number of kept references. Why: limit of effort.
+    least_references: int = 24
+    #: [1] Number of kept candidates for each selected one. Why: more change the layout little (a
+    #: rule of thumb).
+    kept_per_selected: int = 6
+    #: [references] Number of references that each start a layout whose responses are kept. Why:
+    #: limit of effort.
+    layouts: int = 8
+
+
+@dataclass(frozen=True)
+class CandidateReductionSettings:
+    """Numbers of the reduced model of the candidates."""
+
+    #: [DOFs] Number of DOFs above which models are reduced. Why: smaller ones are solved quickly.
+    most_exact_dofs: int = 600
+    #: [1] Largest error, relative to the largest receptance of a line. Why: below the noise of a
+    #: test; the expected results are computed with the model itself.
+    most_error: float = 1e-2
+    #: [states] Least number of states of a basis, each solved at another shift. Why: limit of
+    #: effort.
+    least_states: int = 6
+    #: [1] Shifts, in squares of the highest frequency, one for each state in turn. Why: distributed
+    #: over the band (a rule of thumb).
+    shifts: tuple[float, ...] = (0.2, 0.5, 0.8)
+    #: [moments] Number of moments of the fields at a shift. Why: fields change smoothly with
+    #: frequency between the shifts (a rule of thumb).
+    depth: int = 4
+    #: [vectors] Number of random combinations of the responses at a shift. Why: limit of effort.
+    combinations: int = 8
+    #: [1] Square root of the share of the energy of the fields that may be dropped. Why: a
+    #: hundredth of the accepted error.
+    dropped_energy_root: float = 1e-4
+    #: [lines] Number of lines at which the error is certified. Why: limit of effort.
+    certified_lines: int = 40
+
+
+PLAN = PlanSettings()
+INFORMATION = InformationSettings()
+LAYOUT_SEARCH = LayoutSearchSettings()
+SCREENING = ScreeningSettings()
+CANDIDATE_REDUCTION = CandidateReductionSettings()

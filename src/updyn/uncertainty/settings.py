@@ -1,0 +1,170 @@
+"""Numbers that decide how uncertainties are computed, and when they are reliable."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class CountLimitSettings:
+    """Largest numbers that users may ask for."""
+
+    #: [draws] Largest number of draws. Why: their mean is accurate to a thousandth of their
+    #: standard deviation; all are kept in memory, 8 MB for each unknown.
+    most_draws: int = 1_000_000
+    #: [evaluations] Largest number of evaluations of a sampler. Why: all are kept in memory, 80 MB
+    #: for each unknown.
+    most_evaluations: int = 10_000_000
+
+
+@dataclass(frozen=True)
+class BootstrapSettings:
+    """Numbers of the bootstrap."""
+
+    #: [1] Share of failed refits above which the draws are not reliable. Why: as large as both
+    #: tails of a 95 % interval together.
+    most_failed_share: float = 0.05
+
+
+@dataclass(frozen=True)
+class PosteriorSearchSettings:
+    """Numbers of the search for minima of the negative log-likelihood."""
+
+    #: [starts] Default number of random starts. Why: limit of effort; each costs a fit.
+    starts: int = 8
+    #: [1] Largest distance of a random start from the estimate, in logarithms of factors. Why: a
+    #: factor of e, beyond the usual error of a model.
+    start_distance: float = 1.0
+    #: [1] Least loss factor of every other random start. Why: more damping widens the basin of a
+    #: minimum.
+    inflated_loss: float = 0.1
+    #: [starts] Number of starts with exchanged parts of the structure, those of lowest cost. Why:
+    #: limit of effort.
+    exchanges: int = 3
+    #: [1] Cost above that of the lowest minimum from which a minimum is dropped. Why: its
+    #: likelihood is then 6e-6 of the largest.
+    negligible_cost: float = 12.0
+    #: [steps] Largest number of steps of a descent. Why: limit of effort; descents from nearby
+    #: points take far fewer.
+    descent_steps: int = 60
+
+
+@dataclass(frozen=True)
+class PredictedBandSettings:
+    """Numbers of the bands of predicted FRFs."""
+
+    #: [draws] Largest number of draws of which a band is made. Why: 25 draws are beyond each end of
+    #: a 95 % band.
+    most_draws: int = 1000
+    #: [solutions] Number of solutions of a line from which a reduced model is made. Why: the
+    #: reduction takes about 20.
+    least_solves: int = 40
+    #: [1] Relative change of H, for a change by a factor e along an undetermined combination, above
+    #: which a band is infinite. Why: above rounding.
+    open_change: float = 1e-6
+
+
+@dataclass(frozen=True)
+class ProfileSettings:
+    """Numbers of the profiles of the likelihood."""
+
+    #: [1] Decrease of the cost that counts as another minimum. Why: a tenth of a standard
+    #: deviation.
+    better_cost: float = 0.005
+    #: [rounds] Largest number of computations of the profiles, each from the lowest minimum found.
+    #: Why: limit of effort.
+    most_rounds: int = 3
+    #: [std] Distance between two points of a profile. Why: the level of a 95 % interval, at 1.96,
+    #: is four points away.
+    step: float = 0.5
+    #: [1] Largest step, as a share of the distance between the bounds. Why: a flat profile has no
+    #: other scale.
+    most_step_share: float = 0.1
+    #: [points] Largest number of points on one side of a minimum. Why: limit of effort, six times
+    #: the number from bound to bound.
+    most_points: int = 60
+    #: [halvings] Largest number of halvings of a step to a point where the model cannot be solved.
+    #: Why: limit of effort; the step is then 3 % of the first one.
+    most_halvings: int = 5
+    #: [points] Largest number of points tried for a crossing of the level. Why: limit of effort;
+    #: bisection takes 10 for the tolerance.
+    most_crossing_points: int = 40
+    #: [1] Tolerance of a crossing, as a share of the level in standard deviations. Why: the end is
+    #: interpolated afterwards, and shown with three digits.
+    crossing_tolerance: float = 2e-3
+    #: [1] Distance between two points, or from a bound (relative to it), that is rounding. Why:
+    #: above the rounding of double precision.
+    rounding: float = 1e-12
+
+
+@dataclass(frozen=True)
+class SamplerSettings:
+    """Numbers of the sampler and of its diagnostics."""
+
+    #: [ensembles] Number of independent ensembles. Why: R-hat needs several chains; four are usual
+    #: (Vehtari et al., 2021).
+    ensembles: int = 4
+    #: [steps] Number of steps of warm-up, whose draws are discarded. Why: the ensembles start near
+    #: the posterior (a rule of thumb).
+    warm_up_steps: int = 40
+    #: [steps] Number of steps between two diagnoses. Why: limit of effort.
+    round_steps: int = 25
+    #: [1] Weight of proposals from the mixture. Why: they are independent of the walker, so that
+    #: their draws are hardly correlated (a rule of thumb).
+    mixture_weight: float = 0.7
+    #: [1] Weight of differences of two walkers. Why: they follow a posterior that the mixture does
+    #: not (a rule of thumb).
+    difference_weight: float = 0.2
+    #: [1] Weight of snooker updates. Why: they reach other modes (a rule of thumb).
+    snooker_weight: float = 0.1
+    #: [1] Least length of a chain in autocorrelation times. Why: the effective size is unreliable
+    #: for shorter chains (a rule of thumb).
+    least_length: int = 20
+    #: [draws] Effective size below which draws are reported as too few. Why: 100 for each of four
+    #: chains (Vehtari et al., 2021).
+    reliable_draws: int = 400
+    #: [1] Largest R-hat of ensembles that represent one density. Why: limit of Vehtari et al.
+    #: (2021).
+    most_r_hat: float = 1.01
+
+
+@dataclass(frozen=True)
+class MixtureSettings:
+    """Numbers of the mixture of which proposals are drawn."""
+
+    #: [1] Degrees of freedom of the components; fewer give heavier tails. Why: heavier than those
+    #: of any posterior within bounds, at little cost near the centre.
+    degrees_of_freedom: float = 6.0
+    #: [1] Least share of a component, times the number of components. Why: each mode keeps being
+    #: visited (a rule of thumb).
+    least_share: float = 0.1
+    #: [draws] Number of distinct draws for each unknown from which the covariance of a component is
+    #: estimated. Why: fewer give a poor covariance (a rule of thumb).
+    draws_per_unknown: int = 10
+
+
+@dataclass(frozen=True)
+class SurrogateSettings:
+    """Numbers of the reduced models about an estimate."""
+
+    #: [points] Number of points at which a basis is enriched. Why: limit of effort.
+    points: int = 4
+    #: [std] Distance of these points from the estimate, for each unknown. Why: most draws are
+    #: nearer.
+    distance: float = 2.0
+    #: [points] Number of results, those furthest from their mean, at which the error is evaluated.
+    #: Why: limit of effort.
+    checked_points: int = 4
+    #: [1] How often the basis is enriched at these points. Why: limit of effort; each repeats the
+    #: whole computation.
+    most_enrichments: int = 2
+
+
+COUNT_LIMITS = CountLimitSettings()
+BOOTSTRAP = BootstrapSettings()
+POSTERIOR_SEARCH = PosteriorSearchSettings()
+PREDICTED_BAND = PredictedBandSettings()
+PROFILES = ProfileSettings()
+SAMPLER = SamplerSettings()
+MIXTURE = MixtureSettings()
+SURROGATE = SurrogateSettings()
