@@ -12,6 +12,7 @@ from updyn.frf import FRF
 from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.fault import Fault, find_channels, list_channels, multiply_channels
 from updyn.updating.judge.causes.scale import WrongUnit
+from updyn.updating.judge.causes.settings import CHANNEL_FAULT
 from updyn.updating.problem.problem import FRFPart
 
 __all__ = ["Calibration"]
@@ -46,7 +47,7 @@ class Calibration(Fault):
 
     def is_plausible(self) -> bool:
         """Return whether the calibration is off by more than 1.5 % and less than a factor of 30."""
-        return 0.015 < abs(self.value) < 3.4
+        return CHANNEL_FAULT.least_calibration < abs(self.value) < CHANNEL_FAULT.most_calibration
 
     def statement(self) -> str:
         """Return a sentence with the factor."""

@@ -14,28 +14,19 @@ from updyn.updating.judge.causes.catalogue import CAUSES
 from updyn.updating.judge.causes.fault import Fault
 from updyn.updating.judge.causes.finding import Finding
 from updyn.updating.judge.causes.other_model import CompiledVariant
-from updyn.updating.judge.causes.promising import IN_REACH, estimate_gain, select_variants
-from updyn.updating.judge.causes.ranking import NEGLIGIBLE_SHARE, rank_faults
+from updyn.updating.judge.causes.promising import estimate_gain, select_variants
+from updyn.updating.judge.causes.ranking import rank_faults
+from updyn.updating.judge.causes.settings import CAUSE_CANDIDATES, CAUSE_ODDS, CAUSE_TRIAL
 from updyn.updating.judge.causes.suspects import ScoredFault, score_faults, select_likeliest
-from updyn.updating.judge.causes.trial import NOISE_RMS, Trial, fit_robustly, run_trial
+from updyn.updating.judge.causes.trial import Trial, fit_robustly, run_trial
 from updyn.updating.judge.causes.wrong_axes import WrongAxes
 from updyn.updating.problem.problem import FRFPart
 
-__all__ = ["MOST_CANDIDATES", "SMALL_RMS", "FaultStart", "has_small_residual", "select_candidates"]
+__all__ = ["FaultStart", "has_small_residual", "select_candidates"]
 
 _Real = NDArray[np.float64]
 #: A fault and the starting point of its fit.
 FaultStart: TypeAlias = "tuple[Fault, _Real]"
-
-#: Largest number of faults that are fitted until convergence.
-MOST_CANDIDATES = 4
-#: Log misfit (rms) and correlation of neighbouring lines below which there is no gross fault.
-SMALL_RMS, _CORRELATED = 0.1, 0.3
-#: Largest remaining share of the misfit with which a fault of all data explains everything.
-_LEAST = 0.01
-#: Logarithm of the odds, to first order, from which a fault is tried if the residual is small;
-#: changes of the unknowns during its fit have effects of higher order.
-_LEAST_LOG_ODDS = -5.0
 
 
 def select_candidates(
@@ -75,7 +66,7 @@ def _list_rivals_of_variant(
     """Return the faults that explain the data as well as a variant, at the end of its trial."""
     assert isinstance(end.fault, WrongAxes)
     try:
-        least = estimate_gain(part, end.fault, end.x) - IN_REACH
+        least = estimate_gain(part, end.fault, end.x) - CAUSE_CANDIDATES.reach_log_odds
     except SolverError:
         return []
     found = [one for one in select_likeliest(score_faults(part, end.x)) if one.gain > least]
@@ -97,16 +88,21 @@ def _select_for_model(
 
 def has_small_residual(trial: Trial) -> bool:
     """Return whether the residual of a trial is nearly noise, without a gross fault."""
-    return trial.mean_square < SMALL_RMS**2 and trial.correlation < _CORRELATED
+    return (
+        trial.mean_square < CAUSE_CANDIDATES.small_rms**2
+        and trial.correlation < CAUSE_CANDIDATES.small_correlation
+    )
 
 
 def _select_by_gain(part: FRFPart, without: Trial, stated: Sequence[Finding]) -> list[FaultStart]:
     """Return the faults that promise a better fit than a trial with a small residual."""
     found = [
-        one for one in score_faults(part, without.x, promising=True) if one.gain >= _LEAST_LOG_ODDS
+        one
+        for one in score_faults(part, without.x, promising=True)
+        if one.gain >= CAUSE_CANDIDATES.least_log_odds
     ]
     found = _drop_covered(select_likeliest(found), stated)
-    if len(found) <= MOST_CANDIDATES:
+    if len(found) <= CAUSE_CANDIDATES.most_fitted:
         return [(one.fault, one.x) for one in found]
     ends = [end for one in found if (end := _run_short_trial(part, one))]
     return _select_best_trials(ends, without)
@@ -165,9 +161,9 @@ def _explains_all(end: Trial, without: Trial) -> bool:
     """Return whether a fault explains all but noise; then only similar faults compete with it."""
     assert end.fault is not None
     if end.fault.affects_all_data:
-        return end.mean_square < _LEAST * without.mean_square
-    return end.correlation < _CORRELATED and end.mean_square < min(
-        NOISE_RMS**2, NEGLIGIBLE_SHARE * without.mean_square
+        return end.mean_square < CAUSE_CANDIDATES.least_remaining * without.mean_square
+    return end.correlation < CAUSE_CANDIDATES.small_correlation and end.mean_square < min(
+        CAUSE_TRIAL.noise_rms**2, CAUSE_ODDS.negligible_share * without.mean_square
     )
 
 
@@ -176,7 +172,7 @@ def _select_best_trials(ends: Sequence[Trial], without: Trial) -> list[FaultStar
     best: dict[tuple[str, tuple[str, ...]], FaultStart] = {}
     for one in rank_faults(ends, without):
         best.setdefault((one.fault.kind, one.fault.channels), (one.fault, one.trial.x))
-    return list(best.values())[:MOST_CANDIDATES]
+    return list(best.values())[: CAUSE_CANDIDATES.most_fitted]
 
 
 def _list_rivals(part: FRFPart, end: Trial) -> list[ScoredFault]:
@@ -187,4 +183,8 @@ def _list_rivals(part: FRFPart, end: Trial) -> list[ScoredFault]:
     gains = [one.gain for one in found if one.key == key]
     if not gains:
         return []
-    return [one for one in found if one.gain > gains[0] - IN_REACH and one.key != key]
+    return [
+        one
+        for one in found
+        if one.gain > gains[0] - CAUSE_CANDIDATES.reach_log_odds and one.key != key
+    ]

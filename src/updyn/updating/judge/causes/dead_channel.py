@@ -9,15 +9,11 @@ import numpy as np
 
 from updyn.frf import FRF
 from updyn.updating.judge.causes.fault import find_channels, list_channels, remove_channels
-from updyn.updating.judge.causes.shown import LIKELY, DataFault, Detection
+from updyn.updating.judge.causes.settings import CAUSE_ODDS, CAUSE_SEARCH, DATA_FAULT
+from updyn.updating.judge.causes.shown import DataFault, Detection
 from updyn.updating.problem.problem import FRFPart
 
 __all__ = ["DeadChannel"]
-
-#: Level of the model, relative to its largest channel, above which a channel has a response.
-_LEAST_RESPONSE = 1e-8
-#: Number of lines at which the model is evaluated.
-_LINES = 8
 
 
 class DeadChannel(DataFault):
@@ -36,15 +32,15 @@ class DeadChannel(DataFault):
             mask = find_channels(channels, frf).channel_mask(frf)
             # A value of a working channel is certainly not zero.
             log_odds = len(frf.freq) * np.count_nonzero(mask) + float(np.log(cls.odds))
-            if log_odds > LIKELY and not frf.values[:, mask].any():
+            if log_odds > CAUSE_ODDS.likely_log_odds and not frf.values[:, mask].any():
                 yield Detection(cls(channels), log_odds, float(mask.mean()))
 
     def is_expected(self, part: FRFPart) -> bool:
         """Return whether the model has no response there, as by symmetry."""
-        few = part.thin(_LINES)
+        few = part.thin(CAUSE_SEARCH.glance_lines)
         level = np.abs(few.responses(few.coordinates.start)).max(axis=0)
         mask = find_channels(self.channels, part.frf).channel_mask(part.frf)
-        return bool(level[mask].max() <= _LEAST_RESPONSE * level.max())
+        return bool(level[mask].max() <= DATA_FAULT.least_response * level.max())
 
     @property
     def repair_text(self) -> str:

@@ -11,14 +11,9 @@ from numpy.typing import NDArray
 from updyn.frf import FRF
 from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.fault import Fault, find_channels, list_channels, multiply_channels
+from updyn.updating.judge.causes.settings import CHANNEL_FAULT
 
 __all__ = ["Delay"]
-
-#: First values, in periods of the highest line; several, because a phase is known up to whole turns
-#: only.
-_PERIODS = np.array([-2.0, -1.5, -1.0, -0.7, -0.4, 0.0, 0.4, 0.7, 1.0, 1.5, 2.0])
-#: Smallest phase at the highest line that is reported, in radians.
-_LEAST = 0.05
 
 
 class Delay(Fault):
@@ -35,7 +30,7 @@ class Delay(Fault):
     def propose_faults(cls, evidence: Evidence) -> Iterable[Self]:
         """Yield each sensor, and all together, with several delays."""
         for channels in [(), *list_channels(evidence.frf)]:
-            for periods in _PERIODS:
+            for periods in CHANNEL_FAULT.delay_periods:
                 yield cls(channels, float(periods / evidence.frf.freq[-1]))
 
     def repair(self, frf: FRF) -> FRF:

@@ -12,13 +12,7 @@ from numpy.typing import NDArray
 
 from updyn.errors import SolverError
 from updyn.frf import FRF
-from updyn.updating.judge.causes.candidates import (
-    MOST_CANDIDATES,
-    SMALL_RMS,
-    FaultStart,
-    has_small_residual,
-    select_candidates,
-)
+from updyn.updating.judge.causes.candidates import FaultStart, has_small_residual, select_candidates
 from updyn.updating.judge.causes.data_alone import (
     detect_data_faults,
     drop_expected,
@@ -31,12 +25,11 @@ from updyn.updating.judge.causes.evidence import Evidence, compute_spread
 from updyn.updating.judge.causes.fault import Fault
 from updyn.updating.judge.causes.finding import Finding
 from updyn.updating.judge.causes.halves import compare_band_halves
-from updyn.updating.judge.causes.misfit import NOISE_LIMIT, WeightedData, compute_log_misfit
+from updyn.updating.judge.causes.misfit import WeightedData, compute_log_misfit
 from updyn.updating.judge.causes.model_unit import ModelUnit
 from updyn.updating.judge.causes.other_model import CompiledVariant
 from updyn.updating.judge.causes.promising import list_variants
 from updyn.updating.judge.causes.ranking import (
-    USUAL_DISTANCE,
     RankedFault,
     is_as_likely,
     is_in_reach,
@@ -45,9 +38,13 @@ from updyn.updating.judge.causes.ranking import (
 )
 from updyn.updating.judge.causes.reduced import TrialModels, choose_trial_models
 from updyn.updating.judge.causes.rigid_shapes import RigidShapes
-from updyn.updating.judge.causes.shown import LIKELY
+from updyn.updating.judge.causes.settings import (
+    CAUSE_CANDIDATES,
+    CAUSE_ODDS,
+    CAUSE_SEARCH,
+    CAUSE_TRIAL,
+)
 from updyn.updating.judge.causes.trial import (
-    LARGEST_CORRELATION,
     Trial,
     adapt_losses,
     free_held_quantities,
@@ -55,42 +52,13 @@ from updyn.updating.judge.causes.trial import (
     run_trial,
 )
 from updyn.updating.judge.causes.wrong_axes import WrongAxes
+from updyn.updating.judge.settings import SIGNIFICANCE
 from updyn.updating.problem.noise import NoiseModel
 from updyn.updating.problem.problem import FRFPart
 
 __all__ = ["find_causes", "find_obstacle", "is_far_from_start", "weight_by_noise"]
 
 _Real = NDArray[np.float64]
-
-#: Number of lines in the search.
-_LINES = 60
-#: Number of other causes that a statement names.
-_NAMED = 2
-#: Largest number of refinements of the model for one decision.
-_REFINEMENTS = 3
-#: Share of the previous misfit above which a further fit has converged.
-_CONVERGED = 0.9
-#: Rounds in which a fault is tried at further places, and the number of places at each point.
-_ROUNDS, _NEXT = 3, 3
-#: Difference between the sizes of a fault in the two halves of the band, in standard deviations,
-#: above which they contradict each other: 0.3 % of normal errors are larger.
-_CONTRADICT = 3.0
-#: Largest number of faults of one test.
-_MOST = 3
-#: Ratio of two mean square errors up to which both sizes fit equally well.
-_AS_WELL = 1.2
-#: Smallest number of lines for a search for causes.
-_FEWEST = 8
-#: Log misfit (rms) above which fits are cut short and findings are not reported.
-_GROSS = 0.5
-#: Number of units of a model that are fitted, and the largest number of DOFs for which they are
-#: tried.
-_FOLLOWED, _MOST_DOFS = 2, 20_000
-#: Mean square of the misfit below which the faults found explain all data.
-_EXPLAINED = 1e-3
-#: Ratio of the mean square of the misfit to that without the values of a symptom, above which the
-#: faults found do not explain the symptom.
-_WORSE = 1.5
 
 
 def is_far_from_start(part: FRFPart, x: _Real) -> bool:
@@ -100,7 +68,7 @@ def is_far_from_start(part: FRFPart, x: _Real) -> bool:
     """
     coordinates = part.coordinates
     offset = ((x - coordinates.start) / compute_spread(part))[coordinates.parameters.is_factor]
-    return bool(offset.size and np.sqrt(np.mean(offset**2)) > USUAL_DISTANCE)
+    return bool(offset.size and np.sqrt(np.mean(offset**2)) > CAUSE_ODDS.usual_distance)
 
 
 def find_obstacle(part: FRFPart, noise: NoiseModel) -> str:
@@ -108,11 +76,11 @@ def find_obstacle(part: FRFPart, noise: NoiseModel) -> str:
 
     Without values above the noise, any factor that moves the data below it explains everything.
     """
-    if part.n_lines < _FEWEST:
+    if part.n_lines < CAUSE_SEARCH.least_lines:
         return f"causes were not searched for, because {part.n_lines} lines are too few"
-    clear = np.abs(part.frf.values) > NOISE_LIMIT * np.sqrt(noise.initial_variance(part.frf))
+    clear = np.abs(part.frf.values) > SIGNIFICANCE.stds * np.sqrt(noise.initial_variance(part.frf))
     n_clear = int(clear.any(axis=(1, 2)).sum())
-    if n_clear < _FEWEST:
+    if n_clear < CAUSE_SEARCH.least_lines:
         lines = f"{part.n_lines - n_clear} of {part.n_lines} lines"
         return f"causes were not searched for, because no value is above the noise at {lines}"
     return ""
@@ -134,20 +102,29 @@ def find_causes(part: FRFPart, noise: NoiseModel, points: Sequence[_Real] = ()) 
     whole = part.with_data(frf)
     if find_obstacle(whole, noise):
         return stated
-    part, held = free_held_quantities(whole.thin(_LINES))
+    part, held = free_held_quantities(whole.thin(CAUSE_SEARCH.lines))
     trial_models = choose_trial_models(part)
     known = [np.concatenate([x, held]) for x in points]
     explained = _explain_data(part, whole, trial_models, known, stated, noise)
     masked = mask_symptoms(detections, part.frf)
     symptoms = explained.findings and masked is not part.frf
     remaining = explained.fit_remaining(part.frf)
-    if symptoms and (remaining is None or remaining.mean_square > _EXPLAINED):
+    if symptoms and (
+        remaining is None or remaining.mean_square > CAUSE_SEARCH.explained_mean_square
+    ):
         # The values of a symptom may be wrong on their own, and other faults may imitate them.
         by_itself = _explain_data(part.with_data(masked), whole, trial_models, known, stated, noise)
         fit_apart = by_itself.fit_remaining(masked)
-        if fit_apart and explained.fit_mean_square(masked) > _WORSE * fit_apart.mean_square:
+        if (
+            fit_apart
+            and explained.fit_mean_square(masked)
+            > CAUSE_SEARCH.symptom_ratio * fit_apart.mean_square
+        ):
             explained, remaining = by_itself, fit_apart
-    if remaining is not None and explained.mean_square_above_noise(part.frf, remaining) > _GROSS**2:
+    if (
+        remaining is not None
+        and explained.mean_square_above_noise(part.frf, remaining) > CAUSE_SEARCH.gross_rms**2
+    ):
         # Model and data differ too much for the likeliest fault to be meaningful.
         return stated + _try_other_units(part, remaining)
     corrected = _restrict_weights(explained.part.frf, part.frf)
@@ -209,23 +186,23 @@ def _restrict_weights(corrected: FRF, frf: FRF) -> FRF:
 
 def _try_other_units(part: FRFPart, without: Trial) -> list[Finding]:
     """Return the unit in which the model explains data with which it has nothing in common."""
-    if part.solver.system.n > _MOST_DOFS:
+    if part.solver.system.n > CAUSE_SEARCH.largest_model:
         return []
     start = raise_loss_factors(part, part.coordinates.start)
     first: list[tuple[float, ModelUnit]] = []
     for fault in ModelUnit.list_mistakes():
-        converted = part.with_data(fault.convert_data(part.frf)).thin(_FEWEST)
+        converted = part.with_data(fault.convert_data(part.frf)).thin(CAUSE_SEARCH.glance_lines)
         with suppress(SolverError):
             misfit = compute_log_misfit(converted.responses(start), converted.frf)[0]
             first.append((float(np.mean(np.abs(misfit) ** 2)), fault))
     first.sort(key=lambda one: one[0])
     ends: list[tuple[Trial, ModelUnit]] = []
-    for _, fault in first[:_FOLLOWED]:
+    for _, fault in first[: CAUSE_SEARCH.most_units]:
         converted = part.with_data(fault.convert_data(part.frf))
         with suppress(SolverError):
             prepared = choose_trial_models(converted).prepare_part(converted, [start])
             trial = run_trial(prepared, None, [start])
-            if trial is not None and trial.mean_square < _GROSS**2:
+            if trial is not None and trial.mean_square < CAUSE_SEARCH.gross_rms**2:
                 ends.append((trial, fault))
     if not ends:
         return []
@@ -247,7 +224,7 @@ def _explain_data(
     findings: list[Finding] = []
     end: _Real | None = None
     variants = list_variants(part)
-    for _ in range(_MOST):
+    for _ in range(CAUSE_SEARCH.most_faults):
         known = points if end is None else [end]
         found = _find_likeliest(part, trial_models, variants, known, [*stated, *findings], noise)
         if not found:
@@ -310,7 +287,7 @@ def _fit_size(
     current = trial_models.prepare_part(part, [found.trial.x])
     known_noise = noise.refit(*_evaluate_corrected(current, found.trial), part.n)
     error = _mean_square_error(whole_part, trial, known_noise)
-    if error > _AS_WELL * _mean_square_error(current, found.trial, known_noise):
+    if error > CAUSE_SEARCH.similar_error * _mean_square_error(current, found.trial, known_noise):
         return found
     return replace(found, fault=trial.fault)
 
@@ -348,7 +325,7 @@ def _find_likeliest(
     """Return the likeliest fault and those that cannot be distinguished from it; may be empty."""
     home = part.coordinates.start
     current = trial_models.prepare_part(part, [home, *points])
-    for _ in range(_REFINEMENTS):
+    for _ in range(CAUSE_SEARCH.most_refinements):
         start = raise_loss_factors(current, home)
         without = run_trial(current, None, [*points, start])
         if without is None:
@@ -368,7 +345,7 @@ def _find_likeliest(
             break
         current, without = refined, run_trial(refined, None, [without.x]) or without
         in_reach = [one for one in ranked if is_in_reach(one, ranked[0])]
-        starts = [(one.fault, one.trial.x) for one in in_reach[:MOST_CANDIDATES]]
+        starts = [(one.fault, one.trial.x) for one in in_reach[: CAUSE_CANDIDATES.most_fitted]]
         ranked = _rank_by_trials(current, starts, without)
         if _is_likely(ranked):
             break
@@ -405,7 +382,7 @@ def _find_imitation(part: FRFPart, found: RankedFault) -> list[_Real]:
 
 
 def _is_likely(ranked: Sequence[RankedFault]) -> bool:
-    return bool(ranked) and ranked[0].log_odds >= LIKELY
+    return bool(ranked) and ranked[0].log_odds >= CAUSE_ODDS.likely_log_odds
 
 
 def _refine_fit(
@@ -415,14 +392,15 @@ def _refine_fit(
 
     Far from the data, a model valid around the start and a short fit are sufficient.
     """
-    for _ in range(_REFINEMENTS):
-        if trial.mean_square > SMALL_RMS**2:
+    for _ in range(CAUSE_SEARCH.most_refinements):
+        if trial.mean_square > CAUSE_CANDIDATES.small_rms**2:
             break
         before, current = current, trial_models.prepare_part(part, [trial.x])
-        gross = trial.mean_square > _GROSS**2
+        gross = trial.mean_square > CAUSE_SEARCH.gross_rms**2
         longer = run_trial(current, None, [trial.x], is_short=gross) or trial
         done = (
-            longer.mean_square > _CONVERGED * trial.mean_square and current.solver is before.solver
+            longer.mean_square > CAUSE_SEARCH.converged_share * trial.mean_square
+            and current.solver is before.solver
         )
         trial = longer
         if done:
@@ -437,7 +415,7 @@ def _rank_by_trials(
     ends = _BestTrials(part)
     ends.try_all(fresh)
     best: Trial | None = None
-    for _ in range(_ROUNDS):
+    for _ in range(CAUSE_SEARCH.place_rounds):
         if ends.best is best:
             break
         best = ends.best
@@ -464,8 +442,8 @@ def _depends_on_band(part: FRFPart, found: RankedFault) -> bool:
         return False
     with suppress(SolverError):
         corrected = Evidence(fault.correct_part(part, trial.x), trial.x)
-        correlation = min(max(trial.correlation, 0.0), LARGEST_CORRELATION)
-        return compare_band_halves(corrected, fault, correlation) > _CONTRADICT
+        correlation = min(max(trial.correlation, 0.0), CAUSE_TRIAL.largest_correlation)
+        return compare_band_halves(corrected, fault, correlation) > SIGNIFICANCE.stds
     return False
 
 
@@ -511,7 +489,9 @@ class _BestTrials:
         points = [best.x]
         if not best.is_noise:
             same = sorted((t.mean_square, k[1]) for k, t in self.trials.items() if k[0] == kind)
-            points += [self.trials[kind, channels].x for _, channels in same[1:_NEXT]]
+            points += [
+                self.trials[kind, channels].x for _, channels in same[1 : CAUSE_SEARCH.next_places]
+            ]
             points += [x for fault, x in starts if fault.kind == kind]
         chosen: dict[tuple[str, ...], FaultStart] = {}
         for x in points:
@@ -521,7 +501,7 @@ class _BestTrials:
             if x is not best.x:
                 others = [one for one in others if (kind, one.channels) not in self.trials]
             new = [one for one in others if one.channels not in chosen]
-            chosen |= {one.channels: (one, x) for one in new[:_NEXT]}
+            chosen |= {one.channels: (one, x) for one in new[: CAUSE_SEARCH.next_places]}
         return list(chosen.values())
 
 
@@ -530,9 +510,13 @@ def _make_ranked_finding(found: Sequence[RankedFault], test: str) -> Finding:
     fault = best.fault
     statement = fault.statement()
     if others:
-        also = " or ".join(one.fault.statement().rstrip(".") for one in others[:_NAMED])
+        also = " or ".join(
+            one.fault.statement().rstrip(".") for one in others[: CAUSE_SEARCH.named_causes]
+        )
         statement += f" These data do not distinguish this from another cause: {also}."
-        tests = dict.fromkeys(one.fault.distinguishing_test for one in found[: _NAMED + 1])
+        tests = dict.fromkeys(
+            one.fault.distinguishing_test for one in found[: CAUSE_SEARCH.named_causes + 1]
+        )
         statement += "".join(f" {test}" for test in tests if test)
     return Finding(
         fault.kind,

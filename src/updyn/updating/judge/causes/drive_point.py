@@ -14,24 +14,12 @@ from updyn.updating.judge.causes.delay import Delay
 from updyn.updating.judge.causes.fault import FORCE, Fault
 from updyn.updating.judge.causes.moved import MisplacedSensor
 from updyn.updating.judge.causes.quantity import WrongQuantity
-from updyn.updating.judge.causes.shown import LIKELY, DataFault, Detection
+from updyn.updating.judge.causes.settings import CAUSE_ODDS, DATA_FAULT
+from updyn.updating.judge.causes.shown import DataFault, Detection
 from updyn.updating.judge.causes.sign import WrongSign
 from updyn.updating.judge.causes.square import CollocatedFrfs
 
 __all__ = ["DrivePoint"]
-
-#: Standard deviations of the noise, and share of the mobility (3 degrees), by which its real part
-#: is significantly negative.
-_BEYOND, _PHASE = 4.0, 0.05
-#: Standard deviations above which a value has a phase.
-_CLEAR = 5.0
-#: Share of the lines with a significant sign at which the real part of correct data is negative;
-#: and smallest share of all lines that is reported.
-_BY_CHANCE, _LEAST = 0.02, 0.1
-#: Largest number of lines that count as independent, however small their spacing.
-_MOST = 60
-#: Trial delays, in periods of the highest line.
-_PERIODS = np.array([0.02, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.7, 1.0])
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,9 +44,11 @@ class DrivePoint(DataFault):
         for i, label in enumerate(square.labels):
             clear, sure, active = _count_lines(square, i)
             share = active / max(clear, 1)
-            gain = min(sure, _MOST) * _log_likelihood_ratio(active / max(sure, 1))
+            gain = min(sure, DATA_FAULT.most_independent) * _log_likelihood_ratio(
+                active / max(sure, 1)
+            )
             gain += float(np.log(cls.odds))
-            if share >= _LEAST and gain > LIKELY:
+            if share >= DATA_FAULT.least_negative and gain > CAUSE_ODDS.likely_log_odds:
                 shares[label] = share
                 log_odds = max(log_odds, gain)
         if shares:
@@ -103,7 +93,7 @@ def _iter_explanations(frf: FRF, channels: Sequence[str]) -> Iterator[str]:
         yield "conjugated data"
     for label in channels:
         yield from _iter_other_force_places(frf, label)
-    for periods in _PERIODS:
+    for periods in DATA_FAULT.delay_periods:
         for late in (periods / frf.freq[-1], -periods / frf.freq[-1]):
             if _is_passive(Delay(tuple(channels), float(late)), frf, channels):
                 yield f"a delay of about {late:.1g} s"
@@ -115,7 +105,7 @@ def _is_passive(fault: Fault, frf: FRF, channels: Sequence[str]) -> bool:
     square = CollocatedFrfs.of(fault.repair(frf))
     for label in channels:
         clear, _, active = _count_lines(square, square.labels.index(label))
-        if active > _BY_CHANCE * clear:
+        if active > DATA_FAULT.negative_by_chance * clear:
             return False
     return True
 
@@ -140,8 +130,11 @@ def _iter_other_force_places(frf: FRF, stated: str) -> Iterator[str]:
         ):
             repaired = CollocatedFrfs.of(relabelled if fault is None else fault.repair(relabelled))
             clear, sure, active = _count_lines(repaired, repaired.labels.index(place))
-            certain = -min(sure, _MOST) * float(np.log1p(-share))
-            if active <= _BY_CHANCE * clear and certain > LIKELY + float(np.log(len(others))):
+            certain = -min(sure, DATA_FAULT.most_independent) * float(np.log1p(-share))
+            if (
+                active <= DATA_FAULT.negative_by_chance * clear
+                and certain > CAUSE_ODDS.likely_log_odds + float(np.log(len(others)))
+            ):
                 found.append(f"a force at {place}, not at {stated},{sign}".rstrip(","))
     if len(found) == 1:
         yield found[0]
@@ -149,19 +142,19 @@ def _iter_other_force_places(frf: FRF, stated: str) -> Iterator[str]:
 
 def _log_likelihood_ratio(share: float) -> float:
     """Return the log likelihood ratio of a line with a sign, for a share of negative signs."""
-    if share <= _BY_CHANCE:
+    if share <= DATA_FAULT.negative_by_chance:
         return 0.0
     quiet = 0.0
     if share < 1.0:
-        quiet = (1.0 - share) * np.log((1.0 - share) / (1.0 - _BY_CHANCE))
-    return float(share * np.log(share / _BY_CHANCE) + quiet)
+        quiet = (1.0 - share) * np.log((1.0 - share) / (1.0 - DATA_FAULT.negative_by_chance))
+    return float(share * np.log(share / DATA_FAULT.negative_by_chance) + quiet)
 
 
 def _count_lines(square: CollocatedFrfs, i: int) -> tuple[int, int, int]:
     """Return the numbers of lines above the noise, with a certain sign of Re(Y), and negative."""
     H, noise = square.values[:, i, i], square.noise[:, i, i]
-    clear = (np.abs(H) > _CLEAR * noise) & (square.freq > 0.0)
+    clear = (np.abs(H) > DATA_FAULT.phase_stds * noise) & (square.freq > 0.0)
     to_mobility = square.s[clear] ** (1 - QUANTITIES[square.quantity])
     Y, std = H[clear] * to_mobility, noise[clear] * np.abs(to_mobility) / np.sqrt(2.0)
-    doubt = _BEYOND * std + _PHASE * np.abs(Y)
+    doubt = DATA_FAULT.outlier_stds * std + DATA_FAULT.phase_error * np.abs(Y)
     return len(Y), int(np.count_nonzero(np.abs(Y.real) > doubt)), int(np.sum(Y.real < -doubt))

@@ -17,13 +17,12 @@ from updyn.updating.judge.causes.labels import list_response_labels, list_unsign
 from updyn.updating.judge.causes.misfit import compute_log_misfit
 from updyn.updating.judge.causes.places import iter_force_places, iter_sensor_places
 from updyn.updating.judge.causes.rates import compute_rayleigh_slopes, list_fixed_coefficients
+from updyn.updating.judge.causes.settings import CAUSE_MISFIT, CAUSE_SEARCH, SUPPORT_FAULT
 from updyn.updating.problem.parameters import Parameter
 from updyn.updating.problem.problem import FRFPart
 from updyn.updating.problem.session import Record
 
 __all__ = [
-    "FEWEST_LINES",
-    "PERFECT_FIT",
     "Evidence",
     "HeldQuantity",
     "compute_spread",
@@ -35,29 +34,12 @@ __all__ = [
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 
-#: Log misfit (rms) below which a fit is perfect, with or without a fault.
-PERFECT_FIT = 1e-3
-#: Smallest number of lines with a usable value.
-FEWEST_LINES = 8
-#: Standard deviation of the unknowns about their start: of ln(factor), equal to a factor of 1.5,
-#: and of a loss factor.
-_FACTOR, _LOSS = 0.4, 0.2
-#: Relative step in frequency for finite differences.
-_STEP = 1e-5
-#: Frequency that replaces 0 Hz, as a share of the lowest other line.
-_NEAR_ZERO = 1e-3
-#: Relative cutoff of the singular values of the changes by the unknowns, in units of their spread.
-_CUTOFF = 1e-6
-#: Largest entry of the normal equations, in which the prior is 1; above it, rounding hides the
-#: prior, as for an undamped resonance on a line, e.g. of an unsupported part.
-_LARGEST_ENTRY = 1e12
-#: Loss factor of soft supports, such as foam and rubber cords.
-_SOFT_LOSS = 0.05
-
 
 def compute_spread(part: FRFPart) -> _Real:
     """Return the standard deviations of the unknowns about their start, as x, shape (n,)."""
-    usual = np.where(part.coordinates.parameters.is_factor, _FACTOR, _LOSS)
+    usual = np.where(
+        part.coordinates.parameters.is_factor, CAUSE_MISFIT.factor_std, CAUSE_MISFIT.loss_std
+    )
     given = [p.prior_std for p in part.coordinates.parameters]
     return np.array([u if g is None else g for u, g in zip(usual, given, strict=True)])
 
@@ -210,12 +192,15 @@ class Evidence:
         """Slope d ln H / d f of the model, in 1/Hz, shape (n_f, n_i, n_j)."""
         moving = self.frf.freq[self.frf.freq > 0.0]
         # A line of 0 Hz is moved slightly, because a mobility is zero there and has no logarithm.
-        freq = np.maximum(self.frf.freq, _NEAR_ZERO * moving.min(initial=1.0))
+        freq = np.maximum(self.frf.freq, CAUSE_MISFIT.zero_replacement * moving.min(initial=1.0))
         low, high = (
             self.part.with_data(replace(self.frf, freq=freq * factor)).responses(self.x)
-            for factor in (1.0 - _STEP, 1.0 + _STEP)
+            for factor in (1.0 - CAUSE_MISFIT.frequency_step, 1.0 + CAUSE_MISFIT.frequency_step)
         )
-        return np.asarray(_compute_log_ratio(high, low) / (2.0 * _STEP * freq)[:, None, None])
+        return np.asarray(
+            _compute_log_ratio(high, low)
+            / (2.0 * CAUSE_MISFIT.frequency_step * freq)[:, None, None]
+        )
 
     def log_ratio_with_decay(self, rate: float) -> _Complex:
         """Return the model's ln H(i omega + rate) / H(i omega), shape (n_f, n_i, n_j)."""
@@ -249,7 +234,7 @@ class Evidence:
         """
         part, state = self.part, self.part.state(self.x)
         mass = np.array([term.quantity == "mass" for term in part.solver.system.terms])
-        square = (2.0 * np.pi * frequency) ** 2 * (1.0 + 1j * _SOFT_LOSS)
+        square = (2.0 * np.pi * frequency) ** 2 * (1.0 + 1j * SUPPORT_FAULT.soft_loss)
         lift = np.where(mass, state.factor * square, 0.0)
 
         def compute() -> Record:
@@ -326,7 +311,9 @@ class Evidence:
         """
         clear = (self.weight > 0.0).any(axis=2).sum(axis=0)
         labels = list_response_labels(self.frf)
-        return frozenset(one for one, n in zip(labels, clear, strict=True) if n < FEWEST_LINES)
+        return frozenset(
+            one for one, n in zip(labels, clear, strict=True) if n < CAUSE_SEARCH.least_lines
+        )
 
     def misfit(self, frf: FRF) -> _Real:
         """Return the misfit of data on the same lines, real parts above imaginary parts."""
@@ -336,7 +323,7 @@ class Evidence:
     def rms_misfit(self) -> float:
         """Root mean square of the misfit of the data."""
         e = self.misfit(self.frf)
-        return float(np.sqrt(2.0 * e @ e / e.size)) + PERFECT_FIT
+        return float(np.sqrt(2.0 * e @ e / e.size)) + CAUSE_MISFIT.perfect_rms
 
     def project_out_unknowns(self, frf: FRF, b: _Real) -> _Real:
         """Return the residual after all unknowns have adapted, to first order.
@@ -362,7 +349,7 @@ class Evidence:
         curved = self._normal_with_prior - old.T @ old + new.T @ new
         spread = self.spread  # in these units the matrix is 1 plus the part of the data
         scaled = spread[:, None] * curved * spread
-        if scaled.max() > _LARGEST_ENTRY:
+        if scaled.max() > CAUSE_MISFIT.largest_entry:
             exchanged = A.copy()
             exchanged[rows] = new
             return _project_out(exchanged, b)
@@ -381,7 +368,9 @@ class Evidence:
     def imitate_change(self, change: _Complex) -> _Real:
         """Return the point, to first order, at which the unknowns imitate a change of ln H."""
         wanted = stack_real_imag(self.weight * change)
-        step = np.linalg.lstsq(self.jacobian * self.spread, wanted, rcond=_CUTOFF)[0]
+        step = np.linalg.lstsq(
+            self.jacobian * self.spread, wanted, rcond=CAUSE_MISFIT.dependent_share
+        )[0]
         return np.asarray(np.clip(self.x + self.spread * step, *self.part.coordinates.bounds))
 
     @cached_property

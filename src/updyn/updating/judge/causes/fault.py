@@ -15,6 +15,7 @@ from updyn.errors import DataError, OptionError, in_all, suggest
 from updyn.frf import FRF
 from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.labels import list_response_labels, list_unsigned_labels
+from updyn.updating.judge.causes.settings import CAUSE_ODDS
 from updyn.updating.problem.problem import FRFPart
 
 __all__ = [
@@ -33,9 +34,6 @@ __all__ = [
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complexfloating[Any, Any]]
 
-#: Smallest number of places among which the odds of a kind are divided: with few sensors, one place
-#: is no more likely than a fault of one sensor.
-_FEWEST = 10
 #: Prefix of the label of a reference in the text of a fault.
 FORCE = "force "
 
@@ -375,7 +373,7 @@ class IrreparableFault(Fault):
 
 def divide_odds(odds: float, n_places: int) -> float:
     """Return the prior odds of one place: those of the kind divided by the number of places."""
-    return odds / max(n_places, _FEWEST)
+    return odds / max(n_places, CAUSE_ODDS.least_places)
 
 
 def remove_channels(fault: Fault, frf: FRF) -> FRF:

@@ -7,20 +7,15 @@ from dataclasses import dataclass
 from updyn.errors import DataError
 from updyn.frf import FRF
 from updyn.updating.judge.causes.catalogue import CAUSES, read_fault
+from updyn.updating.judge.causes.settings import CAUSE_ODDS
 
 __all__ = ["Finding"]
 
-#: Share of the misfit above which a cause makes an answer implausible.
-_GRAVE_SHARE = 0.5
-#: Share of the misfit above which a cause explains all of it.
-_FULL_SHARE = 0.95
 #: Kinds that affect some lines only.
 _LOCAL_KINDS = ("mains", "missing-mode")
 #: Kinds that make an answer implausible even with few channels, because a fit takes their values
 #: for responses.
 _GRAVE_KINDS = ("dead-channel",)
-#: Logarithm of the calibration factor up to which an answer may be used with care.
-_MILD_CALIBRATION = 0.3
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,9 +87,9 @@ class Finding:
         """
         if self.kind in _GRAVE_KINDS:
             return True
-        if self.explains < _GRAVE_SHARE or self.kind in _LOCAL_KINDS:
+        if self.explains < CAUSE_ODDS.grave_share or self.kind in _LOCAL_KINDS:
             return False
-        return self.kind != "calibration" or abs(self.value) > _MILD_CALIBRATION
+        return self.kind != "calibration" or abs(self.value) > CAUSE_ODDS.mild_calibration
 
     @property
     def concerns_model(self) -> bool:
@@ -109,7 +104,7 @@ class Finding:
         A cause that only brings unknowns back to their start does not explain the misfit; another
         answer may.
         """
-        return self.grave and self.of_misfit > _FULL_SHARE
+        return self.grave and self.of_misfit > 1.0 - CAUSE_ODDS.negligible_share
 
     def repair(self, frf: FRF) -> FRF:
         """Return the data without the fault.

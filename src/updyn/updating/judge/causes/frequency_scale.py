@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from updyn.frf import FRF
 from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.fault import Fault
+from updyn.updating.judge.causes.settings import CHANNEL_FAULT
 
 __all__ = ["FrequencyScale"]
 
@@ -41,7 +42,7 @@ class FrequencyScale(Fault):
 
     def is_plausible(self) -> bool:
         """Return whether the axis is off by more than 0.1 %."""
-        return 1e-3 < abs(self.value) < 1.0
+        return CHANNEL_FAULT.least_scale < abs(self.value) < CHANNEL_FAULT.most_scale
 
     def statement(self) -> str:
         """Return a sentence with the factor."""

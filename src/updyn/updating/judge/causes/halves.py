@@ -7,17 +7,14 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.updating.judge.causes.evidence import PERFECT_FIT, Evidence, stack_real_imag
+from updyn.updating.judge.causes.evidence import Evidence, stack_real_imag
 from updyn.updating.judge.causes.fault import Fault
 from updyn.updating.judge.causes.misfit import count_values
+from updyn.updating.judge.causes.settings import CAUSE_MISFIT
 
 __all__ = ["compare_band_halves"]
 
 _Real = NDArray[np.float64]
-
-#: Sine of the angle between the effect of a fault in one half and those of the unknowns, above
-#: which the half determines its size.
-_DISTINCT = 1e-6
 
 
 def compare_band_halves(evidence: Evidence, fault: Fault, correlation: float) -> float:
@@ -40,11 +37,11 @@ def compare_band_halves(evidence: Evidence, fault: Fault, correlation: float) ->
     D = evidence.project_out_unknowns(evidence.frf, D)
     b = evidence.project_out_unknowns(evidence.frf, b)
     Q, R = np.linalg.qr(D)
-    if (np.abs(np.diag(R)) <= _DISTINCT * size).any():
+    if (np.abs(np.diag(R)) <= CAUSE_MISFIT.dependent_share * size).any():
         return 0.0
     sizes = np.linalg.solve(R, Q.T @ b)
     residual = (b - Q @ (Q.T @ b))[: -len(zeros)]
-    least = 0.5 * (PERFECT_FIT / evidence.rms_misfit) ** 2
+    least = 0.5 * (CAUSE_MISFIT.perfect_rms / evidence.rms_misfit) ** 2
     variance = max(float(residual @ residual) / max(count_values(evidence.frf), 1), least)
     variance *= (1.0 + correlation) / (1.0 - correlation)
     difference = np.linalg.solve(R.T, np.array([1.0, -1.0]))

@@ -12,14 +12,11 @@ from updyn.dofs import DIRECTIONS
 from updyn.dynamics.affine import AffineSystem, Term
 from updyn.dynamics.reduced_solver import ReducedSolver
 from updyn.updating.judge.causes.evidence import compute_spread
+from updyn.updating.judge.causes.settings import SUPPORT_FAULT
 from updyn.updating.problem.problem import FRFPart
 
 __all__ = ["ModelSupports", "SolverWithSupports", "is_free", "list_ground_springs"]
 
-#: Force of a rigid translation relative to the largest stiffness, up to which it is rounding.
-_ROUNDING = 1e-6
-#: Standard deviation of ln(stiffness) below which a stiffness is taken as known.
-_KNOWN = 0.1
 _TRANSLATIONS = frozenset("XYZ")
 
 
@@ -84,7 +81,7 @@ def list_ground_springs(part: FRFPart) -> list[str]:
         for group, directions in supports.directions_by_group.items()
         if directions
         and group in supports.uncoupled_groups
-        and spread.get(f"{group}.stiffness", _KNOWN) < _KNOWN
+        and spread.get(f"{group}.stiffness", SUPPORT_FAULT.known_std) < SUPPORT_FAULT.known_std
     ]
 
 
@@ -93,7 +90,9 @@ def _couples_nodes(system: AffineSystem, term: Term) -> bool:
     nodes = system.dofs.nodes[term.rows]
     K = sp.coo_matrix(term.local)
     between = nodes[K.row] != nodes[K.col]
-    return bool(np.abs(K.data[between]).max(initial=0.0) > _ROUNDING * np.abs(term.data).max())
+    return bool(
+        np.abs(K.data[between]).max(initial=0.0) > SUPPORT_FAULT.rounding * np.abs(term.data).max()
+    )
 
 
 def _find_resisted_directions(system: AffineSystem, term: Term) -> frozenset[str]:
@@ -101,5 +100,5 @@ def _find_resisted_directions(system: AffineSystem, term: Term) -> frozenset[str
     axes = system.dofs.axes[term.rows]
     is_moved = np.stack([axes == DIRECTIONS.index(d) for d in sorted(_TRANSLATIONS)], axis=1)
     force = np.abs(term.local @ is_moved.astype(float)).max(axis=0, initial=0.0)
-    large = force > _ROUNDING * np.abs(term.data).max()
+    large = force > SUPPORT_FAULT.rounding * np.abs(term.data).max()
     return frozenset(d for d, one in zip(sorted(_TRANSLATIONS), large, strict=True) if one)

@@ -11,22 +11,13 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from updyn.frf import FRF
-from updyn.updating.judge.causes.shown import LIKELY, DataFault, Detection
+from updyn.updating.judge.causes.settings import CAUSE_ODDS, CUT_RECORD
+from updyn.updating.judge.causes.shown import DataFault, Detection
 from updyn.updating.problem.noise import level_by_unit
 
 __all__ = ["Leakage"]
 
 _Real = NDArray[np.float64]
-
-#: Smallest number of lines, and largest relative variation of their spacing.
-_FEWEST, _EVEN = 48, 1e-3
-#: Samples next to the end of the record that the band limits blur; smallest number of averaged
-#: samples, and their share of all.
-_BLURRED, _LEAST_AVERAGED, _SHARE = 3, 5, 1.0 / 16.0
-#: Logarithm of the ratio of powers above which there is an edge: 22 dB.
-_EDGE = 2.2 * np.log(10.0)
-#: Share of the largest drop that identifies the edge.
-_EDGE_SHARE = 0.7
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,16 +36,19 @@ class Leakage(DataFault):
     def detect_faults(cls, frf: FRF) -> Iterable[Detection]:
         """Yield the end of the impulse response, if any, of data with evenly spaced lines."""
         spacing = np.diff(frf.freq)
-        if len(frf.freq) < _FEWEST or np.ptp(spacing) > _EVEN * spacing.mean():
+        if (
+            len(frf.freq) < CUT_RECORD.least_lines
+            or np.ptp(spacing) > CUT_RECORD.even_spacing * spacing.mean()
+        ):
             return
         power = _compute_impulse_power(frf)
-        n = max(int(_SHARE * len(power)), _LEAST_AVERAGED)
+        n = max(int(CUT_RECORD.averaged_share * len(power)), CUT_RECORD.least_averaged)
         edges, first = _measure_edges(power, n)
         # The taper falls after the end as well: take the first sample with most of the drop.
-        best = int(np.argmax(edges > _EDGE_SHARE * edges.max()))
+        best = int(np.argmax(edges > CUT_RECORD.edge_share * edges.max()))
         # Under a Hann window every other sample is an independent observation.
         log_odds = 0.5 * n * float(edges[best] - 1.0) + float(np.log(cls.odds))
-        if edges[best] > _EDGE and log_odds > LIKELY:
+        if edges[best] > CUT_RECORD.edge and log_odds > CAUSE_ODDS.likely_log_odds:
             end = _find_end(power, best + first, n)
             length = end / (len(power) * float(spacing.mean()))
             lost = float(power[end - n : end].mean() / power.max())
@@ -87,16 +81,19 @@ def _compute_impulse_power(frf: FRF) -> _Real:
 def _measure_edges(power: _Real, n: int) -> tuple[_Real, int]:
     """Return the drop of the log power beyond the decay at each sample, and the first sample."""
     mean = np.log(sliding_window_view(power, n).mean(axis=1) + 1e-12 * power.max())
-    first = 2 * n + _BLURRED
+    first = 2 * n + CUT_RECORD.blurred_samples
     at = np.arange(first, len(power) - first + 1)
-    early, before = mean[at - _BLURRED - 2 * n], mean[at - _BLURRED - n]
-    after, late = mean[at + _BLURRED], mean[at + _BLURRED + n]
+    early, before = (
+        mean[at - CUT_RECORD.blurred_samples - 2 * n],
+        mean[at - CUT_RECORD.blurred_samples - n],
+    )
+    after, late = mean[at + CUT_RECORD.blurred_samples], mean[at + CUT_RECORD.blurred_samples + n]
     decay = np.maximum(np.maximum(early - before, after - late), 0.0)
-    return before - after - decay * (n + 2 * _BLURRED) / n, first
+    return before - after - decay * (n + 2 * CUT_RECORD.blurred_samples) / n, first
 
 
 def _find_end(power: _Real, near: int, n: int) -> int:
     """Return the sample of an edge, at which the taper leaves half of the amplitude."""
-    before = power[near - n - _BLURRED : near - _BLURRED].mean()
+    before = power[near - n - CUT_RECORD.blurred_samples : near - CUT_RECORD.blurred_samples].mean()
     above = np.flatnonzero(power[near - n : near + n] > 0.25 * before)
     return int(near - n + above[-1] + 1) if len(above) else near

@@ -25,6 +25,7 @@ from updyn.updating.judge.causes.fault import Fault, IrreparableFault, divide_da
 from updyn.updating.judge.causes.missing_element import list_directed_places
 from updyn.updating.judge.causes.proportional import ProportionalDamping
 from updyn.updating.judge.causes.rates import ALL, MATRICES
+from updyn.updating.judge.causes.settings import LOSS_EXPONENT
 from updyn.updating.problem.parameters import Parameter
 from updyn.updating.problem.problem import FRFPart, LineBlock
 
@@ -33,21 +34,8 @@ __all__ = ["LossOverFrequency", "LossPowerLaw"]
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 
-#: Largest exponent. A spring with a parallel dashpot has 1 (Kelvin-Voigt), with one in series -1
-#: (Maxwell); distributed relaxations lie between. The margin of 0.5 is for the error of an
-#: estimate.
-_STEEPEST = 1.5
-#: First exponent of the causal variant, for which an exponent of 0 is not the unchanged model.
-_BEGIN = 0.3
 #: Number of variants: with a constant storage modulus and without.
 _VARIANTS = 2
-#: Step of the exponent for finite differences.
-_STEP = 1e-4
-#: Number of frequencies in the loss table of the remedy: linear interpolation over two decades is
-#: within 4 % of f^0.5 and of f^-0.5.
-_TABLE = 9
-#: Significant digits of its numbers, and the largest relative rounding error.
-_DIGITS, _ROUNDED = 4, 5e-4
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,9 +99,9 @@ class LossPowerLaw(Alteration):
         """Return the derivative of `complex_modulus` by the exponent, shape (n,)."""
         low, high = (
             replace(self, exponent=self.exponent + step).complex_modulus(freq)
-            for step in (-_STEP, _STEP)
+            for step in (-LOSS_EXPONENT.step, LOSS_EXPONENT.step)
         )
-        return np.asarray((high - low) / (2.0 * _STEP))
+        return np.asarray((high - low) / (2.0 * LOSS_EXPONENT.step))
 
     def block(self, part: FRFPart, x: _Real, lines: slice, *, derivatives: bool) -> LineBlock:
         """Return the altered model and the data of a part at a block of lines."""
@@ -197,7 +185,7 @@ class LossOverFrequency(IrreparableFault):
             viscous = _list_viscous_damping(groups, evidence)
             plain = cls((name,), 0.0, groups, mid_frequency, lines, 0.0, n_places, viscous)
             yield plain
-            yield replace(plain, value=_BEGIN, causal=True)
+            yield replace(plain, value=LOSS_EXPONENT.first, causal=True)
 
     @property
     def loss_power(self) -> LossPowerLaw:
@@ -253,7 +241,7 @@ class LossOverFrequency(IrreparableFault):
 
     def is_plausible(self) -> bool:
         """Return whether the exponent is not 0 and not above that of a solid."""
-        return 0.0 < abs(self.value) <= _STEEPEST
+        return 0.0 < abs(self.value) <= LOSS_EXPONENT.most
 
     @property
     def prior(self) -> float:
@@ -291,7 +279,10 @@ class LossOverFrequency(IrreparableFault):
     def remedy(self) -> str:
         """Advice to the user."""
         freq = self._table_lines
-        relative = [float(f"{factor:.{_DIGITS}g}") for factor in self.loss_power.loss_ratio(freq)]
+        relative = [
+            float(f"{factor:.{LOSS_EXPONENT.table_digits}g}")
+            for factor in self.loss_power.loss_ratio(freq)
+        ]
         table = f"[{freq.tolist()}, {relative}]"
         named = list(self.groups) or [ALL]
         groups = json.dumps(named if len(named) > 1 else named[0], ensure_ascii=False)
@@ -310,8 +301,11 @@ class LossOverFrequency(IrreparableFault):
         A search uses some of the lines only; the highest line of the data may not be among them.
         """
         low, (last, high) = self.lines[0], self.lines[-2:]
-        freq = np.geomspace(low * (1.0 - _ROUNDED), high * (high / last + _ROUNDED), _TABLE)
-        return np.array([float(f"{one:.{_DIGITS}g}") for one in freq])
+        rounding = 0.5 * 10.0 ** (1 - LOSS_EXPONENT.table_digits)
+        freq = np.geomspace(
+            low * (1.0 - rounding), high * (high / last + rounding), LOSS_EXPONENT.table_lines
+        )
+        return np.array([float(f"{one:.{LOSS_EXPONENT.table_digits}g}") for one in freq])
 
 
 def _field_values(system: AffineSystem) -> dict[str, Any]:

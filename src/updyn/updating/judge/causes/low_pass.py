@@ -11,11 +11,9 @@ from numpy.typing import NDArray
 from updyn.frf import FRF
 from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.fault import Fault, find_channels, list_channels, multiply_channels
+from updyn.updating.judge.causes.settings import CHANNEL_FAULT
 
 __all__ = ["LowPass"]
-
-#: First corner frequencies, as shares of the highest line.
-_CORNERS = (0.25, 0.5, 1.0, 2.0, 4.0)
 
 
 class LowPass(Fault):
@@ -32,7 +30,7 @@ class LowPass(Fault):
         """Yield each sensor, and all together, with several corner frequencies."""
         highest = 2.0 * np.pi * evidence.frf.freq[-1]
         for channels in [(), *list_channels(evidence.frf)]:
-            for corner in _CORNERS:
+            for corner in CHANNEL_FAULT.corner_shares:
                 yield cls(channels, 1.0 / (corner * highest))
 
     def repair(self, frf: FRF) -> FRF:

@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 
 from updyn.errors import OptionError
 from updyn.frf import FRF
-from updyn.updating.judge.causes.shown import LIKELY, DataFault, Detection
+from updyn.updating.judge.causes.settings import CAUSE_ODDS, DATA_FAULT, MAINS_HUM
+from updyn.updating.judge.causes.shown import DataFault, Detection
+from updyn.updating.judge.settings import SIGNIFICANCE
 
 __all__ = ["MainsHum"]
 
@@ -20,23 +22,6 @@ _Complex = NDArray[np.complex128]
 
 #: Mains frequencies in Hz.
 _FREQUENCIES = (50.0, 60.0)
-#: Number of neighbouring lines that predict a line, half on either side, and degree of their
-#: polynomial.
-_NEIGHBOURS, _DEGREE = 8, 3
-#: Number of polynomial terms in addition to a pole.
-_POLE_TERMS = 3
-#: Largest spacing of lines, as a share of the mains frequency; largest distance of a line from a
-#: multiple, in spacings, at which it is tested: hum between two lines affects both.
-_COARSE, _NEAR = 0.1, 0.4
-#: Largest number of other lines for comparison.
-_COMPARED = 400
-#: Ratio of the deviation of a line from its prediction to the scatter of its neighbours, above
-#: which it is an outlier, and the share of the channels with outliers.
-_OUTLIER, _MANY = 4.0, 0.5
-#: Standard deviations above which the neighbours of a line show a resonance on it; smallest
-#: half-power bandwidth of a resonance in lines: a record whose length is the reciprocal of the
-#: spacing does not resolve less.
-_RESONANT, _SHARP = 3.0, 0.05
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,14 +38,14 @@ class MainsHum(DataFault):
     @classmethod
     def detect_faults(cls, frf: FRF) -> Iterable[Detection]:
         """Yield 50 or 60 Hz, the more likely one, for evenly and finely spaced lines."""
-        if len(frf.freq) <= 2 * _NEIGHBOURS:
+        if len(frf.freq) <= 2 * MAINS_HUM.neighbours:
             return
         found: list[Detection] = []
         for frequency in _FREQUENCIES:
             is_multiple = _find_mains_lines(frf.freq, frequency)
             if (
                 is_multiple.any()
-                and np.gradient(frf.freq)[is_multiple].max() <= _COARSE * frequency
+                and np.gradient(frf.freq)[is_multiple].max() <= MAINS_HUM.coarse * frequency
             ):
                 found += cls._detect_at(frf, frequency, is_multiple)
         yield from sorted(found, key=lambda one: -one.log_odds)[:1]
@@ -73,20 +58,23 @@ class MainsHum(DataFault):
         # A mains line has to exceed the largest outlier of all other lines.
         height = np.median(found.deviation_ratio, axis=1)
         others = float(height[~is_multiple].max(initial=0.0))
-        is_outlier = _find_mains_lines(frf.freq, frequency, _NEAR) & (
-            height > max(_OUTLIER, others)
+        is_outlier = _find_mains_lines(frf.freq, frequency, MAINS_HUM.near) & (
+            height > max(DATA_FAULT.outlier_stds, others)
         )
-        is_outlier &= np.median(found.pole_ratio, axis=1) < _RESONANT
+        is_outlier &= np.median(found.pole_ratio, axis=1) < SIGNIFICANCE.stds
         # One line may be a very sharp resonance; several at multiples are unlikely to be.
-        is_proven = is_outlier & (found.bandwidth < _SHARP)
+        is_proven = is_outlier & (found.bandwidth < MAINS_HUM.sharp_lines)
         if not is_proven.any() and len(np.unique(np.round(frf.freq[is_outlier] / frequency))) < 2:
             return
         # The noise of a force is common to all its channels, so only one channel counts.
-        n = _NEIGHBOURS - _DEGREE - 1
+        n = MAINS_HUM.neighbours - MAINS_HUM.degree - 1
         gains = n * np.log1p(height[is_outlier] ** 2 / n) - np.log(len(frf.freq))
         log_odds = float(np.sum(gains) + np.log(cls.odds))
-        if log_odds > LIKELY:
-            is_affected = np.mean(found.deviation_ratio[is_outlier] > _OUTLIER, axis=0) >= _MANY
+        if log_odds > CAUSE_ODDS.likely_log_odds:
+            is_affected = (
+                np.mean(found.deviation_ratio[is_outlier] > DATA_FAULT.outlier_stds, axis=0)
+                >= MAINS_HUM.affected_share
+            )
             text = f"{np.count_nonzero(is_affected)} of {is_affected.size} channels"
             lines = tuple(float(f) for f in frf.freq[is_outlier])
             share = np.count_nonzero(is_outlier) / len(frf.freq)
@@ -161,17 +149,24 @@ class _Neighbours:
             np.zeros(n),
         )
         quiet = np.flatnonzero(~is_multiple)
-        for k in np.union1d(np.flatnonzero(is_multiple), quiet[:: -(-n // _COMPARED)]):
+        for k in np.union1d(
+            np.flatnonzero(is_multiple), quiet[:: -(-n // MAINS_HUM.most_compared)]
+        ):
             others = quiet[quiet != k]
-            first = np.searchsorted(others, k) - _NEIGHBOURS // 2
-            near = others[np.clip(first, 0, len(others) - _NEIGHBOURS) + np.arange(_NEIGHBOURS)]
-            distance = (frf.freq[near] - frf.freq[k]) / (np.ptp(frf.freq[near]) / _NEIGHBOURS)
-            powers = (distance / _NEIGHBOURS)[:, None] ** np.arange(_DEGREE + 1)
+            first = np.searchsorted(others, k) - MAINS_HUM.neighbours // 2
+            near = others[
+                np.clip(first, 0, len(others) - MAINS_HUM.neighbours)
+                + np.arange(MAINS_HUM.neighbours)
+            ]
+            distance = (frf.freq[near] - frf.freq[k]) / (
+                np.ptp(frf.freq[near]) / MAINS_HUM.neighbours
+            )
+            powers = (distance / MAINS_HUM.neighbours)[:, None] ** np.arange(MAINS_HUM.degree + 1)
             weights, std = _fit_basis(powers, flat[near], least)
             deviation = np.abs(flat[k] - weights[0] @ flat[near])
             deviation_ratio[k] = deviation / (std * np.sqrt(1.0 + weights[0] @ weights[0]))
             weights, std = _fit_basis(
-                np.column_stack([1.0 / distance, powers[:, :_POLE_TERMS]]), flat[near], least
+                np.column_stack([1.0 / distance, powers[:, : MAINS_HUM.degree]]), flat[near], least
             )
             deviation_of_pole = float(np.sqrt(weights[0] @ weights[0]))
             pole_ratio[k] = np.abs(weights[0] @ flat[near]) / (std * deviation_of_pole)

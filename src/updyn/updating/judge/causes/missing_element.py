@@ -16,14 +16,10 @@ from updyn.updating.judge.causes.element import AddedElement, MeasuredDofs
 from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.fault import Fault, IrreparableFault, divide_data, divide_odds
 from updyn.updating.judge.causes.screening import select_elements
+from updyn.updating.judge.causes.settings import MISSING_ELEMENT
 from updyn.updating.problem.problem import FRFPart
 
 __all__ = ["MissingElement", "list_directed_places"]
-
-#: Largest number of elements of a kind that are fitted at a point.
-_MOST = 4
-#: Largest number of places for comparison after a fit of one, with better values of the unknowns.
-_NEXT = 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +55,7 @@ class MissingElement(IrreparableFault):
     @classmethod
     def propose_faults(cls, evidence: Evidence) -> Iterable[Self]:
         """Yield the elements that explain most, to first order."""
-        return cls._find_best(evidence, _MOST)
+        return cls._find_best(evidence, MISSING_ELEMENT.most)
 
     @classmethod
     def _find_best(cls, evidence: Evidence, most: int) -> list[Self]:
@@ -71,7 +67,10 @@ class MissingElement(IrreparableFault):
 
     def list_other_places(self, evidence: Evidence) -> Iterable[Fault]:
         """Return the elements at other places that explain most, to first order."""
-        found = (replace(one, n_places=self.n_places) for one in self._find_best(evidence, _NEXT))
+        found = (
+            replace(one, n_places=self.n_places)
+            for one in self._find_best(evidence, MISSING_ELEMENT.next_places)
+        )
         return [one for one in found if one.channels != self.channels]
 
     @property

@@ -17,29 +17,13 @@ from updyn.updating.judge.causes.fault import FORCE, Fault
 from updyn.updating.judge.causes.labels import list_response_labels
 from updyn.updating.judge.causes.misfit import compute_log_misfit
 from updyn.updating.judge.causes.pole_fit import Pole, fit_pole
+from updyn.updating.judge.causes.settings import MISSING_MODE
 from updyn.updating.problem.problem import FRFPart
 
 __all__ = ["MissingMode"]
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
-
-#: Ratio of the misfit at a line to its median, and its smallest value, above which a mode may be
-#: missing; largest number of such lines.
-_PEAK_RATIO, _LEAST, _MOST = 3.0, 0.1, 3
-#: Lines that are fitted: within a share of the frequency of the mode, and at least this many.
-_NEAR, _FEWEST = 0.15, 9
-#: First and smallest loss factor; number of refinements of the pole.
-_LOSS, _LEAST_LOSS, _REFINED = 0.01, 1e-4, 6
-#: Share of the sensors below which the cause is a fault of these and not a mode.
-_FEW = 0.6
-#: Half-power bandwidth, in spacings of the lines, below which the pole describes a single line.
-_NARROW = 0.03
-#: Share of its frequency on either side that the repair omits if its shape is unknown; largest
-#: ratio of the mode to the residual at a line that is kept if it is known.
-_OMITTED, _DOMINANT = 0.05, 3.0
-#: Largest number of entries of a shape in a sentence.
-_SHORT = 12
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +36,7 @@ class MissingMode(Fault):
     sum a^2) with a the root of the explained misfit of each sensor or force.
     """
 
-    loss: float = _LOSS
+    loss: float = MISSING_MODE.first_loss
     bandwidth: float = 1.0
     channel_share: float = 1.0
     shape: tuple[tuple[str, complex], ...] = ()
@@ -67,15 +51,17 @@ class MissingMode(Fault):
     def propose_faults(cls, evidence: Evidence) -> Iterable[Self]:
         """Yield the lines near which the misfit has a peak."""
         frf = evidence.frf
-        if len(frf.freq) <= _FEWEST:
+        if len(frf.freq) <= MISSING_MODE.least_lines:
             return
         e = compute_log_misfit(evidence.model_response(frf), frf)[0]
         power = np.sqrt(np.mean(np.abs(e) ** 2, axis=(1, 2)))
         padded = np.pad(power, 1, constant_values=-1.0)
         peaks = (power >= padded[:-2]) & (power > padded[2:])
-        large = power > max(_PEAK_RATIO * float(np.median(power)), _LEAST)
+        large = power > max(
+            MISSING_MODE.peak_ratio * float(np.median(power)), MISSING_MODE.least_peak
+        )
         out = np.flatnonzero(peaks & large & (frf.freq > 0.0))
-        for line in out[np.argsort(-power[out])][:_MOST]:
+        for line in out[np.argsort(-power[out])][: MISSING_MODE.most_peaks]:
             yield cls((), float(frf.freq[line])).adapt_to(evidence)
 
     def count_parameters(self, frf: FRF) -> int:
@@ -87,10 +73,10 @@ class MissingMode(Fault):
         at = _LocalResidual.near(evidence, self.value)
         best, least = self, at.squared_error(self)
         spacing = float(np.median(np.diff(at.freq)))
-        step, factor = spacing, 3.0
-        for _ in range(_REFINED):
+        step, factor = spacing, MISSING_MODE.loss_factor_step
+        for _ in range(MISSING_MODE.refinements):
             near = [
-                replace(best, value=f, loss=max(loss, _LEAST_LOSS))
+                replace(best, value=f, loss=max(loss, MISSING_MODE.least_loss))
                 for f in (best.value - step, best.value, best.value + step)
                 for loss in (best.loss / factor, best.loss, best.loss * factor)
                 if f > 0.0
@@ -160,9 +146,9 @@ class MissingMode(Fault):
             sizes = [
                 np.sqrt(np.mean(np.abs(one) ** 2, axis=(1, 2))) for one in (term, remaining.values)
             ]
-            is_kept = sizes[0] <= _DOMINANT * sizes[1]
+            is_kept = sizes[0] <= MISSING_MODE.dominant_ratio * sizes[1]
         else:
-            is_kept = np.abs(frf.freq / self.value - 1.0) > _OMITTED
+            is_kept = np.abs(frf.freq / self.value - 1.0) > MISSING_MODE.omitted_share
         if not is_kept.any():
             raise DataError(f"repair {self.kind!r}: all lines are about {self.value:.6g} Hz")
         return remaining.select(lines=frf.freq[is_kept])
@@ -196,14 +182,18 @@ class MissingMode(Fault):
 
     def is_plausible(self) -> bool:
         """Return whether the damping is that of a mode, and enough channels measure it."""
-        return self.loss < 0.5 and self.bandwidth > _NARROW and self.channel_share > _FEW
+        return (
+            self.loss < MISSING_MODE.most_loss
+            and self.bandwidth > MISSING_MODE.narrow_lines
+            and self.channel_share > MISSING_MODE.least_sensors
+        )
 
     @property
     def remedy(self) -> str:
         """Advice to the user."""
         action, text = "subtract it", self.repair_text
-        if not self.shape or len(self.shape) > _SHORT:
-            action = f"omit {100.0 * _OMITTED:.0f} % on either side of it"
+        if not self.shape or len(self.shape) > MISSING_MODE.named_entries:
+            action = f"omit {100.0 * MISSING_MODE.omitted_share:.0f} % on either side of it"
             text = replace(self, shape=()).repair_text
         return (
             f"Check the measured shape of the mode at {self.value:.4g} Hz: the model may lack"
@@ -241,7 +231,9 @@ class _LocalResidual:
         """Return the residual at the lines near a frequency."""
         frf = evidence.frf
         away = np.abs(frf.freq / frequency - 1.0)
-        at = np.flatnonzero(away <= max(_NEAR, float(np.sort(away)[_FEWEST - 1])))
+        at = np.flatnonzero(
+            away <= max(MISSING_MODE.near_share, float(np.sort(away)[MISSING_MODE.least_lines - 1]))
+        )
         H = evidence.model_response(frf)[at]
         near_lines = frf.select(lines=frf.freq[at])
         level = np.sqrt(np.abs(H) ** 2 + np.abs(near_lines.values) ** 2)

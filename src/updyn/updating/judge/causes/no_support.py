@@ -13,19 +13,11 @@ from updyn.frf import FRF
 from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.fault import IrreparableFault, divide_data
 from updyn.updating.judge.causes.holding import list_ground_springs
+from updyn.updating.judge.causes.settings import SUPPORT_FAULT
 from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.problem.problem import FRFPart
 
 __all__ = ["NoSupport"]
-
-#: First values: remaining shares of the stiffness.
-_SHARES = (0.2, 0.02)
-#: Largest remaining share of the stiffness that is reported.
-_LARGEST_SHARE = 0.3
-#: Smallest share of the stiffness, and the prior standard deviation of its logarithm.
-_LEAST, _WIDE_DEVIATION = 1e-4, 5.0
-#: Step of the logarithm for finite differences.
-_STEP = 1e-3
 
 
 class NoSupport(IrreparableFault):
@@ -46,7 +38,7 @@ class NoSupport(IrreparableFault):
     def propose_faults(cls, evidence: Evidence) -> Iterable[Self]:
         """Yield the groups of springs to the ground whose stiffness is taken as known."""
         for group in list_ground_springs(evidence.part):
-            for share in _SHARES:
+            for share in SUPPORT_FAULT.first_shares:
                 yield cls((group,), float(np.log(share)))
 
     @property
@@ -61,9 +53,9 @@ class NoSupport(IrreparableFault):
         """Return the derivative of the model's ln H by the logarithm of the stiffness."""
         low, high = (
             evidence.log_ratio_with_stiffness(self.channels[0], self.value + step)
-            for step in (-_STEP, _STEP)
+            for step in (-SUPPORT_FAULT.share_step, SUPPORT_FAULT.share_step)
         )
-        return np.asarray((high - low) / (2.0 * _STEP))
+        return np.asarray((high - low) / (2.0 * SUPPORT_FAULT.share_step))
 
     def repair_with_model(self, evidence: Evidence) -> FRF:
         """Return the data divided by H with this stiffness over the model's H."""
@@ -74,14 +66,16 @@ class NoSupport(IrreparableFault):
     def correct_part(self, part: FRFPart, x: NDArray[np.float64]) -> FRFPart:
         """Return the part with this stiffness as an unknown with a wide prior."""
         items, at = list(part.coordinates.parameters), self._stiffness_index(part)
-        items[at] = replace(items[at], lower=_LEAST, prior_std=_WIDE_DEVIATION)
+        items[at] = replace(
+            items[at], lower=SUPPORT_FAULT.least_share, prior_std=SUPPORT_FAULT.share_std
+        )
         wide = replace(part.coordinates, parameters=ParameterSet(tuple(items)))
         return replace(part, coordinates=wide)
 
     def choose_start(self, part: FRFPart, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return x with the stiffness at its share."""
         return part.coordinates.with_coordinate(
-            x, self._stiffness_index(part), max(self.value, np.log(_LEAST))
+            x, self._stiffness_index(part), max(self.value, np.log(SUPPORT_FAULT.least_share))
         )
 
     def adapt_to(self, evidence: Evidence) -> Self:
@@ -93,7 +87,7 @@ class NoSupport(IrreparableFault):
 
     def is_plausible(self) -> bool:
         """Return whether most of the stiffness is missing."""
-        return bool(self.value < np.log(_LARGEST_SHARE))
+        return bool(self.value < np.log(SUPPORT_FAULT.most_share))
 
     def statement(self) -> str:
         """Return a sentence with the group and the remaining share of its stiffness."""

@@ -19,17 +19,10 @@ from updyn.updating.judge.causes.fault import (
     list_channels,
     remove_channels,
 )
+from updyn.updating.judge.causes.settings import CAUSE_MISFIT, CHANNEL_FAULT
 from updyn.updating.problem.problem import FRFPart
 
 __all__ = ["OtherTest"]
-
-#: First values of the logarithm of the factor between the frequencies, to first order; and the
-#: grids of a search for the best one, each finer than the one before: with sharp resonances a step
-#: of first order may increase the misfit.
-_SHIFTS = (-0.07, -0.045, -0.025, 0.0, 0.025, 0.045, 0.07)
-_GRIDS = tuple(np.linspace(-half, half, n) for half, n in ((0.15, 41), (0.006, 9), (0.001, 5)))
-#: Variance of a value without weight, in units of the square of the largest value.
-_WITHOUT_WEIGHT = 1e6
 
 
 class OtherTest(Fault):
@@ -58,7 +51,7 @@ class OtherTest(Fault):
         for channels in list_channels(frf):
             is_own = find_channels(channels, frf).channel_mask(frf)
             if clear[:, is_own].any() and clear[:, ~is_own].any():
-                yield from (cls(channels, shift) for shift in _SHIFTS)
+                yield from (cls(channels, shift) for shift in CHANNEL_FAULT.shifts)
 
     def repair(self, frf: FRF) -> FRF:
         """Return the data without the sensor or the force."""
@@ -67,7 +60,7 @@ class OtherTest(Fault):
     def mask_channels(self, frf: FRF) -> FRF:
         """Return the data in which the sensor has no weight."""
         assert frf.variance is not None
-        lost = _WITHOUT_WEIGHT * float(np.abs(frf.values).max()) ** 2
+        lost = CAUSE_MISFIT.weightless_variance * float(np.abs(frf.values).max()) ** 2
         return replace(frf, variance=np.where(self._channel_mask(frf), lost, frf.variance))
 
     def search_size(self, evidence: Evidence) -> Self:
@@ -78,10 +71,10 @@ class OtherTest(Fault):
             return float(e @ e)
 
         best = replace(self, value=0.0)
-        for steps in _GRIDS:
-            best = min(
-                (replace(self, value=best.value + float(v)) for v in steps), key=squared_error
-            )
+        grids = zip(CHANNEL_FAULT.grid_half_widths, CHANNEL_FAULT.grid_points, strict=True)
+        for half, n in grids:
+            steps = np.linspace(-half, half, n).tolist()
+            best = min((replace(self, value=best.value + v) for v in steps), key=squared_error)
         return best
 
     def list_similar_faults(self, part: FRFPart) -> Iterable[Fault]:
@@ -119,7 +112,7 @@ class OtherTest(Fault):
 
     def is_plausible(self) -> bool:
         """Return whether the factor is between 0.5 % and 30 %."""
-        return 5e-3 < abs(self.value) < 0.3
+        return CHANNEL_FAULT.least_shift < abs(self.value) < CHANNEL_FAULT.most_shift
 
     @property
     def remedy(self) -> str:

@@ -8,12 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from updyn.dofs import Dof
+from updyn.updating.judge.causes.settings import CAUSE_CANDIDATES
 from updyn.updating.problem.problem import FRFPart
 
 __all__ = ["iter_force_places", "iter_sensor_places", "list_all_places"]
-
-#: Largest number of places for one sensor or one force.
-_MOST = 40
 
 
 def iter_sensor_places(part: FRFPart) -> Iterator[tuple[Dof, Dof]]:
@@ -21,7 +19,7 @@ def iter_sensor_places(part: FRFPart) -> Iterator[tuple[Dof, Dof]]:
     known = _KnownDofs.of(part)
     measured = {str(abs(dof)) for dof in part.frf.responses}
     for dof in part.frf.responses:
-        for place in known.find_near(dof)[:_MOST]:
+        for place in known.find_near(dof)[: CAUSE_CANDIDATES.most_places]:
             if str(place) not in measured:
                 yield dof, place
 
@@ -36,7 +34,12 @@ def iter_force_places(part: FRFPart) -> Iterator[tuple[Dof, Dof]]:
     measured = [abs(dof) for dof in part.frf.responses]
     for dof in part.frf.references:
         same_kind = [one for one in measured if _is_rotation(one) == _is_rotation(dof)]
-        places = dict.fromkeys([*known.find_near(dof)[:_MOST], *same_kind[:_MOST]])
+        places = dict.fromkeys(
+            [
+                *known.find_near(dof)[: CAUSE_CANDIDATES.most_places],
+                *same_kind[: CAUSE_CANDIDATES.most_places],
+            ]
+        )
         for place in places:
             if str(place) not in taken:
                 yield dof, place

@@ -9,23 +9,15 @@ import scipy.optimize
 from numpy.typing import NDArray
 
 from updyn.frf import FRF, QUANTITIES
-from updyn.updating.judge.causes.evidence import PERFECT_FIT, Evidence, compute_spread
+from updyn.updating.judge.causes.evidence import Evidence, compute_spread
 from updyn.updating.judge.causes.misfit import compute_log_misfit
+from updyn.updating.judge.causes.settings import CAUSE_MISFIT, MISSING_MODE
 from updyn.updating.problem.problem import FRFPart
 
 __all__ = ["Pole", "fit_pole"]
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
-
-#: Largest number of evaluations; of evaluations on all lines, if they are many; and relative
-#: decrease of the misfit that ends the fit.
-_MOST, _LAST, _FALL = 30, 3, 1e-6
-#: If there are many lines: number of lines near the pole, within this multiple of its loss factor,
-#: and the same number elsewhere.
-_LINES, _ABOUT = 120, 5.0
-#: Largest change of the pole: of the logarithms of its frequency and its loss factor.
-_MOVES = (0.05, 3.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,7 +59,7 @@ class _PoleProblem:
         self.start_pole, self.size = pole, float(np.abs(pole.a).max())
         # The weight of the priors follows from the residual at the start.
         e = self._misfit(x, pole)[0]
-        unit = float(np.sqrt(np.mean(np.abs(e) ** 2))) + PERFECT_FIT
+        unit = float(np.sqrt(np.mean(np.abs(e) ** 2))) + CAUSE_MISFIT.perfect_rms
         self.prior_weight = unit / compute_spread(part)
         self._last_evaluation: tuple[_Real, _Real, _Real] | None = None
 
@@ -89,10 +81,8 @@ class _PoleProblem:
         """Return the bounds of all variables."""
         lower, upper = self.part.coordinates.bounds
         free = np.full(2 * (self.n_i + len(self.start_pole.b)), np.inf)
-        return (
-            np.concatenate([lower, -np.array(_MOVES), -free]),
-            np.concatenate([upper, _MOVES, free]),
-        )
+        moves = np.array([MISSING_MODE.frequency_move, MISSING_MODE.loss_move])
+        return np.concatenate([lower, -moves, -free]), np.concatenate([upper, moves, free])
 
     def residual(self, z: _Real) -> _Real:
         return self._evaluate(z)[1]
@@ -155,19 +145,21 @@ def fit_pole(part: FRFPart, x: _Real, pole: Pole) -> Pole:
     count = _count_represented_lines(freq, pole)
     few = count > 0.0
     if few.all():
-        return _fit_from(part, x, pole, _MOST, count)[1].normalise()
+        return _fit_from(part, x, pole, MISSING_MODE.most_evaluations, count)[1].normalise()
     fewer = part.with_data(part.frf.select(lines=freq[few]))
-    x, pole = _fit_from(fewer, x, pole, _MOST, count[few])
-    return _fit_from(part, x, pole, _LAST, np.ones(len(freq)))[1].normalise()
+    x, pole = _fit_from(fewer, x, pole, MISSING_MODE.most_evaluations, count[few])
+    return _fit_from(part, x, pole, MISSING_MODE.last_evaluations, np.ones(len(freq)))[
+        1
+    ].normalise()
 
 
 def _count_represented_lines(freq: _Real, pole: Pole) -> _Real:
     """Return the number of lines that each line represents, 0 for omitted lines, shape (n_f,)."""
-    is_near = np.abs(freq / pole.frequency - 1.0) <= _ABOUT * pole.loss
+    is_near = np.abs(freq / pole.frequency - 1.0) <= MISSING_MODE.near_bandwidths * pole.loss
     count = np.zeros(len(freq))
     for group in (is_near, ~is_near):
         lines = np.flatnonzero(group)
-        chosen = lines[:: max(-(-len(lines) // _LINES), 1)]
+        chosen = lines[:: max(-(-len(lines) // MISSING_MODE.fitted_lines), 1)]
         count[chosen] = len(lines) / max(len(chosen), 1)
     return count
 
@@ -183,7 +175,7 @@ def _fit_from(part: FRFPart, x: _Real, pole: Pole, most: int, count: _Real) -> t
         problem.slopes,
         bounds=bounds,
         x_scale="jac",
-        ftol=_FALL,
+        ftol=MISSING_MODE.least_decrease,
         xtol=1e-10,
         gtol=1e-12,
         max_nfev=most,

@@ -16,24 +16,17 @@ from numpy.typing import NDArray
 
 from updyn.frf import FRF
 from updyn.updating.judge.causes.evidence import (
-    PERFECT_FIT,
     Evidence,
     compute_spread,
     find_held,
     stack_real_imag,
 )
+from updyn.updating.judge.causes.settings import CAUSE_MISFIT, HELD_QUANTITIES
 
-__all__ = ["SHARES", "QuadraticMisfit", "QuadraticOutcome"]
+__all__ = ["QuadraticMisfit", "QuadraticOutcome"]
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complexfloating[Any, Any]]
-
-#: Possible errors of held quantities, as shares of their prior standard deviation.
-SHARES = (0.02, 0.1, 0.3, 1.0)
-#: Prior standard deviation of the log misfit (rms) due to a fault; so large that it has no effect.
-_WIDE_DEVIATION = 10.0
-#: Number of iterations for the level of the residual.
-_LEVELS = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,7 +91,7 @@ class QuadraticMisfit:
             gradient = np.append(gradient, d @ e)
             offset, spread, is_held = (
                 np.append(offset, 0.0),
-                np.append(spread, _WIDE_DEVIATION),
+                np.append(spread, HELD_QUANTITIES.fault_std),
                 np.append(is_held, False),
             )
         return cls(normal_matrix, gradient, float(e @ e), offset, spread, is_held, e.size)
@@ -107,7 +100,9 @@ class QuadraticMisfit:
         self, count: float, level: float, least: float = 0.0
     ) -> tuple[float, QuadraticOutcome]:
         """Return the share of the spread with the largest evidence, and its outcome."""
-        shares = SHARES if self.is_held.any() else SHARES[-1:]
+        shares = (
+            HELD_QUANTITIES.std_shares if self.is_held.any() else HELD_QUANTITIES.std_shares[-1:]
+        )
         found = [(share, self.evaluate_share(share, count, level, least)) for share in shares]
         return max(found, key=lambda one: one[1].log_evidence)
 
@@ -126,16 +121,19 @@ class QuadraticMisfit:
         curves, directions = np.linalg.eigh(scaled)
         step = np.zeros(len(spread))
         mean_square = self._mean_square(step)
-        for _ in range(_LEVELS if share < 1.0 else 0):
-            each = 2.0 * count / self.n_values / (mean_square + PERFECT_FIT**2)
+        for _ in range(HELD_QUANTITIES.level_steps if share < 1.0 else 0):
+            each = 2.0 * count / self.n_values / (mean_square + CAUSE_MISFIT.perfect_rms**2)
             pull = directions.T @ (each * spread * self.gradient - self.offset / spread)
             step = spread * (directions @ (pull / (1.0 + each * np.maximum(curves, 0.0))))
             mean_square = max(self._mean_square(step), least)
         squared_distance = float(np.sum(((self.offset + step) / spread) ** 2))
-        fitted = -0.5 * count * float(np.log(mean_square + PERFECT_FIT**2)) - 0.5 * squared_distance
+        fitted = (
+            -0.5 * count * float(np.log(mean_square + CAUSE_MISFIT.perfect_rms**2))
+            - 0.5 * squared_distance
+        )
         # -ln of the share of the prior volume of held quantities that fits the data, for any values
         # of the other unknowns.
-        each = 2.0 * count / self.n_values / (level + PERFECT_FIT**2)
+        each = 2.0 * count / self.n_values / (level + CAUSE_MISFIT.perfect_rms**2)
         others = np.linalg.eigvalsh(scaled[np.ix_(~self.is_held, ~self.is_held)])
         occam = 0.5 * (_log_volume(each * curves) - _log_volume(each * others))
         return QuadraticOutcome(mean_square, fitted - occam)

@@ -8,31 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from updyn.updating.judge.causes.fault import Fault
-from updyn.updating.judge.causes.shown import LIKELY
+from updyn.updating.judge.causes.settings import CAUSE_ODDS
 from updyn.updating.judge.causes.trial import Trial
 
-__all__ = [
-    "NEGLIGIBLE_SHARE",
-    "USUAL_DISTANCE",
-    "RankedFault",
-    "is_as_likely",
-    "is_in_reach",
-    "is_worth_reporting",
-    "rank_faults",
-]
-
-#: Usual largest error (rms) of stiffnesses and masses, in units of their spread.
-USUAL_DISTANCE = 2.0
-#: Smallest share of the distance of held quantities from their start that a fault has to make
-#: unnecessary.
-_LEAST_REDUCTION = 0.3
-#: Smallest share of the misfit that a fault has to explain; a smaller one may be due to many small
-#: errors.
-_LEAST_SHARE = 0.1
-#: Share of the misfit below which nothing remains to be explained.
-NEGLIGIBLE_SHARE = 0.05
-#: Logarithm of the odds between two faults below which the data do not distinguish them.
-_INDISTINCT_LOG_ODDS = 3.0
+__all__ = ["RankedFault", "is_as_likely", "is_in_reach", "is_worth_reporting", "rank_faults"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,7 +55,9 @@ def is_worth_reporting(found: RankedFault) -> bool:
     """
     trial = found.trial
     by_data = 0.5 * trial.n_values * found.explains + float(np.log(found.fault.prior))
-    return found.explains >= _LEAST_SHARE or (trial.is_noise and by_data >= LIKELY)
+    return found.explains >= CAUSE_ODDS.least_share or (
+        trial.is_noise and by_data >= CAUSE_ODDS.likely_log_odds
+    )
 
 
 def _compute_share(trial: Trial, without: Trial, explained: float) -> float:
@@ -87,11 +68,11 @@ def _compute_share(trial: Trial, without: Trial, explained: float) -> float:
     """
     # A fault without a size cannot reduce the distance by chance.
     has_no_size = trial.fault is not None and not trial.fault.has_free_size
-    if has_no_size and without.squared_distance > USUAL_DISTANCE**2 * len(without.x):
+    if has_no_size and without.squared_distance > CAUSE_ODDS.usual_distance**2 * len(without.x):
         explained = max(explained, 1.0 - trial.squared_distance / without.squared_distance)
-    if without.squared_distance_held > USUAL_DISTANCE**2 * without.n_held:
+    if without.squared_distance_held > CAUSE_ODDS.usual_distance**2 * without.n_held:
         reduction = 1.0 - trial.squared_distance_held / without.squared_distance_held
-        if reduction > _LEAST_REDUCTION:
+        if reduction > CAUSE_ODDS.least_reduction:
             explained = max(explained, reduction)
     return explained
 
@@ -103,11 +84,11 @@ def is_as_likely(one: RankedFault, best: RankedFault) -> bool:
     which of two sensors it is.
     """
     omit_channels = one.fault.omits_channels and best.fault.omits_channels
-    if omit_channels and min(one.explains, best.explains) > 1.0 - NEGLIGIBLE_SHARE:
+    if omit_channels and min(one.explains, best.explains) > 1.0 - CAUSE_ODDS.negligible_share:
         return True
-    return one.log_odds > best.log_odds - _INDISTINCT_LOG_ODDS
+    return one.log_odds > best.log_odds - CAUSE_ODDS.indistinct_log_odds
 
 
 def is_in_reach(one: RankedFault, best: RankedFault) -> bool:
     """Return whether a better model may make a fault as likely as the likeliest one."""
-    return one.log_odds > best.log_odds - 2.0 * _INDISTINCT_LOG_ODDS
+    return one.log_odds > best.log_odds - 2.0 * CAUSE_ODDS.indistinct_log_odds

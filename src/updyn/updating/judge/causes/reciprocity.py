@@ -10,22 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.frf import FRF
-from updyn.updating.judge.causes.shown import LIKELY, DataFault, Detection
+from updyn.updating.judge.causes.settings import CAUSE_ODDS, CAUSE_SEARCH, CHANNEL_FAULT, DATA_FAULT
+from updyn.updating.judge.causes.shown import DataFault, Detection
 from updyn.updating.judge.causes.square import CollocatedFrfs
 
 __all__ = ["Reciprocity"]
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
-
-#: Relative difference of sound tests, due to the mass of sensors and to the aim of hammers.
-_USUAL = 0.07
-#: Standard deviations above which a value has a phase, and smallest number of such lines.
-_CLEAR, _FEWEST = 5.0, 8
-#: Largest remaining share of the difference for an explanation.
-_EXPLAINED = 0.3
-#: Largest trial delay, in periods of the highest line, and number of trial delays.
-_TURNS, _STEPS = 2.0, 401
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,13 +41,15 @@ class Reciprocity(DataFault):
         found = []
         for a, b in square.iter_pairs():
             difference = _Difference.of(square, a, b)
-            if len(difference.freq) < _FEWEST:
+            if len(difference.freq) < CAUSE_SEARCH.least_lines:
                 continue
             size = difference.size
-            ratio = size**2 / (_USUAL**2 + float(np.median(difference.noise**2)))
+            ratio = size**2 / (
+                DATA_FAULT.usual_difference**2 + float(np.median(difference.noise**2))
+            )
             # A difference of one cause is the same at all lines: it counts as one sample.
             log_odds = ratio - 1.0 - float(np.log(max(ratio, 1.0))) + float(np.log(cls.odds))
-            if ratio > 1.0 and log_odds > LIKELY:
+            if ratio > 1.0 and log_odds > CAUSE_ODDS.likely_log_odds:
                 pair = (square.labels[a], square.labels[b])
                 fault = cls(pair, size, difference.explain())
                 found.append(Detection(fault, log_odds, min(size, 1.0)))
@@ -99,7 +93,7 @@ class _Difference:
     def of(cls, square: CollocatedFrfs, a: int, b: int) -> _Difference:
         H, G = square.values[:, a, b], square.values[:, b, a]
         h, g = square.noise[:, a, b], square.noise[:, b, a]
-        clear = (np.abs(H) > _CLEAR * h) & (np.abs(G) > _CLEAR * g)
+        clear = (np.abs(H) > DATA_FAULT.phase_stds * h) & (np.abs(G) > DATA_FAULT.phase_stds * g)
         H, G = H[clear], G[clear]
         noise = np.hypot(h[clear] / np.abs(H), g[clear] / np.abs(G))
         return cls(np.log(H / G), noise, square.freq[clear])
@@ -116,7 +110,8 @@ class _Difference:
 
     def estimate_delay(self) -> float:
         """Return the delay in s that aligns the two best."""
-        delays = np.linspace(-_TURNS, _TURNS, _STEPS) / self.freq[-1]
+        most = CHANNEL_FAULT.delay_periods[-1]
+        delays = np.linspace(-most, most, DATA_FAULT.delay_points) / self.freq[-1]
         unit = np.exp(1j * self.log_ratio.imag)
         aligned = (np.exp(2j * np.pi * delays[:, None] * self.freq) @ unit).real
         return float(delays[np.argmax(aligned)])
@@ -134,6 +129,6 @@ class _Difference:
             (factor + delay_phase, f"a delay of {late:.2g} s and {times}"),
         ]
         for log_factor, text in explanations:
-            if self.divide_by(log_factor).size < _EXPLAINED * self.size:
+            if self.divide_by(log_factor).size < DATA_FAULT.explained_difference * self.size:
                 return f"; {text} explains it"
         return "; neither sign nor a factor nor a delay explains it"

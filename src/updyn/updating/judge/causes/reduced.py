@@ -25,29 +25,12 @@ from updyn.updating.judge.causes.holding import (
     list_ground_springs,
 )
 from updyn.updating.judge.causes.places import list_all_places
+from updyn.updating.judge.causes.settings import CAUSE_MODEL
 from updyn.updating.problem.problem import FRFPart
 
 __all__ = ["ReducedModels", "TrialModels", "WholeModel", "choose_trial_models"]
 
 _Real = NDArray[np.float64]
-
-#: Number of DOFs above which a model is reduced.
-_DOFS = 100
-#: Number of points about the start whose solutions form the basis; number of points whose solutions
-#: select from it; and root of the share of the energy of these that may be dropped, for a basis of
-#: usual and of large size.
-_POINTS, _SAMPLES, _DROPPED = 12, 12, (1e-4, 1e-2)
-#: Size above which a basis is compressed once more.
-_LARGE = 150
-_ACROSS = VectorsPerState(shifts=(0.2, 0.5, 0.8), depth=4, combinations=4, lossy=False)
-#: Distance in x from a certified point within which the certificate is assumed to be valid.
-_NEAR = 0.05
-#: Required error at points of decisions, as a share of the largest receptance of a line.
-_ACCURACY = 1e-3
-#: Logarithms of the remaining stiffness of a spring to the ground, at points without this support.
-_LOOSE = (-1.5, -4.0)
-#: Largest loss factor of the points.
-_LOSSY = 0.3
 
 
 class TrialModels(Protocol):
@@ -89,21 +72,26 @@ class ReducedModels:
             part.columns,
             (float(freq[0]), float(freq[-1])),
             part.solver.backend,
-            _ACCURACY,
+            CAUSE_MODEL.accuracy,
             near,
             part.session.check,
         )
-        points, samples = (
-            _scatter_starts(part, n, seed) for seed, n in enumerate((_POINTS, _SAMPLES))
-        )
+        points, samples = (_scatter_starts(part, CAUSE_MODEL.points, seed) for seed in (0, 1))
         # A support may not hold the structure at all.
         home, springs = part.coordinates.start, list_ground_springs(part)
-        loose = [scale_stiffness(part, home, one, level) for one in springs for level in _LOOSE]
-        self._reduction.build_around([part.state(x) for x in points] + loose, across=_ACROSS)
+        loose = [
+            scale_stiffness(part, home, one, level)
+            for one in springs
+            for level in CAUSE_MODEL.loose
+        ]
+        across = VectorsPerState(
+            CAUSE_MODEL.shifts, CAUSE_MODEL.depth, CAUSE_MODEL.combinations, lossy=False
+        )
+        self._reduction.build_around([part.state(x) for x in points] + loose, across=across)
         states = [part.state(x) for x in samples] + loose
-        for dropped in _DROPPED:
+        for dropped in CAUSE_MODEL.dropped:
             self._reduction.compress_around(states, freq, dropped)
-            if self._reduction.basis.size <= _LARGE:
+            if self._reduction.basis.size <= CAUSE_MODEL.large_basis:
                 break
         self._error = np.zeros(part.frf.values.shape)
         self._supports = ModelSupports.of(part.solver.system)
@@ -115,7 +103,7 @@ class ReducedModels:
         The error of the reduced model is added to the variance of the data of `part`.
         """
         for x in points:
-            if not any(np.abs(x - known).max() < _NEAR for known in self._certified):
+            if not any(np.abs(x - known).max() < CAUSE_MODEL.near for known in self._certified):
                 self._enrich(x)
         frf = part.frf
         if frf.values.shape == self._error.shape and frf.variance is not None:
@@ -141,7 +129,9 @@ def _scatter_starts(part: FRFPart, number: int, seed: int) -> list[_Real]:
     factor, spread = coordinates.parameters.is_factor, compute_spread(part)
     lowest = np.where(factor, coordinates.start - spread, 0.0)
     highest = np.where(
-        factor, coordinates.start + spread, np.minimum(coordinates.start + spread, _LOSSY)
+        factor,
+        coordinates.start + spread,
+        np.minimum(coordinates.start + spread, CAUSE_MODEL.most_loss),
     )
     middle, half = 0.5 * (lowest + highest), 0.5 * (highest - lowest)
     return [
@@ -152,6 +142,6 @@ def _scatter_starts(part: FRFPart, number: int, seed: int) -> list[_Real]:
 
 def choose_trial_models(part: FRFPart) -> TrialModels:
     """Return the source of the models for trials of a part, by the size of its model."""
-    if part.solver.system.n <= _DOFS:
+    if part.solver.system.n <= CAUSE_MODEL.largest_whole:
         return WholeModel()
     return ReducedModels(part)

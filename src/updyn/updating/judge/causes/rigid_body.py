@@ -12,14 +12,10 @@ from updyn.frf import FRF
 from updyn.updating.judge.causes.rigid_explanation import explain_sensors
 from updyn.updating.judge.causes.rigid_motion import RigidMotion
 from updyn.updating.judge.causes.rigid_shapes import RigidShapes
+from updyn.updating.judge.causes.settings import RIGID_BODY
 from updyn.updating.judge.causes.shown import DataFault, Detection
 
 __all__ = ["RigidBody"]
-
-#: Largest number of explanations in a statement.
-_NAMED = 3
-#: Largest number of sets of sensors that are compared by their explanations.
-_COMPARED = 10
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +78,7 @@ class RigidBody(DataFault):
 def _find_simplest(motion: RigidMotion) -> list[tuple[int, ...]]:
     """Return the likeliest sets of wrong sensors; of several, those that simple faults explain."""
     sets = motion.find_wrong()
-    if not 1 < len(sets) <= _COMPARED:
+    if not 1 < len(sets) <= RIGID_BODY.most_compared:
         return sets
     explained = {one: explain_sensors(motion, one) for one in sets}
     simple = [one for one, found in explained.items() if all(found.values())]
@@ -101,7 +97,7 @@ def _describe(motion: RigidMotion, sets: Sequence[Sequence[int]]) -> tuple[str, 
     else:
         for members, found in explain_sensors(motion, sets[0]).items():
             names = " and ".join(str(motion.sensors[i]) for i in members)
-            texts = ", or ".join(str(one) for one in found[:_NAMED])
+            texts = ", or ".join(str(one) for one in found[: RIGID_BODY.named_explanations])
             example = example or next((one.repair_text for one in found if one.repair_text), "")
             if found:
                 details += f" What would explain {names}: {texts}."

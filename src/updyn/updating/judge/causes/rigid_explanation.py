@@ -10,23 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.dofs import DIRECTIONS, Dof
-from updyn.updating.judge.causes.rigid_motion import (
-    AS_LIKELY,
-    RANK,
-    RigidMotion,
-    RowMask,
-    pseudo_inverse,
-)
+from updyn.updating.judge.causes.rigid_motion import RigidMotion, RowMask, pseudo_inverse
+from updyn.updating.judge.causes.settings import CAUSE_MISFIT, CAUSE_ODDS, CHANNEL_FAULT, RIGID_BODY
 
 __all__ = ["Explanation", "explain_sensors"]
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
-
-#: Deviation in standard deviations up to which a fault explains the values of a sensor.
-_FITS = 2.0
-#: Trial angles in degrees.
-_ANGLES = np.concatenate([np.arange(3.0, 86.0, 0.5), -np.arange(3.0, 86.0, 0.5)])
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,9 +55,11 @@ def explain_sensors(
 
 
 def _explain_one(motion: RigidMotion, i: int, wrong: Sequence[int]) -> list[Explanation]:
-    found = [one for one in _try_faults(motion, i, wrong) if one.deviation <= _FITS]
+    found = [
+        one for one in _try_faults(motion, i, wrong) if one.deviation <= RIGID_BODY.explained_stds
+    ]
     best = min((one.deviation for one in found), default=0.0)
-    return [one for one in found if one.deviation**2 <= best**2 + AS_LIKELY]
+    return [one for one in found if one.deviation**2 <= best**2 + CAUSE_ODDS.indistinct_log_odds]
 
 
 def _try_faults(motion: RigidMotion, i: int, wrong: Sequence[int]) -> Iterator[Explanation]:
@@ -115,9 +107,12 @@ def _try_turns(sensor: _Sensor, dof: Dof, own: _Complex) -> Iterator[Explanation
     """
     motion = sensor.motion
     prefix, k = dof.direction[:-1], DIRECTIONS.index(dof.direction[-1])
-    angles = np.radians(_ANGLES)[:, None]
-    for step, sense in ((1, 1.0), (2, -1.0)):
-        across = Dof(dof.node, prefix + DIRECTIONS[(k + step) % 3])
+    step = RIGID_BODY.turn_step
+    positive = np.arange(CHANNEL_FAULT.least_turn, RIGID_BODY.most_turn + step, step)
+    degrees = np.concatenate([positive, -positive])
+    angles = np.radians(degrees)[:, None]
+    for shift, sense in ((1, 1.0), (2, -1.0)):
+        across = Dof(dof.node, prefix + DIRECTIONS[(k + shift) % 3])
         if not sensor.select_determined([across]):
             continue
         other = sensor.predict([across])[0]
@@ -126,11 +121,11 @@ def _try_turns(sensor: _Sensor, dof: Dof, own: _Complex) -> Iterator[Explanation
         if across in motion.sensors:
             second = _Sensor.of(motion, sensor.rows, motion.sensors.index(across))
             turned = second.compare(np.cos(angles) * other - np.sin(angles) * own)
-            if np.maximum(deviations, turned).min() <= _FITS:
+            if np.maximum(deviations, turned).min() <= RIGID_BODY.explained_stds:
                 deviations = np.maximum(deviations, turned)
-                text = f"turned:{dof.node}:{DIRECTIONS[(k - step) % 3]}="
+                text = f"turned:{dof.node}:{DIRECTIONS[(k - shift) % 3]}="
         best = int(np.argmin(deviations))
-        angle = float(_ANGLES[best])
+        angle = float(degrees[best])
         sign = "-" if angle < 0.0 else ""
         words = f"a turn by {abs(angle):.3g} degrees towards {sign}{across.direction}"
         yield Explanation(words, text and f"{text}{sense * angle:.3g}", float(deviations[best]))
@@ -171,7 +166,7 @@ class _Sensor:
         dofs = [dof for dof in dofs if self.motion.rigid.has(dof)]
         R = self.motion.rigid.at(dofs)
         lacking = np.linalg.norm(R - R @ self.determined, axis=1)
-        known = lacking <= RANK * np.linalg.norm(R, axis=1)
+        known = lacking <= CAUSE_MISFIT.dependent_share * np.linalg.norm(R, axis=1)
         return [dof for dof, one in zip(dofs, known, strict=True) if one]
 
     def predict(self, dofs: Sequence[Dof]) -> _Complex:

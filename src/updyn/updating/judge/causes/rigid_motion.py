@@ -14,36 +14,14 @@ from updyn.dofs import Dof
 from updyn.frf import FRF
 from updyn.updating.judge.causes.labels import list_unsigned_labels
 from updyn.updating.judge.causes.rigid_shapes import RigidShapes
+from updyn.updating.judge.causes.settings import CAUSE_MISFIT, CAUSE_ODDS, CAUSE_SEARCH, RIGID_BODY
 from updyn.updating.problem.noise.neighbours import estimate_scatter
 
-__all__ = ["AS_LIKELY", "RANK", "RigidMotion", "RowMask", "pseudo_inverse"]
+__all__ = ["RigidMotion", "RowMask", "pseudo_inverse"]
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 RowMask: TypeAlias = NDArray[np.bool_]
-
-#: Lowest and highest line as shares of the lowest elastic mode of the model: the first band without
-#: resonances of a suspension or elastic modes, else the best. If all stiffnesses are three times
-#: too large, 0.3 is half of the true lowest elastic mode.
-_BANDS = ((0.0, 0.3), (0.15, 0.3), (0.0, 0.15), (0.075, 0.15), (0.0, 0.075))
-#: Smallest number of lines.
-_FEWEST = 4
-#: Standard deviation of sensors of sound tests: as a share of the motion of their node for
-#: sensitivity (3 %) and direction (2 degrees), and of the rms motion for positions.
-_USUAL, _POSITION = 0.04, 0.02
-#: Deviation in standard deviations above which a sensor does not follow the others: 14 % of the
-#: motion of its node, and odds of 100 to 1 if one sensor in 100 is wrong.
-_BEYOND = 3.6
-#: Difference of squared deviations up to which two explanations are as likely: odds of 20 to 1.
-AS_LIKELY = 3.0
-#: The same for each further wrong sensor: odds of 1 to 1000.
-_COST = 7.0
-#: Largest number of wrong sensors, and number of sensors whose combinations are examined.
-_MOST, _EXAMINED = 3, 12
-#: Smallest share of its deviation that the fit to all sensors leaves, to judge a sensor.
-_JUDGED = 0.05
-#: Relative size of singular values of the rigid-body shapes that are zero.
-RANK = 1e-6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -89,16 +67,16 @@ class RigidMotion:
     @classmethod
     def of(cls, frf: FRF, rigid: RigidShapes) -> RigidMotion | None:
         """Return the motion; None with too few lines or too few sensors."""
-        bands = [[share * rigid.elastic for share in band] for band in _BANDS]
+        bands = [[share * rigid.elastic for share in band] for band in RIGID_BODY.bands]
         found = [cls._within(low, high, frf, rigid) for low, high in bands]
         usable = [one for one in found if one is not None]
-        smooth = [one for one in usable if one.uncertainty <= _POSITION]
+        smooth = [one for one in usable if one.uncertainty <= RIGID_BODY.position_std]
         return smooth[0] if smooth else min(usable, key=lambda one: one.uncertainty, default=None)
 
     @classmethod
     def _within(cls, low: float, high: float, frf: FRF, rigid: RigidShapes) -> RigidMotion | None:
         freq = frf.freq[(frf.freq > low) & (frf.freq <= high)]
-        if len(freq) < _FEWEST:
+        if len(freq) < RIGID_BODY.least_lines:
             return None
         data = frf.select(lines=freq).converted("accelerance")
         at = tuple(Dof.parse(label) for label in list_unsigned_labels(data.responses))
@@ -132,7 +110,7 @@ class RigidMotion:
             P = _outside(self.shapes[rows] / std[rows, None])
             own = np.sqrt(np.maximum(np.diag(P), 0.0))
             size = np.abs(P @ (self.values[rows, j] / std[rows]))
-            judged = own**2 > _JUDGED
+            judged = own**2 > RIGID_BODY.least_judged
             found[judged] = np.maximum(found[judged], size[judged] / own[judged])
             power = max(power, float(size @ size))
         out[rows] = found
@@ -145,25 +123,27 @@ class RigidMotion:
         than three or than half of the redundant ones are.
         """
         deviations = self.deviations(self.leave_out([]))
-        if deviations.max() <= _BEYOND:
+        if deviations.max() <= RIGID_BODY.wrong_stds:
             return []
-        order = np.argsort(-deviations)[:_EXAMINED].tolist()
+        order = np.argsort(-deviations)[: RIGID_BODY.most_examined].tolist()
         spare = len(self.sensors) - int(np.linalg.matrix_rank(self.shapes))
         costs: dict[tuple[int, ...], float] = {}
-        for size in range(1, min(_MOST, max(spare // 2, 1)) + 1):
-            if size == _MOST and costs:
+        for size in range(1, min(CAUSE_SEARCH.most_faults, max(spare // 2, 1)) + 1):
+            if size == CAUSE_SEARCH.most_faults and costs:
                 break
             for one in combinations(order, size):
                 misfit = self._misfit(one)
                 if misfit is not None:
-                    costs[one] = misfit + size * _COST
+                    costs[one] = misfit + size * RIGID_BODY.sensor_cost
         least = min(costs.values(), default=0.0)
-        return [one for one, cost in costs.items() if cost <= least + AS_LIKELY]
+        return [
+            one for one, cost in costs.items() if cost <= least + CAUSE_ODDS.indistinct_log_odds
+        ]
 
     def _misfit(self, left_out: Sequence[int]) -> float | None:
         """Return the sum of squares of the other sensors; None if one does not follow the rest."""
         deviations, power = self._compare(self.leave_out(left_out))
-        return power if deviations.max() <= _BEYOND else None
+        return power if deviations.max() <= RIGID_BODY.wrong_stds else None
 
     def leave_out(self, left_out: Sequence[int]) -> RowMask:
         """Return which sensors are left, shape (n,)."""
@@ -174,7 +154,11 @@ class RigidMotion:
     def list_unchecked(self) -> list[str]:
         """Return the sensors that cannot be compared with the others."""
         own = np.diag(_outside(self.shapes / self._level(self.leave_out([]))[:, :1]))
-        return [str(dof) for dof, share in zip(self.sensors, own, strict=True) if share <= _JUDGED]
+        return [
+            str(dof)
+            for dof, share in zip(self.sensors, own, strict=True)
+            if share <= RIGID_BODY.least_judged
+        ]
 
     def measure_difference(self, i: int, wrong: Sequence[int]) -> float:
         """Return the largest difference of a sensor from the motion of the others over the rms."""
@@ -210,7 +194,7 @@ class RigidMotion:
             fit = pseudo_inverse(self.shapes[rows] / scale[rows, None])
             moved = self.around @ (fit @ (self.values[rows, j] / scale[rows]))
             local[:, j] = np.linalg.norm(moved, axis=1)
-        usual = (_USUAL * local) ** 2 + (_POSITION * level) ** 2
+        usual = (RIGID_BODY.sensor_std * local) ** 2 + (RIGID_BODY.position_std * level) ** 2
         return np.sqrt(usual + self.noise + self._measure_elastic(rows))
 
     def _measure_elastic(self, rows: RowMask) -> _Real:
@@ -220,7 +204,7 @@ class RigidMotion:
         for j, scale in enumerate(level[rows].T):
             P = _outside(self.shapes[rows] / scale[:, None])
             left = (P @ (self.remainder[:, rows, j] / scale).T) * scale[:, None]
-            share = np.maximum(np.diag(P), _JUDGED) * (n - 2) / n
+            share = np.maximum(np.diag(P), RIGID_BODY.least_judged) * (n - 2) / n
             out[rows, j] = np.mean(np.abs(left) ** 2, axis=1) / share
         return np.maximum(out - self.white, 0.0)
 
@@ -240,5 +224,5 @@ def _outside(R: _Real) -> _Real:
 def _decompose(R: _Real) -> tuple[_Real, _Real, _Real]:
     """Return the singular value decomposition without zero singular values."""
     U, s, Vt = np.linalg.svd(R, full_matrices=False)
-    kept = s > RANK * s.max(initial=0.0)
+    kept = s > CAUSE_MISFIT.dependent_share * s.max(initial=0.0)
     return U[:, kept], s[kept], Vt[kept]

@@ -17,6 +17,7 @@ from updyn.errors import SolverError
 from updyn.frf import FRF
 from updyn.updating.judge.causes.holding import is_free
 from updyn.updating.judge.causes.places import iter_sensor_places
+from updyn.updating.judge.causes.settings import RIGID_BODY
 from updyn.updating.problem.problem import FRFPart
 from updyn.updating.problem.session import Record
 
@@ -24,8 +25,6 @@ __all__ = ["RigidShapes"]
 
 #: Largest number of rigid-body modes of one body.
 _MOST = 6
-#: Share of the sum of absolute terms below which a strain energy is zero within rounding.
-_ROUNDING = 1e-10
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -89,7 +88,9 @@ def _lowest(system: AffineSystem, factor: NDArray[np.float64]) -> Record:
     K, M = (_sum(system, quantity, factor) for quantity in ("stiffness", "mass"))
     value, shapes = eigen.real_pairs(K, M, min(_MOST + 1, eigen.mass_rank(M)))
     energy = np.einsum("in,in->n", shapes, K @ shapes)
-    rounding = _ROUNDING * np.einsum("in,in->n", np.abs(shapes), abs(K) @ np.abs(shapes))
+    rounding = RIGID_BODY.rigid_energy * np.einsum(
+        "in,in->n", np.abs(shapes), abs(K) @ np.abs(shapes)
+    )
     return np.where(np.abs(energy) <= rounding, 0.0, np.maximum(value, 0.0)), shapes
 
 

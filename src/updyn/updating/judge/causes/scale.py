@@ -12,6 +12,7 @@ from updyn.errors import OptionError
 from updyn.frf import FRF
 from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.fault import Fault, multiply_channels
+from updyn.updating.judge.causes.settings import CHANNEL_FAULT
 
 __all__ = ["UNITS", "WrongUnit"]
 
@@ -33,9 +34,6 @@ UNITS: Mapping[str, float] = MappingProxyType(
         "mm over kN": 1e6,
     }
 )
-_NEAR = 1e-6
-#: Largest difference in ln(factor) for a comparison with a factor that was found.
-_ABOUT = 0.12
 
 
 class WrongUnit(Fault):
@@ -57,7 +55,7 @@ class WrongUnit(Fault):
     def near(cls, channels: tuple[str, ...], factor: float) -> Iterable[Self]:
         """Yield the factors between units near a factor that was found."""
         for known in sorted(set(UNITS.values())):
-            if abs(np.log(known / factor)) < _ABOUT:
+            if abs(np.log(known / factor)) < CHANNEL_FAULT.near_unit:
                 yield cls(channels, known)
 
     @classmethod
@@ -74,7 +72,11 @@ class WrongUnit(Fault):
 
     def statement(self) -> str:
         """Return a sentence with the factor and the units that explain it."""
-        causes = [name for name, f in UNITS.items() if abs(np.log(f / self.value)) < _NEAR]
+        causes = [
+            name
+            for name, f in UNITS.items()
+            if abs(np.log(f / self.value)) < CHANNEL_FAULT.same_unit
+        ]
         return (
             f"The values of {self.channel_text} are {self.value:.6g} times the true values:"
             f" {' or '.join(causes) or 'another unit'}."

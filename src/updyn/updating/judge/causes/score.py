@@ -7,15 +7,13 @@ from typing import TypeVar
 
 import numpy as np
 
-from updyn.updating.judge.causes.evidence import PERFECT_FIT, Evidence, stack_real_imag
+from updyn.updating.judge.causes.evidence import Evidence, stack_real_imag
 from updyn.updating.judge.causes.fault import Fault
 from updyn.updating.judge.causes.misfit import count_values
+from updyn.updating.judge.causes.settings import CAUSE_MISFIT
 
 __all__ = ["fit_first_order"]
 
-#: Sine of the angle between the effects of a fault and of the unknowns, above which they are
-#: distinct.
-_DISTINCT = 1e-6
 
 _MaybeFault = TypeVar("_MaybeFault", bound=Fault | None)
 
@@ -39,12 +37,12 @@ def fit_first_order(evidence: Evidence, fault: _MaybeFault) -> tuple[float, _May
         size = float(np.linalg.norm(d))
         d = evidence.project_out_unknowns(frf, d)
         # An effect that the unknowns can produce is attributed to them.
-        if np.linalg.norm(d) > _DISTINCT * size:
+        if np.linalg.norm(d) > CAUSE_MISFIT.dependent_share * size:
             step = float(d @ b / (d @ d))
             b -= step * d
             fault = replace(fault, value=fault.value + step)
     e, held = b[: -len(offset)], b[-len(offset) :]
     power = 2.0 * float(e @ e) * unit**2 / e.size
-    return count_values(evidence.frf) * float(np.log(power + PERFECT_FIT**2)) + float(
+    return count_values(evidence.frf) * float(np.log(power + CAUSE_MISFIT.perfect_rms**2)) + float(
         held @ held
     ), fault

@@ -12,20 +12,13 @@ from numpy.typing import NDArray
 from updyn.updating.judge.causes.element import AddedElement
 from updyn.updating.judge.causes.evidence import Evidence, stack_real_imag
 from updyn.updating.judge.causes.misfit import compute_log_misfit
+from updyn.updating.judge.causes.settings import MISSING_ELEMENT
 
 __all__ = ["select_elements"]
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 
-#: Number of elements whose slopes are in memory at a time; number of elements that are tried with
-#: several sizes.
-_CHUNK, _TRIED = 256, 24
-#: Trial sizes, as the median over the lines of |D(s) h|: the element's dynamic stiffness times the
-#: model's flexibility there. A size of 1 changes the response there by its own amount.
-_SIZES = (0.0, 0.1, 0.5, 2.5)
-#: Largest decrease and increase of a size above 0, as shares of it.
-_DOWN, _UP = -0.9, 3.0
 _TINY = float(np.finfo(np.float64).tiny)
 
 
@@ -45,12 +38,15 @@ def select_elements(
     units = [1.0 / max(evidence.receptances.flexibility(one), _TINY) for one in elements]
     gains = np.concatenate(
         [
-            misfit.compute_gains(elements[first : first + _CHUNK], units[first : first + _CHUNK])
-            for first in range(0, len(elements), _CHUNK)
+            misfit.compute_gains(
+                elements[first : first + MISSING_ELEMENT.chunk],
+                units[first : first + MISSING_ELEMENT.chunk],
+            )
+            for first in range(0, len(elements), MISSING_ELEMENT.chunk)
         ]
         or [np.zeros(0)]
     )
-    chosen = np.argsort(-gains)[:_TRIED]
+    chosen = np.argsort(-gains)[: MISSING_ELEMENT.most_sized]
     found = [misfit.find_best_size(elements[i], units[i]) for i in chosen]
     found.sort(key=lambda one: one.squared_error)
     return [one.element for one in found[:most]]
@@ -95,7 +91,7 @@ class _Misfit:
 
     def find_best_size(self, element: AddedElement, unit: float) -> _ScreenedElement:
         """Return the element with the trial size that leaves the least residual after a step."""
-        sized = [replace(element, value=size * unit) for size in _SIZES]
+        sized = [replace(element, value=size * unit) for size in MISSING_ELEMENT.sizes]
         return min((self._screen_element(one) for one in sized), key=lambda one: one.squared_error)
 
     def _screen_element(self, element: AddedElement) -> _ScreenedElement:
@@ -103,6 +99,9 @@ class _Misfit:
         b = self.residual(weight * R.log_change(element) if element.value else 0.0)
         d = self._slopes([element])[:, 0]
         step = float(d @ b) / max(float(d @ d), _TINY)
-        low, high = (_DOWN * element.value, _UP * element.value) if element.value else (0.0, np.inf)
+        low, high = 0.0, np.inf
+        if element.value:
+            low = -MISSING_ELEMENT.most_decrease * element.value
+            high = MISSING_ELEMENT.most_increase * element.value
         b = b - float(np.clip(step, low, high)) * d
         return _ScreenedElement(element, float(b @ b))

@@ -7,17 +7,12 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import ClassVar, Self
 
-import numpy as np
-
 from updyn.frf import FRF
 from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.fault import IrreparableFault
 from updyn.updating.problem.problem import FRFPart
 
-__all__ = ["LIKELY", "DataFault", "Detection"]
-
-#: Logarithm of the odds above which a fault is found: 100 to 1.
-LIKELY = float(np.log(100.0))
+__all__ = ["DataFault", "Detection"]
 
 
 @dataclass(frozen=True, slots=True)

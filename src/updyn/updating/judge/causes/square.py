@@ -10,12 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.frf import FRF
+from updyn.updating.judge.causes.settings import CAUSE_MISFIT
 from updyn.updating.problem.noise.neighbours import estimate_scatter
 
 __all__ = ["CollocatedFrfs"]
-
-#: Variance of a value without weight, in units of the square of the largest value.
-_WITHOUT_WEIGHT = 1e6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,6 +59,6 @@ class CollocatedFrfs:
         variance = frf.variance.copy()
         for i, j in pairs:
             variance[:, self.rows[i], self.columns[j]] = (
-                _WITHOUT_WEIGHT * np.abs(frf.values).max() ** 2
+                CAUSE_MISFIT.weightless_variance * np.abs(frf.values).max() ** 2
             )
         return replace(frf, variance=variance)

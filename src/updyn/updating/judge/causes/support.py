@@ -12,13 +12,9 @@ from updyn.frf import FRF
 from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.fault import IrreparableFault, divide_data
 from updyn.updating.judge.causes.holding import is_free
+from updyn.updating.judge.causes.settings import SUPPORT_FAULT
 
 __all__ = ["Suspension"]
-
-#: First values, as shares of the lowest and of the highest line.
-_LOW, _HIGH = (0.4, 1.1, 3.0), (0.13, 0.4)
-#: Relative step in frequency for finite differences.
-_STEP = 1e-4
 
 
 class Suspension(IrreparableFault):
@@ -43,7 +39,9 @@ class Suspension(IrreparableFault):
         if not is_free(evidence.part):
             return
         freq = evidence.frf.freq
-        for value in [share * freq[0] for share in _LOW] + [share * freq[-1] for share in _HIGH]:
+        for value in [share * freq[0] for share in SUPPORT_FAULT.low_shares] + [
+            share * freq[-1] for share in SUPPORT_FAULT.high_shares
+        ]:
             if value > 0.0:
                 yield cls((), float(value))
 
@@ -59,9 +57,10 @@ class Suspension(IrreparableFault):
     def slope(self, evidence: Evidence) -> NDArray[np.complex128]:
         """Return the derivative of the model's ln H by the frequency of the suspension."""
         low, high = (
-            evidence.log_ratio_on_suspension(self.value * f) for f in (1.0 - _STEP, 1.0 + _STEP)
+            evidence.log_ratio_on_suspension(self.value * f)
+            for f in (1.0 - SUPPORT_FAULT.frequency_step, 1.0 + SUPPORT_FAULT.frequency_step)
         )
-        return np.asarray((high - low) / (2.0 * _STEP * self.value))
+        return np.asarray((high - low) / (2.0 * SUPPORT_FAULT.frequency_step * self.value))
 
     def repair_with_model(self, evidence: Evidence) -> FRF:
         """Return the data divided by the model's H of K + (2 pi value)^2 M over that of K."""

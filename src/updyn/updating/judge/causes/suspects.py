@@ -15,14 +15,12 @@ from updyn.updating.judge.causes.fault import Fault
 from updyn.updating.judge.causes.misfit import count_values
 from updyn.updating.judge.causes.quadratic import QuadraticMisfit
 from updyn.updating.judge.causes.score import fit_first_order
+from updyn.updating.judge.causes.settings import CAUSE_CANDIDATES
 from updyn.updating.problem.problem import FRFPart
 
 __all__ = ["ScoredFault", "score_faults", "select_likeliest"]
 
 _Real = NDArray[np.float64]
-
-#: Number of faults that are tried from each point, and of these of each kind.
-_FOLLOWED, _OF_A_KIND = 6, 2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,9 +85,12 @@ def select_likeliest(found: Iterable[ScoredFault]) -> list[ScoredFault]:
     for one in found:
         if any(one.key == other.key for other in chosen):
             continue
-        if sum(other.fault.kind == one.fault.kind for other in chosen) < _OF_A_KIND:
+        if (
+            sum(other.fault.kind == one.fault.kind for other in chosen)
+            < CAUSE_CANDIDATES.most_of_kind
+        ):
             chosen.append(one)
-        if len(chosen) == _FOLLOWED:
+        if len(chosen) == CAUSE_CANDIDATES.most_tried:
             break
     return chosen
 

@@ -10,11 +10,9 @@ from typing import ClassVar, Self
 from updyn.frf import FRF
 from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.fault import FORCE, Fault, find_channels
+from updyn.updating.judge.causes.settings import CAUSE_CANDIDATES
 
 __all__ = ["SwappedChannels"]
-
-#: Number of sensors up to which all pairs are tried; of more sensors only the first ones.
-_MOST = 80
 
 
 class SwappedChannels(Fault):
@@ -29,7 +27,7 @@ class SwappedChannels(Fault):
     def propose_faults(cls, evidence: Evidence) -> Iterable[Self]:
         """Yield the pairs of responses, and of references, with the same kind of motion."""
         for dofs, prefix in ((evidence.frf.responses, ""), (evidence.frf.references, FORCE)):
-            few = list(dofs)[:_MOST]
+            few = list(dofs)[: CAUSE_CANDIDATES.most_swapped]
             for a, b in combinations(few, 2):
                 if a.direction[0] == b.direction[0] or "R" not in (a.direction[0], b.direction[0]):
                     yield cls((f"{prefix}{abs(a)}", f"{prefix}{abs(b)}"))

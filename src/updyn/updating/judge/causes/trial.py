@@ -13,24 +13,17 @@ from updyn.sensitivity import Unknowns
 from updyn.updating.fit.method import descend, serial_correlation
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.trust_region import TrustRegion
-from updyn.updating.judge.causes.evidence import (
-    PERFECT_FIT,
-    Evidence,
-    HeldQuantity,
-    compute_spread,
-    find_held,
-)
+from updyn.updating.judge.causes.evidence import Evidence, HeldQuantity, compute_spread, find_held
 from updyn.updating.judge.causes.fault import Fault
 from updyn.updating.judge.causes.misfit import WeightedData, compute_log_misfit, count_values
 from updyn.updating.judge.causes.quadratic import QuadraticMisfit
 from updyn.updating.judge.causes.score import fit_first_order
+from updyn.updating.judge.causes.settings import CAUSE_MISFIT, CAUSE_TRIAL, HELD_QUANTITIES
 from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.problem.problem import FRFPart, Problem
 from updyn.updating.problem.residuals import LineResidual, LogError, OutputError
 
 __all__ = [
-    "LARGEST_CORRELATION",
-    "NOISE_RMS",
     "Trial",
     "adapt_losses",
     "fit_robustly",
@@ -40,28 +33,6 @@ __all__ = [
 ]
 
 _Real = NDArray[np.float64]
-
-#: Number of estimates of the size of a fault, and of steps of each descent: of a whole trial, and
-#: of a short one.
-_WHOLE, _SHORT = (5, 20), (1, 8)
-#: Ratio of the mean square misfit to that of a trial that leaves noise, above which a fit ends.
-_HOPELESS = 4.0
-#: Number of reweightings of the robust fit, and of steps after each.
-_REWEIGHTED, _FEW = 4, 8
-#: Smallest loss factor at the start of a descent, so that resonances overlap.
-_LEAST_START_LOSS = 0.1
-#: Prior standard deviation of held quantities: of ln(stiffness) and ln(mass); of loss factors, as a
-#: share, and its smallest value, since every structure has damping. Largest number of held
-#: quantities that are freed; if there are more, none is.
-_HELD, _HELD_LOSS, _LEAST_LOSS, _MOST_HELD = 0.05, 0.5, 0.05, 60
-#: Share of the misfit at the end of a fit below which the second order is not trusted.
-_TRUSTED_SHARE = 0.5
-#: Correlation of neighbouring lines, and log misfit (rms), below which a residual is noise. On few
-#: lines an error of the model resembles noise, except in size. The test is useful from about 230
-#: real values; with 240, on 30 lines, white noise exceeds the correlation in 7 %.
-_WHITE, NOISE_RMS = 0.1, 0.05
-#: Largest correlation of neighbouring lines that is taken into account.
-LARGEST_CORRELATION = 0.95
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -98,7 +69,10 @@ class Trial:
     @property
     def is_noise(self) -> bool:
         """Whether the residual is noise."""
-        return self.correlation < _WHITE and self.mean_square < NOISE_RMS**2
+        return (
+            self.correlation < CAUSE_TRIAL.white_correlation
+            and self.mean_square < CAUSE_TRIAL.noise_rms**2
+        )
 
     def gain(self, other: Trial, correlation: float | None = None) -> float:
         """Return the logarithm of the ratio of the evidence to that of another trial.
@@ -117,21 +91,26 @@ class Trial:
         """
         if correlation is None:
             correlation = min(self.correlation, other.correlation)
-        correlation = min(max(correlation, 0.0), LARGEST_CORRELATION)
+        correlation = min(max(correlation, 0.0), CAUSE_TRIAL.largest_correlation)
         count = self.n_values * (1.0 - correlation) / (1.0 + correlation)
         cost = 0.5 * (self.n_parameters - other.n_parameters) * np.log(max(count, 2.0))
         if self.quadratic is None or other.quadratic is None:
-            level = [t.mean_square + PERFECT_FIT**2 for t in (other, self)]
+            level = [t.mean_square + CAUSE_MISFIT.perfect_rms**2 for t in (other, self)]
             closer = 0.5 * (other.squared_distance - self.squared_distance)
             gained = 0.5 * count * np.log(level[0] / level[1]) + closer
             return float(gained - cost), 1.0 - level[1] / level[0]
         least = min(self.mean_square, other.mean_square)
-        trusted = _TRUSTED_SHARE * self.mean_square, _TRUSTED_SHARE * other.mean_square
+        trusted = (
+            CAUSE_TRIAL.trusted_share * self.mean_square,
+            CAUSE_TRIAL.trusted_share * other.mean_square,
+        )
         share, own_outcome = self.quadratic.find_best_share(count, least, trusted[0])
         _, best = other.quadratic.find_best_share(count, least, trusted[1])
         other_outcome = other.quadratic.evaluate_share(share, count, least, trusted[1])
         gained = own_outcome.log_evidence - best.log_evidence
-        level = [one.mean_square + PERFECT_FIT**2 for one in (other_outcome, own_outcome)]
+        level = [
+            one.mean_square + CAUSE_MISFIT.perfect_rms**2 for one in (other_outcome, own_outcome)
+        ]
         return float(gained - cost), 1.0 - level[1] / level[0]
 
 
@@ -148,12 +127,15 @@ def run_trial(
     A fit with a much larger misfit at its best size than `rival`, which leaves only noise, ends
     early.
     """
-    steps = _SHORT if is_short else _WHOLE
-    ends = [_fit_with_fault(part, fault, x, *steps, rival) for x in points]
+    rounds = CAUSE_TRIAL.short_rounds if is_short else CAUSE_TRIAL.rounds
+    steps = CAUSE_TRIAL.short_steps if is_short else CAUSE_TRIAL.steps
+    ends = [_fit_with_fault(part, fault, x, rounds, steps, rival) for x in points]
     found = [end for end in ends if end is not None]
     return min(
         found,
-        key=lambda t: t.n_values * np.log(t.mean_square + PERFECT_FIT**2) + t.squared_distance,
+        key=lambda t: (
+            t.n_values * np.log(t.mean_square + CAUSE_MISFIT.perfect_rms**2) + t.squared_distance
+        ),
         default=None,
     )
 
@@ -171,8 +153,8 @@ def _fit_with_fault(
             corrected = part if fault is None else fault.correct_part(part, x)
             x, mean_square, squared_distance, correlation = _descend(corrected, x, steps)
             has_size = number > 1 or fault is None or not (fault.has_free_size or fault.is_adaptive)
-            behind = rival is not None and mean_square > _HOPELESS * (
-                rival.mean_square + PERFECT_FIT**2
+            behind = rival is not None and mean_square > CAUSE_TRIAL.hopeless_ratio * (
+                rival.mean_square + CAUSE_MISFIT.perfect_rms**2
             )
             if number == rounds or (has_size and behind):
                 break
@@ -232,7 +214,9 @@ def _has_converged(fault: Fault | None, better: Fault | None) -> bool:
         return True
     if fault.is_adaptive:
         return False
-    return not fault.has_free_size or abs(better.value - fault.value) < 1e-3 * abs(better.value)
+    return not fault.has_free_size or abs(
+        better.value - fault.value
+    ) < CAUSE_TRIAL.size_change * abs(better.value)
 
 
 def _approximate_misfit(
@@ -254,14 +238,24 @@ def _descend(part: FRFPart, x: _Real, steps: int) -> tuple[_Real, float, float, 
     """Return x at the least log error, its mean square, the squared distance, the correlation."""
     problem = _add_priors(part)
     residual = _make_residual(part)
-    unit = max(np.sqrt(_mean_square(part, x)), PERFECT_FIT)
-    settings = TrustRegion(steps, 1e-6, radius=0.3, min_relative_decrease=1e-4)
+    unit = max(np.sqrt(_mean_square(part, x)), CAUSE_MISFIT.perfect_rms)
+    settings = _make_trust_region(steps, CAUSE_TRIAL.least_decrease)
     x = descend(problem, residual, x, Monitor(problem), settings, unit).x
     e = _compute_misfit(part, x)
     centre, weight = problem.coordinates.prior
     squared_distance = float(np.sum((weight * (x - centre)) ** 2))
     correlation = serial_correlation(e) if len(e) > 1 else 0.0
     return x, float(np.mean(np.abs(e) ** 2)), squared_distance, correlation
+
+
+def _make_trust_region(steps: int, least_decrease: float) -> TrustRegion:
+    """Return the trust region of a short fit."""
+    return TrustRegion(
+        steps,
+        CAUSE_TRIAL.tolerance,
+        radius=CAUSE_TRIAL.radius,
+        min_relative_decrease=least_decrease,
+    )
 
 
 def _make_residual(part: FRFPart) -> LineResidual:
@@ -293,7 +287,8 @@ def raise_loss_factors(part: FRFPart, x: _Real) -> _Real:
     """Return x with loss factors of at least 0.1, so that resonances overlap."""
     is_factor = part.coordinates.parameters.is_factor
     return np.clip(
-        np.where(is_factor, x, np.maximum(x, _LEAST_START_LOSS)), *part.coordinates.bounds
+        np.where(is_factor, x, np.maximum(x, CAUSE_TRIAL.least_start_loss)),
+        *part.coordinates.bounds,
     )
 
 
@@ -305,10 +300,10 @@ def fit_robustly(part: FRFPart, x: _Real) -> _Real:
     """
     problem, plain = _add_priors(part), LogError.of_noisy_data(part)
     assert plain.weight is not None
-    settings = TrustRegion(_FEW, 1e-6, radius=0.3, min_relative_decrease=1e-3)
-    for _ in range(_REWEIGHTED):
+    settings = _make_trust_region(CAUSE_TRIAL.short_steps, CAUSE_TRIAL.robust_least_decrease)
+    for _ in range(CAUSE_TRIAL.reweightings):
         size = np.mean(np.abs(_compute_misfit(part, x)) ** 2, axis=0)
-        typical = max(float(np.median(size)), PERFECT_FIT**2)
+        typical = max(float(np.median(size)), CAUSE_MISFIT.perfect_rms**2)
         weight = plain.weight / np.sqrt(1.0 + size / typical)
         residual = replace(plain, weight=weight)
         x = descend(problem, residual, x, Monitor(problem), settings, np.sqrt(typical)).x
@@ -327,12 +322,16 @@ def free_held_quantities(part: FRFPart) -> tuple[FRFPart, _Real]:
     for t, term in enumerate(system.terms):
         held = (term.group, term.quantity) not in sought and term.quantity in ("stiffness", "mass")
         if held and term.data.any():
-            items.append(HeldQuantity(term.group, term.quantity, 1.0, 0.1, 10.0, _HELD))
+            items.append(
+                HeldQuantity(term.group, term.quantity, 1.0, 0.1, 10.0, HELD_QUANTITIES.factor_std)
+            )
         lossy = term.quantity == "stiffness" and term.table is None
         if lossy and (term.group, "loss_factor") not in sought:
-            spread = max(_LEAST_LOSS, _HELD_LOSS * float(loss[t]))
+            spread = max(
+                HELD_QUANTITIES.least_loss_std, HELD_QUANTITIES.loss_share * float(loss[t])
+            )
             items.append(HeldQuantity(term.group, "loss_factor", float(loss[t]), 0.0, 10.0, spread))
-    if not 0 < len(items) <= _MOST_HELD:
+    if not 0 < len(items) <= HELD_QUANTITIES.most:
         return part, np.zeros(0)
     wide = ParameterSet((*parameters.items, *items))
     coordinates = replace(part.coordinates, parameters=wide, box=None)

@@ -14,21 +14,14 @@ from updyn.errors import OptionError
 from updyn.frf import FRF
 from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.fault import FORCE, Fault
-from updyn.updating.judge.causes.misfit import NOISE_LIMIT
+from updyn.updating.judge.causes.settings import CHANNEL_FAULT
+from updyn.updating.judge.settings import SIGNIFICANCE
 from updyn.updating.problem.problem import FRFPart
 
 __all__ = ["TurnedSensor", "list_rotation_axes"]
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
-
-#: Smallest angle in degrees. The transverse sensitivity of accelerometers is up to 5 %, according
-#: to data sheets; this corresponds to a rotation by asin(0.05) = 2.9 degrees.
-_LEAST = 3.0
-#: Trial angles in radians, and their step. The correlation to be maximised has at most two maxima
-#: in 360 degrees.
-_STEP = np.radians(5.0)
-_ANGLES = np.arange(-np.pi, np.pi, _STEP)
 
 
 class TurnedSensor(Fault):
@@ -97,13 +90,13 @@ class TurnedSensor(Fault):
         turn = _ChannelRotation.of(self.channels, frf)
         change = turn.responses.generator @ H + H @ turn.references.generator.T
         # A response below the noise has no logarithm.
-        size = np.maximum(np.abs(H) ** 2, NOISE_LIMIT**2 * frf.variance)
+        size = np.maximum(np.abs(H) ** 2, SIGNIFICANCE.stds**2 * frf.variance)
         size = np.maximum(size, np.finfo(np.float64).tiny)
         return np.asarray(np.radians(1.0) * change * H.conj() / size)
 
     def is_plausible(self) -> bool:
         """Return whether the angle exceeds the transverse sensitivity, and is not a full turn."""
-        return _LEAST <= abs(self.value) <= 180.0 + _LEAST
+        return CHANNEL_FAULT.least_turn <= abs(self.value) <= 180.0 + CHANNEL_FAULT.least_turn
 
     def statement(self) -> str:
         """Return a sentence with sensor, axis and angle, and equivalent faults."""
@@ -116,13 +109,13 @@ class TurnedSensor(Fault):
             f" {self.value:.3g} degrees."
         )
         first, second = (f"{node}:{direction}" for direction in _list_perpendicular(axis))
-        if abs(abs(self.value) - 90.0) < _LEAST:
+        if abs(abs(self.value) - 90.0) < CHANNEL_FAULT.least_turn:
             opposite = second if self.value > 0.0 else first
             text += (
                 f" By 90 degrees that is the same as {first} and {second} exchanged, with the sign"
                 f" of {opposite} changed."
             )
-        if abs(abs(self.value) - 180.0) < _LEAST:
+        if abs(abs(self.value) - 180.0) < CHANNEL_FAULT.least_turn:
             text += f" By 180 degrees that is the same as opposite signs of {first} and {second}."
         return text
 
@@ -240,9 +233,11 @@ def _find_best_angle(turn: _ChannelRotation, evidence: Evidence) -> float:
     for p, left in enumerate(turn.responses.basis):
         for q, right in enumerate(turn.references.basis):
             correlation[p, q] = float(np.sum((data * (left @ H @ right.T)).real))
-    t = np.stack([np.ones(len(_ANGLES)), np.sin(_ANGLES), np.cos(_ANGLES)])
+    step = np.radians(CHANNEL_FAULT.turn_step)
+    angles = np.arange(-np.pi, np.pi, step)
+    t = np.stack([np.ones(len(angles)), np.sin(angles), np.cos(angles)])
     at = np.argmax(np.einsum("pa,pq,qa->a", t, correlation, t))
-    between = _ANGLES[at] - _STEP, _ANGLES[at] + _STEP
+    between = angles[at] - step, angles[at] + step
 
     def negative_correlation(angle: float) -> float:
         parts = np.array([1.0, np.sin(angle), np.cos(angle)])

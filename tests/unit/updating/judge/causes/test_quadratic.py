@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from updyn.updating.judge.causes.quadratic import SHARES, QuadraticMisfit
+from updyn.updating.judge.causes.quadratic import QuadraticMisfit
+from updyn.updating.judge.causes.settings import HELD_QUANTITIES
 from updyn.updating.judge.causes.trial import Trial
 
 
@@ -49,7 +50,10 @@ def test_the_evidence_of_what_is_held_is_that_of_a_linear_problem(linear, true):
 
 def test_what_is_right_is_held_tight_and_what_is_off_is_not(linear):
     rng, J, spread, held = linear
-    for off, expected in ((0.0, SHARES[0]), (1.0, SHARES[-1])):
+    for off, expected in (
+        (0.0, HELD_QUANTITIES.std_shares[0]),
+        (1.0, HELD_QUANTITIES.std_shares[-1]),
+    ):
         y = J @ np.array([0.2, -0.3, *(off * 0.05 * np.array([1.0, -1.0, 1.2]))])
         y += 0.02 * rng.standard_normal(len(J))
         x, _ = solved(J, y, 0.02, spread)

@@ -9,12 +9,13 @@ import scipy.sparse as sp
 
 import updyn
 from cantilever import cantilever
+from overriding import override
 from updyn.model import Group, Model
-from updyn.updating.judge.causes import reduced
 from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.holding import is_free, list_ground_springs
 from updyn.updating.judge.causes.places import iter_sensor_places
 from updyn.updating.judge.causes.reduced import ReducedModels
+from updyn.updating.judge.causes.settings import CAUSE_MODEL
 from updyn.updating.judge.causes.trial import free_held_quantities
 from updyn.updating.problem.noise import Stated
 from updyn.updating.problem.problem import FRFPart
@@ -65,7 +66,7 @@ def stage(part):
 
 
 def test_the_model_is_reduced(part, stage, true):
-    assert true.n_dofs == 480 > reduced._DOFS
+    assert true.n_dofs == 480 > CAUSE_MODEL.largest_whole
     here = stage.prepare_part(part, [part.coordinates.start])
     assert here.solver.tier == "reduced"
     assert here.solver.system.n < 0.3 * part.solver.system.n
@@ -115,7 +116,7 @@ def test_the_stated_error_holds(part, stage):
 def test_the_same_is_found(model, data, unknowns, monkeypatch, whole):
     """By the reduced model, and by the whole one."""
     if whole:
-        monkeypatch.setattr(reduced, "_DOFS", 10_000)
+        override(monkeypatch, CAUSE_MODEL, largest_whole=10000)
     values = data.values.copy()
     values[:, 3] *= np.exp(0.2)
     few = replace(data, values=values).select(lines=data.freq[::2])
@@ -152,7 +153,7 @@ def free():
 
 def test_a_suspended_structure_is_told_in_a_reduced_model(free, add_noise):
     """Springs at both ends, on which it oscillates as a rigid body at 8 Hz; bending from 40 Hz."""
-    assert free.n_dofs > reduced._DOFS
+    assert free.n_dofs > CAUSE_MODEL.largest_whole
     mass = 7850.0 * 0.03 * 0.02 * 1.6
     hung = on_springs(free, "cords", ["8:Z", "72:Z"], 0.5 * mass * (2.0 * np.pi * 8.0) ** 2)
     start = free.scaled({"segment 1": {"stiffness": 0.85}, "segment 3": {"stiffness": 1.2}})
