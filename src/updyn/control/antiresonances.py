@@ -13,6 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from updyn.control.offsets import mirror_offsets
+from updyn.control.settings import ANTIRESONANCES
+
 __all__ = [
     "Dip",
     "ZeroShift",
@@ -25,23 +28,6 @@ __all__ = [
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
-
-#: Largest relative width of an antiresonance.
-_WIDE = 0.3
-#: Smallest relative width of an antiresonance; narrower ones count as so wide.
-_NARROW = 1e-2
-#: Relative distance within which lines are neighbours.
-_NEXT = 2.5e-4
-#: Least change of phase between one width below and one above, in rad; 2.2 for a single zero.
-_TURN = 1.2
-#: Offsets of lines around an antiresonance, in half-power widths.
-_AROUND = np.array([-2.0, -1.0, -0.6, -0.3, -0.1, 0.0, 0.1, 0.3, 0.6, 1.0, 2.0])
-#: Iterations that locate antiresonances.
-_ROUNDS = 4
-#: Distance relative to the highest line within which lines are merged.
-_MERGE_DISTANCE = 1e-12
-#: Largest relative distance between matching zeros of plant and structure.
-_MATCH_DISTANCE = 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,8 +69,9 @@ def find_dips(freq: _Real, values: _Complex) -> list[Dip]:
         zero = freq[k] - values[k] * change / b
         width = 2.0 * abs(zero.imag)
         near = left - width <= zero.real - freq[k] <= right + width
-        if near and width <= _WIDE * zero.real:
-            out.append(Dip(float(zero.real), float(max(width, _NARROW * zero.real))))
+        if near and width <= ANTIRESONANCES.largest_width * zero.real:
+            width = max(width, ANTIRESONANCES.least_width * zero.real)
+            out.append(Dip(float(zero.real), float(width)))
     return out
 
 
@@ -95,7 +82,7 @@ def find_antiresonances(freq: _Real, values: _Complex) -> list[Dip]:
         ends = dip.frequency - dip.width, dip.frequency + dip.width
         real, imag = np.interp(ends, freq, values.real), np.interp(ends, freq, values.imag)
         turn = np.angle((real[1] + 1j * imag[1]) * (real[0] - 1j * imag[0]))
-        if abs(turn) > _TURN:
+        if abs(turn) > ANTIRESONANCES.least_turn:
             out.append(dip)
     return out
 
@@ -105,8 +92,9 @@ def resolve_antiresonances(
 ) -> tuple[_Real, _Complex]:
     """Return lines in Hz and values, with additional lines around every antiresonance."""
     low, high = freq[0], freq[-1]
-    for number in range(_ROUNDS):
-        steps = _AROUND if number == _ROUNDS - 1 else np.array([-1.0, 0.0, 1.0])
+    every = mirror_offsets(ANTIRESONANCES.line_offsets)
+    for number in range(ANTIRESONANCES.rounds):
+        steps = every if number == ANTIRESONANCES.rounds - 1 else np.array([-1.0, 0.0, 1.0])
         new: list[_Real] = []
         for i, j in np.ndindex(values.shape[1:]):
             for dip in find_dips(freq, values[:, i, j]):
@@ -117,10 +105,8 @@ def resolve_antiresonances(
         more = more[(more > low) & (more < high)]
         after = np.searchsorted(freq, more).clip(1, len(freq) - 1)
         apart = np.minimum(np.abs(more - freq[after - 1]), np.abs(more - freq[after]))
-        more = more[
-            (apart > _MERGE_DISTANCE * high)
-            & (np.diff(more, prepend=-1.0) > _MERGE_DISTANCE * high)
-        ]
+        least = ANTIRESONANCES.merge_distance * high
+        more = more[(apart > least) & (np.diff(more, prepend=-1.0) > least)]
         if not len(more):
             break
         both = np.concatenate([freq, more])
@@ -148,8 +134,8 @@ def fill_antiresonances(freq: _Real, values: _Complex) -> _Real:
 
 def _highest(freq: _Real, size: _Real) -> _Real:
     """Return the largest magnitude of the neighbours of each line."""
-    first = np.searchsorted(freq, freq * (1.0 - _NEXT))
-    last = np.searchsorted(freq, freq * (1.0 + _NEXT), side="right")
+    first = np.searchsorted(freq, freq * (1.0 - ANTIRESONANCES.neighbour_distance))
+    last = np.searchsorted(freq, freq * (1.0 + ANTIRESONANCES.neighbour_distance), side="right")
     return np.stack([size[a:b].max(axis=0) for a, b in zip(first, last, strict=True)])
 
 
@@ -164,7 +150,7 @@ def antiresonance_shifts(
         shift = np.nan
         if len(zero_frequencies):
             nearest = float(zero_frequencies[np.argmin(np.abs(zero_frequencies - dip.frequency))])
-            if abs(nearest - dip.frequency) <= _MATCH_DISTANCE * dip.frequency:
+            if abs(nearest - dip.frequency) <= ANTIRESONANCES.match_distance * dip.frequency:
                 shift = 100.0 * (nearest / dip.frequency - 1.0)
         depths = []
         for part in (size, plant_size):

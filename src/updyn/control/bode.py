@@ -12,6 +12,7 @@ from updyn.control.lines import channel_zeros, dense_lines
 from updyn.control.plant import Plant
 from updyn.control.report.plant import channel_name, channel_unit
 from updyn.control.servo.record import Loop, Servo
+from updyn.control.settings import PLANT_PICTURES
 from updyn.errors import DataError, OptionError
 from updyn.frf import check_lines
 from updyn.plots.canvas import (
@@ -34,8 +35,6 @@ if TYPE_CHECKING:
 
 __all__ = ["bode"]
 
-#: Largest number of plotted channels.
-_MOST_CHANNELS = 16
 _FREQUENCY = "frequency (Hz)"
 
 
@@ -62,9 +61,10 @@ def bode(
     values = nominal.response(lines).values
     spread = None if isinstance(found, Plant) else found.spread(lines)
     channels = list(np.ndindex(values.shape[1:]))
-    if len(channels) > _MOST_CHANNELS:
+    most = PLANT_PICTURES.most_channels
+    if len(channels) > most:
         raise DataError(
-            f"plots.plant: {len(channels)} channels, expected at most {_MOST_CHANNELS}; choose one,"
+            f"plots.plant: {len(channels)} channels, expected at most {most}; choose one,"
             f" plant.channel({nominal.outputs[0]!r}, {nominal.inputs[0]!r})"
         )
     level = level or "log"

@@ -17,6 +17,7 @@ from updyn.control.rational import SlowMotion
 from updyn.control.rational_fit import Approximation
 from updyn.control.rational_states import find_fewest_states
 from updyn.control.realised import measure_errors, realise
+from updyn.control.settings import MEASURED_PLANT
 from updyn.control.structure import CompiledStructure
 from updyn.control.task import build_task
 from updyn.errors import OptionError, ToleranceError
@@ -25,9 +26,6 @@ from updyn.model import Model
 from updyn.updating.result import UpdateResult
 
 __all__ = ["plant"]
-
-#: Number of standard deviations of a measured value within which a plant may lie.
-_DEVIATIONS = 3.0
 
 
 def plant(
@@ -151,7 +149,8 @@ def _plant_of_measurement(
     quantities = check_quantities(quantity, len(outputs))
     check_tolerance(tolerance)
     data = select_measurement(frf, inputs, outputs, quantities, limits)
-    reference = np.maximum(data.reference, _DEVIATIONS * data.deviation / tolerance)
+    noise = MEASURED_PLANT.accepted_stds * data.deviation
+    reference = np.maximum(data.reference, noise / tolerance)
     target = replace(data.target, reference=reference)
     powers = np.array([QUANTITIES[q] for q in quantities], dtype=np.intp)
     slow = SlowMotion.none(len(outputs), len(inputs))

@@ -23,12 +23,11 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.sparse.linalg import LinearOperator, eigsh
 
+from updyn.control.settings import CAUSAL_BOUND
 from updyn.control.space import Conversion
 from updyn.control.target import CandidateSelection
 
 __all__ = [
-    "ERROR_ROUNDING",
-    "GAIN",
     "ChannelDifference",
     "Circle",
     "channel_differences",
@@ -39,28 +38,6 @@ __all__ = [
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 _TWO_PI = 2.0 * np.pi
-
-#: Gain permitted outside the band, relative to the largest of the structure there.
-GAIN = 10.0
-#: Errors below this are rounding of the response.
-ERROR_ROUNDING = 1e-6
-#: Width of the band's margin in log frequency, in which the allowance grows to that outside. It
-#: lies within the band, so the bound remains a lower bound; wider for a very wide band.
-_MARGIN = 0.03
-#: Points of the circle in that margin, and exponents of 2 of the least and largest total number.
-_IN_MARGIN, _LEAST_POINTS, _MOST_POINTS = 24, 13, 16
-#: Size of the section of the Hankel matrix, as a share of the points.
-_SECTION = 32
-#: Lower end of a band that starts at 0, as a share of its upper end, for the scale of the circle.
-_LOW = 1e-3
-#: Relative accuracy of the bound.
-_ACCURATE = 1e-3
-#: Lines on each side of the band for the gain outside, and factor by which they extend.
-_OUTSIDE, _REACH = 400, 1e3
-#: Number of lines whose responses are computed at once.
-_BLOCK = 4096
-#: Largest limit of a gain, for an undamped resonance outside the band.
-_UNLIMITED = 1e30
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,16 +50,18 @@ class Circle:
 
     n: int
     scale: float
-    margin: float = _MARGIN
+    margin: float = CAUSAL_BOUND.margin_width
 
     @classmethod
     def of(cls, band: tuple[float, float]) -> Circle:
         """Return a circle that resolves the ends of a band in Hz."""
-        low, high = max(band[0], _LOW * band[1]), band[1]
+        low, high = max(band[0], CAUSAL_BOUND.least_low_share * band[1]), band[1]
         ratio = np.sqrt(high / low)
-        needed = _TWO_PI * _IN_MARGIN * (1.0 + ratio**2) / (2.0 * ratio * _MARGIN)
-        n = 2 ** int(np.clip(np.ceil(np.log2(needed)), _LEAST_POINTS, _MOST_POINTS))
-        return cls(n, float(np.sqrt(low * high)), _MARGIN * max(1.0, float(needed) / n))
+        width = CAUSAL_BOUND.margin_width
+        needed = _TWO_PI * CAUSAL_BOUND.margin_points * (1.0 + ratio**2) / (2.0 * ratio * width)
+        limits = CAUSAL_BOUND.least_exponent, CAUSAL_BOUND.most_exponent
+        n = 2 ** int(np.clip(np.ceil(np.log2(needed)), *limits))
+        return cls(n, float(np.sqrt(low * high)), width * max(1.0, float(needed) / n))
 
     @property
     def freq(self) -> _Real:
@@ -129,7 +108,7 @@ def hankel_norm(circle: Circle, values: _Complex) -> float:
 
     `values` are those of a real system: conjugate at negative frequencies.
     """
-    n = circle.n // _SECTION
+    n = circle.n // CAUSAL_BOUND.points_per_row
     c = circle.coefficients(values).real[1 : 2 * n]
     length = 4 * n
     spectrum = np.fft.rfft(c, length)
@@ -143,7 +122,8 @@ def hankel_norm(circle: Circle, values: _Complex) -> float:
         return 0.0
     hankel = LinearOperator((n, n), matvec=product, dtype=np.float64)
     start = 1.0 / (1.0 + np.arange(n))
-    found = eigsh(hankel, k=1, which="LM", v0=start, tol=0.1 * _ACCURATE, return_eigenvectors=False)
+    tolerance = 0.1 * CAUSAL_BOUND.accuracy
+    found = eigsh(hankel, k=1, which="LM", v0=start, tol=tolerance, return_eigenvectors=False)
     return float(np.abs(found[0]))
 
 
@@ -195,12 +175,12 @@ def error_lower_bound(
         norm = hankel_norm(circle, fixed * np.exp(-logarithm * follows))
         return float(np.log(max(norm, 1e-300)))
 
-    floor = max(ERROR_ROUNDING, ERROR_ROUNDING * reached, known)
+    floor = max(CAUSAL_BOUND.error_rounding, CAUSAL_BOUND.error_rounding * reached, known)
     if reached <= floor or excess(np.log(floor)) <= 0.0:
         return known
     if excess(np.log(reached)) >= 0.0:
         return reached
-    return float(np.exp(brentq(excess, np.log(floor), np.log(reached), xtol=_ACCURATE)))
+    return float(np.exp(brentq(excess, np.log(floor), np.log(reached), xtol=CAUSAL_BOUND.accuracy)))
 
 
 def _band_share(size: _Real, band: tuple[float, float], margin: float) -> _Real:
@@ -233,7 +213,7 @@ def channel_differences(
     def difference(lines: _Real) -> _Complex:
         key = lines.tobytes()
         if key not in cache:
-            parts = np.array_split(lines, 1 + len(lines) // _BLOCK)
+            parts = np.array_split(lines, 1 + len(lines) // CAUSAL_BOUND.block_lines)
             cache[key] = np.concatenate(
                 [structure(some) - found.conversion.response(found.mask, some) for some in parts]
             )
@@ -253,9 +233,10 @@ def channel_differences(
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             structure_size = np.abs(outside.response(whole, lines)) / grown
             other = np.abs(found.conversion.response(found.mask, lines)) / grown
-            limit = GAIN * structure_size.max(axis=0) + other.max(axis=0)
-        least = ERROR_ROUNDING**2 * level.max(axis=0)  # for a channel without coupling
-        limits.append(np.maximum(np.where(limit < _UNLIMITED, limit, _UNLIMITED), least))
+            limit = CAUSAL_BOUND.outside_gain * structure_size.max(axis=0) + other.max(axis=0)
+        limit = np.where(limit < CAUSAL_BOUND.gain_limit, limit, CAUSAL_BOUND.gain_limit)
+        least = CAUSAL_BOUND.error_rounding**2 * level.max(axis=0)  # for a channel without coupling
+        limits.append(np.maximum(limit, least))
 
     def channel(i: int, j: int) -> ChannelDifference:
         return ChannelDifference(
@@ -273,9 +254,10 @@ def channel_differences(
 def _adjacent_lines(band: tuple[float, float], natural: _Real) -> tuple[_Real, _Real]:
     """Return lines below and above a band, including natural frequencies."""
     low, high = band
-    below, above = np.zeros(0), np.geomspace(high, _REACH * high, _OUTSIDE)[1:]
+    factor, count = CAUSAL_BOUND.outside_factor, CAUSAL_BOUND.outside_lines
+    below, above = np.zeros(0), np.geomspace(high, factor * high, count)[1:]
     if low > 0:
-        below = np.geomspace(low / _REACH, low, _OUTSIDE)[:-1]
+        below = np.geomspace(low / factor, low, count)[:-1]
         below = np.union1d(below, natural[(natural > below[0]) & (natural < low)])
     above = np.union1d(above, natural[(natural > high) & (natural < above[-1])])
     return below, above

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from updyn.control.causal import GAIN
 from updyn.control.complex_modes import ComplexModes, FittedModes, fit_outputs
 from updyn.control.conversions import REFUSED, conversion_error
 from updyn.control.rational import Rational
 from updyn.control.rational_states import find_fewest_states, refit_poles
 from updyn.control.real_modes import Biot
+from updyn.control.settings import CAUSAL_BOUND
 from updyn.control.target import CandidateSelection, judge_selection, select_fewest
 from updyn.control.task import PlantTask
 from updyn.errors import ModelError, OptionError, ToleranceError, suggest
@@ -79,8 +79,9 @@ def _explain_causal_limit(
     if not task.space.lossy:
         return ""
     least = task.least(min(reached.values(), key=lambda kept: kept.error))
+    gain = CAUSAL_BOUND.outside_gain
     limit = (
-        f"stable plant whose gain outside the band is at most {GAIN:g} times the largest of the"
+        f"stable plant whose gain outside the band is at most {gain:g} times the largest of the"
         " structure there"
     )
     if least > tolerance:

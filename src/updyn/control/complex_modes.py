@@ -29,6 +29,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from updyn.control.settings import COMPLEX_MODES
 from updyn.control.space import Matrices, ModalSpace, derivative_factors, laplace_variable
 from updyn.control.target import ResponseTarget
 from updyn.errors import ModelError
@@ -44,20 +45,7 @@ __all__ = [
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 
-#: Ratio of imaginary part to modulus below which a pole of the structure without D is real.
-_ON_AXIS = 1e-7
-#: Multiple of the band's upper end above which a velocity has no feed-through.
-_FAST = 10.0
-#: Sum of the residues, as a share of them, below which it is rounding.
-_RESIDUE_ROUNDING = 1e-10
 _TWO_PI = 2.0 * np.pi
-#: Factor by which the real poles extend beyond the band.
-_BEYOND = 3.0
-#: Relative cut-off of singular values, which prevents large terms that cancel in the band and add
-#: up outside.
-_RANK = 1e-7
-#: Share of the largest pole below which a pole is at 0, of rigid-body motion.
-_AT_ZERO = 1e-9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -92,7 +80,7 @@ class ComplexModes:
         """Whether no pole is at 0: the structure does not move away under a constant force."""
         size = np.abs(np.linalg.eigvals(self.slow[0]))
         largest = max(size.max(initial=0.0), np.abs(self.poles).max(initial=0.0))
-        return bool((size > _AT_ZERO * largest).all())
+        return bool((size > COMPLEX_MODES.zero_share * largest).all())
 
     def costs(self, freq: _Real, level: _Real) -> _Real:
         """Return the relative change without each mode."""
@@ -151,7 +139,7 @@ class ComplexModes:
             jump = jump + C @ A @ B
             speed = speed + C @ B
         nothing = np.zeros_like(static)
-        speed[np.abs(speed) <= _RESIDUE_ROUNDING * np.abs(R).sum(axis=0)] = 0.0
+        speed[np.abs(speed) <= COMPLEX_MODES.residue_rounding * np.abs(R).sum(axis=0)] = 0.0
         whole = np.choose(self.powers[:, None], [static, nothing, jump])
         return whole, np.choose(self.powers[:, None], [nothing, speed, nothing])
 
@@ -201,9 +189,8 @@ def complex_modes(space: ModalSpace, powers: NDArray[np.intp], top: float) -> Co
     order = np.argsort(np.abs(poles), kind="stable")
     poles, vectors = poles[order], vectors[:, order]
     slow = slow_A, slow_B @ space.inputs.T, space.outputs @ slow_C
-    return ComplexModes(
-        poles, space.outputs @ vectors, space.inputs @ vectors, slow, powers, _FAST * _TWO_PI * top
-    )
+    fast = COMPLEX_MODES.velocity_pole_factor * _TWO_PI * top
+    return ComplexModes(poles, space.outputs @ vectors, space.inputs @ vectors, slow, powers, fast)
 
 
 def slow_motion(space: ModalSpace) -> tuple[_Real, _Real, _Real, NDArray[np.intp]]:
@@ -281,13 +268,13 @@ def _real_poles(space: ModalSpace) -> tuple[_Real, _Real, _Real]:
     """Return A, B, C of the part with real poles, by Schur form and a Sylvester equation."""
     A = _first_order(space, np.diag(space.omega**2))
     r = len(space)
-    floor = (
-        _ON_AXIS * float(space.omega[space.omega > 0].min(initial=np.inf))
-        if (space.omega > 0).any()
-        else 0.0
-    )
-    on_axis = lambda a, b: abs(b) <= max(_ON_AXIS * np.hypot(a, b), floor)  # noqa: E731
-    T, Q, n = scipy.linalg.schur(A, sort=on_axis)
+    ratio, moving = COMPLEX_MODES.real_pole_ratio, space.omega[space.omega > 0]
+    floor = ratio * float(moving.min()) if len(moving) else 0.0
+
+    def is_real(a: float, b: float) -> bool:
+        return bool(abs(b) <= max(ratio * np.hypot(a, b), floor))
+
+    T, Q, n = scipy.linalg.schur(A, sort=is_real)
     if n == 0:
         return np.zeros((0, 0)), np.zeros((0, r)), np.zeros((r, 0))
     X = scipy.linalg.solve_sylvester(T[:n, :n], -T[n:, n:], -T[:n, n:])
@@ -411,7 +398,7 @@ def _constrained_least_squares(A: _Real, b: _Real, E: _Real, d: _Real) -> _Real:
         E, d = E / size[:, None], d / size
         start = np.asarray(np.linalg.lstsq(E, d, rcond=None)[0], dtype=np.float64)
         free = scipy.linalg.null_space(E)
-    found = np.linalg.lstsq(A @ free, b - A @ start, rcond=_RANK)[0]
+    found = np.linalg.lstsq(A @ free, b - A @ start, rcond=COMPLEX_MODES.singular_share)[0]
     return np.asarray((start + free @ found) / scale)
 
 
@@ -419,5 +406,6 @@ def fit_outputs(
     base: ComplexModes, target: ResponseTarget, n: int, *, at_rest: bool = True
 ) -> FittedModes:
     """Return complex modes with fitted outputs and n real poles, evenly spaced in log frequency."""
-    low, high = max(target.freq[0], 1e-3 * target.freq[-1]) / _BEYOND, target.freq[-1] * _BEYOND
+    factor = COMPLEX_MODES.band_factor
+    low, high = max(target.freq[0], 1e-3 * target.freq[-1]) / factor, target.freq[-1] * factor
     return FittedModes(base, target, _TWO_PI * np.geomspace(low, high, n), at_rest)

@@ -13,6 +13,7 @@ from updyn.control.build import plant
 from updyn.control.lines import sweep
 from updyn.control.plant import Plant
 from updyn.control.ports import Port, as_ports
+from updyn.control.settings import PLANT_FAMILY
 from updyn.control.shared import SharedPlantBasis
 from updyn.control.structure import CompiledStructure
 from updyn.control.target import CandidateSelection
@@ -37,15 +38,10 @@ __all__ = ["PlantFamily", "plant_family"]
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 
-#: Largest number of members; each is a plant in memory and in the file.
-_MOST = 10_000
 #: Accepted status of an update.
 _ACCEPTED_STATUS = ("converged", "not-credible", "not-identifiable", "stalled")
 #: By error measure, the route used if that of the nominal plant fails for a member.
 _FALLBACK_ROUTES = {"relative": "rational", "peak": "complex"}
-#: Draws that enrich the basis of all members: least number, number per parameter, and the factor on
-#: their spread.
-_TRAINING, _FOR_EACH, _WIDE = 6, 2.0 / 3.0, 1.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -245,8 +241,9 @@ def plant_family(
     """
     if isinstance(n, bool) or not isinstance(n, int | np.integer) or n < 1:
         raise OptionError(f"plant_family: n = {n!r}; expected a number of members from 1 up")
-    if n > _MOST:
-        raise OptionError(f"plant_family: n = {n}; expected at most {_MOST:,} members")
+    most = PLANT_FAMILY.most_members
+    if n > most:
+        raise OptionError(f"plant_family: n = {n}; expected at most {most:,} members")
     if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
         raise OptionError(f"plant_family: seed = {seed!r}; expected a whole number from 0 up")
     test_result = _check_ended(find_result(result, test))
@@ -439,13 +436,15 @@ def _draw_from_covariance(result: UpdateResult, n: int, seed: int) -> _Parameter
     for name, part in zip(parameters.names, clipped.mean(axis=0), strict=True):
         if part > 0.0:
             cut[name] = float(part)
-    wide = _WIDE * np.random.default_rng(0).standard_normal((_number(len(x)), len(x)))
+    training = np.random.default_rng(0).standard_normal((_count_training(len(x)), len(x)))
+    wide = PLANT_FAMILY.training_spread * training
     return _ParameterDraws(drawn, values(wide)[0], "covariance", cut=cut)
 
 
-def _number(n_unknowns: int) -> int:
+def _count_training(n_unknowns: int) -> int:
     """Return the number of draws that enrich the basis of all members."""
-    return max(_TRAINING, int(np.ceil(_FOR_EACH * n_unknowns)))
+    wanted = int(np.ceil(PLANT_FAMILY.draws_per_parameter * n_unknowns))
+    return max(PLANT_FAMILY.least_training_draws, wanted)
 
 
 def _thin_draws(result: UpdateResult | JointResult, draws: Draws, n: int) -> _ParameterDraws:
@@ -464,6 +463,6 @@ def _thin_draws(result: UpdateResult | JointResult, draws: Draws, n: int) -> _Pa
             " members"
         )
     some = []
-    for count in (n, min(_number(len(known.names)), len(known))):
+    for count in (n, min(_count_training(len(known.names)), len(known))):
         some.append(known.values[np.linspace(0, len(known) - 1, count).round().astype(np.intp)])
     return _ParameterDraws(some[0], some[1], known.kind, known.message)

@@ -7,25 +7,16 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
+from updyn.control.offsets import mirror_offsets
 from updyn.control.plant import Plant
 from updyn.control.servo.state_space import StateSpace, Transfer
 from updyn.control.servo.state_space import channel_zeros as zeros_of
+from updyn.control.settings import PLANT_LINES
 
 __all__ = ["channel_zeros", "dense_lines", "sweep"]
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
-
-#: Offsets of lines around a resonance, in half widths; a coarse set for smoother curves.
-_FINE = np.array([0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 4.5, 7.0, 11.0, 20.0])
-_COARSE = np.array([0.5, 1.0, 2.0, 5.0])
-#: Relative distance within which lines are merged.
-_MERGE_DISTANCE = 1e-10
-#: Smallest damping ratio that is resolved.
-_SHARPEST = 1e-9
-#: Largest damping ratio of a resonance; the lines of each decade resolve the others.
-_DAMPED = 0.3
-_PER_DECADE = 60
 
 
 def sweep(plant: Plant, freq: _Real) -> _Complex:
@@ -48,29 +39,32 @@ def dense_lines(
     others: Iterable[_Complex],
     low: float,
     high: float,
-    per_decade: int = _PER_DECADE,
+    per_decade: int | None = None,
 ) -> _Real:
     """Return ascending lines in Hz that resolve poles and zeros in rad/s, `sharp` ones finely."""
+    per_decade = PLANT_LINES.lines_per_decade if per_decade is None else per_decade
     count = int(np.ceil(np.log10(high / low) * per_decade)) + 1
     lines = [np.geomspace(low, high, max(count, 2))]
-    for roots, offsets in ((sharp, _FINE), (others, _COARSE)):
+    fine = mirror_offsets(PLANT_LINES.fine_offsets)
+    coarse = mirror_offsets(PLANT_LINES.coarse_offsets)
+    for roots, offsets in ((sharp, fine), (others, coarse)):
         for some in roots:
             lines.append(_lines_around(some, offsets))
     every = np.sort(np.concatenate(lines))
     every = every[(every >= low) & (every <= high)]
-    kept = np.concatenate([[True], np.diff(np.log(every)) > _MERGE_DISTANCE])
+    kept = np.concatenate([[True], np.diff(np.log(every)) > PLANT_LINES.merge_distance])
     return np.asarray(every[kept])
 
 
 def _lines_around(roots: _Complex, offsets: _Real) -> _Real:
     size = np.abs(roots)
-    is_relevant = (roots.imag > 0) & (size > 0) & (np.abs(roots.real) < _DAMPED * size)
+    is_sharp = np.abs(roots.real) < PLANT_LINES.largest_damping * size
+    is_relevant = (roots.imag > 0) & (size > 0) & is_sharp
     size, damping = (
         size[is_relevant],
-        np.maximum(np.abs(roots.real[is_relevant]) / size[is_relevant], _SHARPEST),
+        np.maximum(np.abs(roots.real[is_relevant]) / size[is_relevant], PLANT_LINES.least_damping),
     )
-    steps = np.concatenate([-offsets[::-1], [0.0], offsets])
-    lines = size[:, None] * (1.0 + damping[:, None] * steps) / (2 * np.pi)
+    lines = size[:, None] * (1.0 + damping[:, None] * offsets) / (2 * np.pi)
     # The peak of a damped resonance lies a little below |s|.
     top = np.sqrt(np.maximum(size**2 - 2 * roots.real[is_relevant] ** 2, 0.0)) / (2 * np.pi)
     return np.asarray(

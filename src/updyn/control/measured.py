@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.control.ports import Port
+from updyn.control.settings import MEASURED_PLANT
 from updyn.control.target import ResponseTarget
 from updyn.dofs import DofSet
 from updyn.errors import DataError, DofError
@@ -20,8 +21,6 @@ __all__ = ["PortMeasurement", "select_measurement"]
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 
-#: Least number of lines of a fit.
-_LINES = 8
 _TWO_PI = 2.0 * np.pi
 
 
@@ -57,11 +56,11 @@ def select_measurement(
     fewer than eight lines above 0 Hz.
     """
     inside = (frf.freq >= band[0]) & (frf.freq <= band[1]) & (frf.freq > 0.0)
-    if int(inside.sum()) < _LINES:
+    if int(inside.sum()) < MEASURED_PLANT.least_lines:
         raise DataError(
             f"plant: {int(inside.sum())} lines of the measurement lie from {band[0]:g} to"
             f" {band[1]:g} Hz; it has {len(frf.freq)} from {frf.freq[0]:g} to {frf.freq[-1]:g} Hz,"
-            f" and a plant requires at least {_LINES}"
+            f" and a plant requires at least {MEASURED_PLANT.least_lines}"
         )
     data = frf.select(lines=frf.freq[inside])
     out, into = (

@@ -19,6 +19,7 @@ from scipy.optimize import nnls
 
 from updyn.control.plant import Plant
 from updyn.control.ports import Port
+from updyn.control.settings import PASSIVITY, RATIONAL_FIT
 
 __all__ = [
     "active_part",
@@ -30,13 +31,6 @@ __all__ = [
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
-
-#: Relative distance of an eigenvalue from the imaginary axis within which it may be a sign change.
-_ON_AXIS = 1e-6
-#: Share of |G| above which a negative active part is not rounding.
-_ROUNDING = 1e-9
-#: Relative cut-off of singular values.
-_RANK = 1e-10
 
 
 def collocated_channels(
@@ -103,7 +97,7 @@ def violations(matrices: tuple[_Real, _Real, _Real, _Real], power: int) -> _Real
         G = _response(A, B, C, D, lines)
         share = active_part(G, power) / np.maximum(np.abs(G), 1e-300)
         worst = int(np.argmin(share))
-        if share[worst] < -_ROUNDING:
+        if share[worst] < -PASSIVITY.least_violation:
             found.append(lines[worst])
     return np.array(found)
 
@@ -137,7 +131,7 @@ def _crossings(A: _Real, B: _Real, C: _Real, D: _Real, sign: float) -> _Real:
     with np.errstate(divide="ignore", invalid="ignore"):
         zeros = above / below
     zeros = zeros[np.isfinite(zeros)]
-    near = (np.abs(zeros.real) <= _ON_AXIS * np.abs(zeros)) & (zeros.imag > 0)
+    near = (np.abs(zeros.real) <= PASSIVITY.axis_distance * np.abs(zeros)) & (zeros.imag > 0)
     return np.asarray(np.sort(zeros.imag[near]) * unit)
 
 
@@ -149,7 +143,7 @@ def constrained_least_squares(A: _Real, b: _Real, G: _Real, h: _Real) -> _Real |
     """
     scale = np.maximum(np.linalg.norm(A, axis=0), 1e-300)
     U, sigma, Vt = np.linalg.svd(A / scale, full_matrices=False)
-    kept = sigma > _RANK * sigma[0]
+    kept = sigma > RATIONAL_FIT.singular_share * sigma[0]
     back = (Vt[kept].T / sigma[kept]) / scale[:, None]  # x = back (z + U^T b)
     projected = U[:, kept].T @ b
     rows = G @ back

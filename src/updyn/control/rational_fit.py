@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from updyn.control.passivity import active_part, constrained_least_squares, violations
 from updyn.control.rational import Rational, SlowMotion, states_of_poles
+from updyn.control.settings import PASSIVITY, RATIONAL_FIT
 from updyn.control.space import laplace_variable
 from updyn.control.target import ResponseTarget
 from updyn.modal.vector_fitting import RationalBasis, compute_sigma_zeros, stack_equations
@@ -29,25 +30,6 @@ _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 
 _BASIS = RationalBasis(0, mirrored=True)
-#: Iterations of vector fitting, those with updated weights, and those of the outputs.
-_SWEEPS, _FOLLOWING, _OUTPUTS = 8, 16, 12
-#: A fit whose largest error is this many times the tolerance is not refined.
-_HOPELESS = 4.0
-#: Smallest factor on the weight of a line in one iteration.
-_LEAST = 0.02
-#: Iterations in which violations of passivity are located and corrected.
-_PASSIVE_ROUNDS = 12
-#: Smallest active part after a correction, as a share of the channel's magnitude.
-_MARGIN = 1e-6
-#: Gauss-Newton steps for several inputs.
-_STEPS = 6
-#: Largest relative distance between a pair and the pole of the structure that it represents.
-_NEAR = 0.02
-#: Damping ratio of a pole that represents no mode.
-_FREE = 0.3
-#: A feed-through above this negative value counts as 0.
-_ROUNDING = 1e-20
-_RANK = 1e-10
 _TWO_PI = 2.0 * np.pi
 
 
@@ -104,7 +86,8 @@ class Approximation:
         if len(pairs) < count:
             low = max(self.target.freq[0], 1e-3 * self.target.freq[-1]) * _TWO_PI
             free = np.geomspace(low, self.unit, 2 * (count - len(pairs)) + 1)[1::2]
-            free = free * (-_FREE + 1j * np.sqrt(1.0 - _FREE**2))
+            damping = RATIONAL_FIT.free_damping
+            free = free * (-damping + 1j * np.sqrt(1.0 - damping**2))
             pairs = np.concatenate([pairs, free])
         rates = np.full(n % 2, 0.3 * self.unit)
         return pairs, rates
@@ -120,7 +103,9 @@ class Approximation:
         else:
             right = np.zeros((self.target.values.shape[2], 0), dtype=np.complex128)
         if min(self.target.values.shape[1:]) > 1 and right.size:
-            pairs, rates, right = self._refine(pairs, rates, right, weight)
+            pairs, rates, right = self._refine(
+                pairs, rates, right, weight, RATIONAL_FIT.newton_steps
+            )
         return self._fit_all_outputs(pairs, rates, right, weight, tolerance)
 
     def refit(self, like: Rational, tolerance: float, steps: int) -> Rational:
@@ -151,7 +136,7 @@ class Approximation:
         if not len(self.poles):
             return np.full(len(pairs), np.nan, dtype=np.complex128)
         nearest = self.poles[np.argmin(np.abs(pairs[:, None] - self.poles), axis=1)]
-        near = np.abs(pairs - nearest) <= _NEAR * np.abs(pairs)
+        near = np.abs(pairs - nearest) <= RATIONAL_FIT.match_distance * np.abs(pairs)
         return np.where(near, nearest, np.nan)
 
     # -- poles ----------------------------------------------------------------------------------
@@ -169,18 +154,19 @@ class Approximation:
         powers = np.repeat(self.powers, shape[2])
         best: tuple[float, Any] = (np.inf, None)
         # For several inputs, poles and vectors are refined together afterwards.
-        following = _FOLLOWING if min(shape[1:]) == 1 else 0
-        for number in range(_SWEEPS + following):
+        following = RATIONAL_FIT.weighted_iterations if min(shape[1:]) == 1 else 0
+        unweighted = RATIONAL_FIT.pole_iterations
+        for number in range(unweighted + following):
             poles = _fit_poles(x, Y, W, poles, powers, bool(len(self.slow.velocities)))
             poles = poles * _move_outwards(np.abs(poles), self.slowest / self.unit)
             found, residues = _residues(x, Y, W, poles, powers, bool(len(self.slow.velocities)))
             error = np.abs(found - Y) / level
             if error.max() < best[0]:
                 best = float(error.max()), (poles, W, residues)
-            if number == _SWEEPS - 1 and best[0] > _HOPELESS * tolerance:
+            if number == unweighted - 1 and best[0] > RATIONAL_FIT.refined_error * tolerance:
                 break
-            if number >= _SWEEPS - 1:
-                W = W * np.sqrt(_LEAST + error / error.max())
+            if number >= unweighted - 1:
+                W = W * np.sqrt(RATIONAL_FIT.least_weight + error / error.max())
                 W = W / (W / first).max()
         poles, W, residues = best[1]
         pair = poles.imag > 0
@@ -218,7 +204,7 @@ class Approximation:
         rates: _Real,
         right: _Complex,
         weight: _Real,
-        steps: int = _STEPS,
+        steps: int,
     ) -> tuple[_Complex, _Real, _Complex]:
         """Return poles and vectors b after damped Gauss-Newton steps, outputs eliminated."""
         current = self._fit_least_squares(pairs, rates, right, weight)
@@ -391,7 +377,7 @@ class Approximation:
             level = np.abs(base) + np.interp(
                 passive_at, _TWO_PI * self.target.freq, np.abs(self.target.values[:, o, u])
             )
-            bound = _MARGIN * level - active_part(base, int(power)) - part @ offset
+            bound = PASSIVITY.margin * level - active_part(base, int(power)) - part @ offset
             bounds.append(bound / size)
             if power == 0:  # residual flexibility yields in the direction of the force
                 through = np.zeros((1, columns.shape[1]))
@@ -413,7 +399,7 @@ class Approximation:
             at: _Real | None = None
             best = self._equalise_errors(s, pairs, rates, right, weight, i, at, columns, tolerance)
             channels = [u for o, u in self.collocated if o == i]
-            for _ in range(_PASSIVE_ROUNDS if channels else 0):
+            for _ in range(PASSIVITY.iterations if channels else 0):
                 rows = [np.zeros(columns.shape[1])] * len(self.powers)
                 rows[i] = best
                 matrices = self._assemble(pairs, rates, right, rows, only=i).matrices(
@@ -425,7 +411,8 @@ class Approximation:
                     one = A, B[:, [u]], C[[i]], D[[i]][:, [u]]
                     worst.append(violations(one, int(self.powers[i])))
                 new = np.concatenate(worst)
-                gives_way = self.powers[i] != 0 or (matrices[3][i, channels] >= -_ROUNDING).all()
+                is_flexible = matrices[3][i, channels] >= -PASSIVITY.flexibility_rounding
+                gives_way = self.powers[i] != 0 or is_flexible.all()
                 if not len(new) and gives_way:
                     break
                 about = np.multiply.outer(new, np.array([0.8, 0.95, 1.0, 1.05, 1.25])).ravel()
@@ -455,7 +442,7 @@ class Approximation:
         level = self.level[:, output]
         W = weight.copy()
         best, least = None, np.inf
-        for _ in range(_OUTPUTS):
+        for _ in range(RATIONAL_FIT.output_iterations):
             x = self._fit_output(s, pairs, rates, right, W, output, at, columns)
             if x is None:
                 break
@@ -463,9 +450,10 @@ class Approximation:
             error = np.abs(G - self.target.values[:, output]) / level
             if error.max() < least:
                 best, least = x, float(error.max())
-            if best is not None and least > _HOPELESS * tolerance:
+            if best is not None and least > RATIONAL_FIT.refined_error * tolerance:
                 break
-            W[:, output] = W[:, output] * np.sqrt(_LEAST + error / max(error.max(), 1e-300))
+            share = error / max(error.max(), 1e-300)
+            W[:, output] = W[:, output] * np.sqrt(RATIONAL_FIT.least_weight + share)
         return best
 
     def _assemble(
@@ -507,7 +495,8 @@ def _weighted_columns(columns: _Complex, weight: _Real, output: int) -> _Real:
 
 def _least_squares(A: _Real, b: _Real) -> _Real:
     """Return a least-squares solution by pivoted QR, which is faster than an SVD."""
-    found = scipy.linalg.lstsq(A, b, cond=_RANK, lapack_driver="gelsy", check_finite=False)
+    least = RATIONAL_FIT.singular_share
+    found = scipy.linalg.lstsq(A, b, cond=least, lapack_driver="gelsy", check_finite=False)
     return np.asarray(found[0])
 
 

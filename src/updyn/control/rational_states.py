@@ -7,16 +7,10 @@ import numpy as np
 from updyn.control.passivity import violations
 from updyn.control.rational import Rational
 from updyn.control.rational_fit import Approximation
+from updyn.control.settings import RATIONAL_FIT
 from updyn.control.target import CandidateSelection
 
 __all__ = ["find_fewest_states", "refit_poles"]
-
-#: Largest number of additional states to those of the modes in the band.
-_MORE = 16
-#: Gauss-Newton steps of an approximation that starts at the poles of another: none if its moved
-#: poles hold the tolerance. Steps reduce the mean square, but may move real poles to places with a
-#: larger error from the passivity constraint.
-_FEW = (0, 2)
 
 
 def find_fewest_states(
@@ -36,7 +30,7 @@ def find_fewest_states(
         return tried[n]
 
     inside = int((np.abs(approximation.poles) < approximation.unit).sum())
-    top = 2 * inside + _MORE if largest is None else largest - slow
+    top = 2 * inside + RATIONAL_FIT.most_added_states if largest is None else largest - slow
     if top < 0:
         return at(0)
     low, high = 0, min(max(2 * inside, 2), top)
@@ -64,7 +58,8 @@ def refit_poles(
     """Return an approximation with the states of that of a similar response."""
     n = 2 * len(like.pairs) + len(like.rates)
     single = min(approximation.target.values.shape[1:]) == 1
-    for steps in _FEW[:1] if single else _FEW:
+    tried = RATIONAL_FIT.refit_steps
+    for steps in tried[:1] if single else tried:
         rational = approximation.refit(like, tolerance, steps)
         found = _judge_approximation(approximation, rational, tolerance)
         if found.holds:

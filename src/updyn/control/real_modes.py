@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
+from updyn.control.settings import REAL_MODES
 from updyn.control.space import (
     Lossy,
     Matrices,
@@ -42,9 +43,6 @@ __all__ = [
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 _TWO_PI = 2.0 * np.pi
-_LINES = 200
-#: Relative eigenvalue of a relaxing stiffness below which it is 0.
-_RANK = 1e-12
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -190,7 +188,7 @@ def relaxation(part: Lossy, band: tuple[float, float], n: int) -> Relaxation:
     Rates are evenly spaced in log frequency; the weights are by non-negative least squares.
     """
     low, high = max(band[0], 1e-4 * band[1]), band[1]
-    freq = np.geomspace(low, high, _LINES)
+    freq = np.geomspace(low, high, REAL_MODES.fitted_lines)
     omega = _TWO_PI * freq
     wanted = part.relative(freq)
     best, least = None, np.inf
@@ -264,7 +262,7 @@ class Biot:
             values, vectors = np.linalg.eigh(
                 nearest_semidefinite(np.asarray(W)[np.ix_(kept, kept)])
             )
-            use = values > _RANK * max(values[-1], 1e-300)
+            use = values > REAL_MODES.stiffness_share * max(values[-1], 1e-300)
             if use.any() and values[-1] > 0:
                 out.append((float(self.terms[0].b[k]), vectors[:, use] * np.sqrt(values[use])))
         return out
@@ -323,6 +321,6 @@ def _with_same_rates(
     if not found or all(np.array_equal(f.b, found[0].b) for f in found):
         return tuple(found)
     b = found[0].b
-    omega = _TWO_PI * np.geomspace(max(band[0], 1e-4 * band[1]), band[1], _LINES)
+    omega = _TWO_PI * np.geomspace(max(band[0], 1e-4 * band[1]), band[1], REAL_MODES.fitted_lines)
     shares = b * omega[:, None] / (omega[:, None] ** 2 + b**2)
     return tuple(Relaxation(nnls(shares, p.relative(omega / _TWO_PI))[0], b) for p in space.lossy)

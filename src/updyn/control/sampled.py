@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.linalg import expm, matrix_balance
 
 from updyn.control.plant import Plant
+from updyn.control.settings import DISCRETISATION
 from updyn.errors import DataError, OptionError, suggest
 from updyn.group import is_number
 
@@ -22,15 +23,6 @@ _Complex = NDArray[np.complex128]
 _Matrices = tuple[_Real, _Real, _Real, _Real]
 
 _METHODS = ("zoh", "tustin")
-#: Distance from a whole number of intervals, in intervals, within which a delay is rounded (0.003 /
-#: 0.001 is not 3).
-_WHOLE = 1e-9
-#: Largest number of states, for dense matrices to fit in memory.
-_MOST_STATES = 2000
-#: Number of lines in the band for the deviation, in addition to the peaks.
-_LINES = 400
-#: Relative distance of a pole from the singularity of the bilinear substitution.
-_SINGULAR = 1e-9
 
 
 def sampled(
@@ -149,14 +141,14 @@ def _intervals(delay: float, dt: float, n_inputs: int, n_states: int) -> tuple[i
     count = float(delay) / dt
     near = round(count)
     whole, part = near, 0.0
-    if abs(count - near) > _WHOLE:
+    if abs(count - near) > DISCRETISATION.whole_distance:
         whole = math.floor(count)
         part = count - whole
-    if n_states + (whole + 1) * n_inputs > _MOST_STATES:
+    most = DISCRETISATION.most_states
+    if n_states + (whole + 1) * n_inputs > most:
         raise OptionError(
             f"delay {delay:g} s is {count:g} intervals of {dt:g} s: with one state for each input"
-            f" and interval the plant would have more than {_MOST_STATES} states; expected a delay"
-            " in s"
+            f" and interval the plant would have more than {most} states; expected a delay in s"
         )
     return whole, part
 
@@ -203,7 +195,7 @@ def _tustin(plant: Plant, dt: float, prewarp: float | None) -> _Matrices:
         omega = 2 * np.pi * prewarp
         step = 2 * math.tan(omega * dt / 2) / omega
     poles = plant.poles
-    singular = np.abs(poles * step / 2 - 1) < _SINGULAR
+    singular = np.abs(poles * step / 2 - 1) < DISCRETISATION.singular_distance
     if singular.any():
         pole = poles[singular][0].real
         raise OptionError(
@@ -268,9 +260,9 @@ def _lines(plant: Plant) -> _Real:
     peaks = np.concatenate([poles.imag, poles.imag + poles.real, poles.imag - poles.real]) / (
         2 * np.pi
     )
-    lines = np.concatenate(
-        [np.linspace(start, high, _LINES // 2), np.geomspace(start, high, _LINES // 2), peaks]
-    )
+    half = DISCRETISATION.deviation_lines // 2
+    even = np.linspace(start, high, half), np.geomspace(start, high, half)
+    lines = np.concatenate([*even, peaks])
     return np.unique(lines[(lines >= start) & (lines <= high)])
 
 

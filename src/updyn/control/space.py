@@ -11,6 +11,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from updyn.control.ports import Port, port_matrix
+from updyn.control.settings import MODAL_SPACE
 from updyn.control.structure import CompiledStructure
 from updyn.dynamics.affine import AffineSystem, State
 from updyn.dynamics.kept_basis import begin_reduction
@@ -40,21 +41,6 @@ _Complex = NDArray[np.complex128]
 
 #: A, B, C, D.
 Matrices = tuple[_Real, _Real, _Real, _Real]
-#: Models up to this number of DOFs are used without reduction.
-_WHOLE = 300
-#: Accuracy of a reduced model. Smaller than for an update: behind a gear train the motion of the
-#: load is small relative to that of the motor, which normalises the error.
-_ACCURACY = 1e-8
-#: Lines of the check of a basis for several states, relative to the end of the band; and the number
-#: of states that always enrich it.
-_LINES, _AT_LEAST = (1.0, 0.7, 0.35), 6
-#: Motions without mass get a small one: they oscillate at this multiple of the band's upper end.
-_STIFF = 30.0
-#: Share of the band's upper end below which a mode can be a rigid-body motion; a basis contains one
-#: up to the square of this share.
-_SLOW = 1e-3
-#: Largest negative omega^2 that is rounding, relative to that of the band's upper end.
-_UNSTABLE = 1e-6
 _TWO_PI = 2.0 * np.pi
 
 
@@ -237,7 +223,7 @@ def modal_space(
     band: tuple[float, float],
     *,
     backend: str | None = None,
-    accuracy: float = _ACCURACY,
+    accuracy: float = MODAL_SPACE.basis_accuracy,
 ) -> ModalSpace:
     """Return the relevant modes of a model between some ports in a band.
 
@@ -257,7 +243,7 @@ def projection(
     band: tuple[float, float],
     *,
     backend: str | None = None,
-    accuracy: float = _ACCURACY,
+    accuracy: float = MODAL_SPACE.basis_accuracy,
 ) -> ModalProjection:
     """Return a model on the relevant basis vectors between some ports, as `modal_space`."""
     return _Projector(structure, inputs, outputs, band).at_start(backend, accuracy)
@@ -272,7 +258,7 @@ def shared_projection(
     states: Sequence[State],
     *,
     backend: str | None = None,
-    accuracy: float = _ACCURACY,
+    accuracy: float = MODAL_SPACE.basis_accuracy,
 ) -> tuple[ModalProjection, NDArray[np.bool_]]:
     """Return a model on one basis for several states, and for which of them it is accurate.
 
@@ -280,14 +266,14 @@ def shared_projection(
     estimated from residuals. Other arguments as for `modal_space`.
     """
     making = _Projector(structure, inputs, outputs, band)
-    if structure.system.n <= _WHOLE:
+    if structure.system.n <= MODAL_SPACE.whole_dofs:
         return making.whole(), np.ones(len(states), dtype=np.bool_)
     reduction, _ = making.reduce(backend, accuracy)
-    lines = np.array(_LINES) * band[1]
+    lines = np.array(MODAL_SPACE.checked_shares) * band[1]
     lines = lines[lines >= band[0]]
-    reduction.enrich(training[:_AT_LEAST], lines)
+    reduction.enrich(training[: MODAL_SPACE.enriching_states], lines)
     # An accurate basis is not enriched further.
-    reduction.enrich(training[_AT_LEAST:], lines, allowed=0.5 * accuracy)
+    reduction.enrich(training[MODAL_SPACE.enriching_states :], lines, allowed=0.5 * accuracy)
     holds = reduction.residual_errors(states, lines) <= accuracy
     source = f"{reduction.basis.size} basis vectors of a reduced model, one basis for all members"
     return making.of(reduction, source), holds
@@ -311,7 +297,7 @@ class _Projector:
         return self.structure.system
 
     def at_start(self, backend: str | None, accuracy: float) -> ModalProjection:
-        if self.system.n <= _WHOLE:
+        if self.system.n <= MODAL_SPACE.whole_dofs:
             return self.whole()
         reduction, source = self.reduce(backend, accuracy)
         return self.of(reduction, source)
@@ -363,11 +349,11 @@ class _Projector:
 
     def _count_rigid(self, reduction: Reduction) -> int:
         """Return the number of rigid-body motions in a basis, at least those seen at the ports."""
-        slow = max(self.band[0], _SLOW * self.band[1])
+        slow = max(self.band[0], MODAL_SPACE.slow_share * self.band[1])
         if reduction.shifted.count_modes_below(self.system.start, slow) == 0:
             return 0
         lacking = reduction.measure_outside(self.system.start, _rigid_motions(self.model))
-        return int((lacking < _SLOW**2).sum())
+        return int((lacking < MODAL_SPACE.slow_share**2).sum())
 
     @property
     def _ports(self) -> tuple[tuple[NDArray[np.intp], _Real], tuple[NDArray[np.intp], _Real]]:
@@ -428,12 +414,12 @@ def _modes(K: _Real, M: _Real, rigid: int, band: tuple[float, float]) -> tuple[_
             "plant: a motion has neither stiffness nor mass, or a negative one"
         ) from error
     share, shapes = share[::-1], shapes[:, ::-1]
-    if share[0] > 1.0 + _UNSTABLE:
+    if share[0] > 1.0 + MODAL_SPACE.unstable_share:
         raise ModelError(
             f"plant: the stiffness is indefinite (omega^2 = {top * (1.0 / share[0] - 1.0):.3g} 1/s2"
             " of a mode): the structure is unstable and has no stable plant"
         )
-    least = 1.0 / (1.0 + _STIFF**2)
+    least = 1.0 / (1.0 + MODAL_SPACE.massless_factor**2)
     share = np.clip(share, least, 1.0)
     square = top * (1.0 / share - 1.0)
     square[:rigid] = 0.0

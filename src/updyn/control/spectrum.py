@@ -23,6 +23,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from updyn.control.settings import SPECTRAL
 from updyn.control.space import ModalProjection
 from updyn.dynamics.affine import State
 from updyn.errors import ModelError, SolverError
@@ -32,16 +33,6 @@ __all__ = ["SpectralDecomposition"]
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 _TWO_PI = 2.0 * np.pi
-
-#: Dampers below this share of the largest are rounding.
-_RANK = 1e-13
-#: More dampers than this share of the basis vectors, and lines are solved one by one.
-_MANY = 0.25
-#: Lines of the band at which the decomposition is compared with a solution, and the share of a
-#: channel by which they may differ.
-_CHECKED, _AGREES = 5, 1e-7
-#: Lines that are solved at once.
-_BLOCK = 32
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,7 +73,7 @@ class SpectralDecomposition:
             right = np.full((len(forced), len(mu)), np.nan, dtype=np.complex128)
         poles = _poles(mu, V, share, dampers, top)
         found = cls(projection, state, poles, (mu, observed @ V, right))
-        many = dampers.shape[1] > _MANY * len(X)
+        many = dampers.shape[1] > SPECTRAL.most_dampers_share * len(X)
         tabled = any(t.table is not None for t in projection.system.terms)
         if many or tabled or not found._agrees():
             return cls(projection, state, poles, None)
@@ -108,8 +99,8 @@ class SpectralDecomposition:
         """Return the receptance by a solution per line; raises SolverError if it is not finite."""
         projection, parts = self.projection, []
         stack = np.stack(projection.matrices)
-        for first in range(0, len(freq), _BLOCK):
-            omega = _TWO_PI * freq[first : first + _BLOCK]
+        for first in range(0, len(freq), SPECTRAL.block_lines):
+            omega = _TWO_PI * freq[first : first + SPECTRAL.block_lines]
             c = projection.system.coefficients(self.state, omega)
             Z = np.tensordot(c.T, stack, axes=1)
             loads = np.broadcast_to(projection.inputs.T, (len(omega), *projection.inputs.T.shape))
@@ -124,15 +115,15 @@ class SpectralDecomposition:
 
     def _agrees(self) -> bool:
         low, high = self.projection.band
-        freq = np.geomspace(max(low, 1e-3 * high), high, _CHECKED)
+        freq = np.geomspace(max(low, 1e-3 * high), high, SPECTRAL.checked_lines)
         exact, found = self.solve_lines(freq), self.receptance(freq)
-        return bool((np.abs(found - exact) <= _AGREES * np.abs(exact)).all())
+        return bool((np.abs(found - exact) <= SPECTRAL.agreement * np.abs(exact)).all())
 
 
 def _dampers(C: _Real) -> _Real:
     """Return L of C = L L^T, shape (r, k)."""
     size, axes = np.linalg.eigh(0.5 * (C + C.T))
-    kept = size > _RANK * max(float(size.max(initial=0.0)), 1e-300)
+    kept = size > SPECTRAL.damper_share * max(float(size.max(initial=0.0)), 1e-300)
     return np.asarray(axes[:, kept] * np.sqrt(size[kept]))
 
 

@@ -9,7 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.control.antiresonances import fill_antiresonances, resolve_antiresonances
+from updyn.control.offsets import mirror_offsets
 from updyn.control.ports import Port, port_matrix
+from updyn.control.settings import PLANT_TARGET, POLES
 from updyn.control.space import Conversion
 from updyn.dynamics.reduced_solver import ReducedSolver
 from updyn.dynamics.response import response
@@ -27,21 +29,6 @@ __all__ = [
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
-
-_BETWEEN = 200
-#: Lines around each resonance, in half-power widths.
-_AROUND = np.array([-4.0, -2.0, -1.0, -0.6, -0.3, -0.1, 0.0, 0.1, 0.3, 0.6, 1.0, 2.0, 4.0])
-#: Smallest resonance that is evaluated, as a share of the highest one of its channel.
-_COUNTS = 0.1
-#: Share of the geometric mean of its ports below which a channel is uncoupled.
-_UNCOUPLED = 1e-7
-#: Error of a reduced model, as a share of the largest receptance of a line, above its resolution.
-_RESOLVED = 1e-6
-#: Ratio of real part to modulus below which a pole is undamped.
-_UNDAMPED = 1e-9
-#: If a route cannot hold the tolerance next to a sharp peak: largest ratio of its error to that of
-#: all its modes.
-_SHORT = 1.2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -92,12 +79,13 @@ class ResponseTarget:
             return np.asarray(receptance(lines) * rate[:, :, None])
 
         freq, values = resolve_antiresonances(answer, freq, answer(freq))
-        resolution = _UNCOUPLED * potential(freq)
+        resolution = PLANT_TARGET.uncoupled_share * potential(freq)
         if reduced:
             rate = np.abs(2j * np.pi * freq[:, None]) ** power
             size = np.abs(values) / rate[:, :, None]
             largest = size.max(axis=(1, 2), keepdims=True)
-            resolution = np.maximum(resolution, _RESOLVED * largest * rate[:, :, None])
+            error = PLANT_TARGET.reduced_error * largest * rate[:, :, None]
+            resolution = np.maximum(resolution, error)
         return cls.at(freq, values, quantities, resolution, slow=slow, measure=measure)
 
     @classmethod
@@ -115,10 +103,7 @@ class ResponseTarget:
         power = np.array([QUANTITIES[q] for q in quantities])
         size = np.abs(values)
         level = size.max(axis=0)
-        even = (
-            np.linspace(freq[0], freq[-1], _BETWEEN),
-            np.geomspace(max(freq[0], 1e-4 * freq[-1]), freq[-1], _BETWEEN),
-        )
+        even = _spread_lines(float(freq[0]), float(freq[-1]))
         broad = size[
             np.unique(np.searchsorted(freq, np.concatenate(even)).clip(max=len(freq) - 1))
         ].max(axis=0)
@@ -208,7 +193,8 @@ class ResponseTarget:
             [[0], np.flatnonzero(~rises[:-1] & rises[1:]) + 1, [len(magnitude) - 1]]
         )
         out = []
-        for top in tops[magnitude[tops] >= _COUNTS * magnitude.max()] if len(tops) else []:
+        tops = tops[magnitude[tops] >= PLANT_TARGET.counted_height * magnitude.max()]
+        for top in tops:
             out.append((int(lows[lows < top][-1]), int(lows[lows > top][0]) + 1))
         return out
 
@@ -244,14 +230,13 @@ def target_lines(poles: _Complex, band: tuple[float, float]) -> _Real:
     sharp resonances of the others by more than their width.
     """
     low, high = band
-    poles = poles[
-        np.abs(poles.real) > _UNDAMPED * np.abs(poles)
-    ]  # the response at an undamped resonance is infinite
+    # The response at an undamped resonance is infinite.
+    poles = poles[np.abs(poles.real) > POLES.undamped_ratio * np.abs(poles)]
     width = np.abs(poles.real)
-    around = ((np.abs(poles.imag)[:, None] + width[:, None] * _AROUND) / (2.0 * np.pi)).ravel()
+    offsets = mirror_offsets(PLANT_TARGET.line_offsets)
+    around = ((np.abs(poles.imag)[:, None] + width[:, None] * offsets) / (2.0 * np.pi)).ravel()
     around = around[(around > low) & (around < high)]
-    spread = np.geomspace(max(low, 1e-4 * high), high, _BETWEEN)
-    lines = np.concatenate([np.linspace(low, high, _BETWEEN), spread, around, [low, high]])
+    lines = np.concatenate([*_spread_lines(low, high), around, [low, high]])
     lines = np.unique(np.clip(lines, low, high))
     keep = np.concatenate([[True], np.diff(lines) > 1e-12 * high])
     return np.asarray(lines[keep])
@@ -281,6 +266,12 @@ class CandidateSelection:
         return float(stated[np.isfinite(self.limits[:3])].max())
 
 
+def _spread_lines(low: float, high: float) -> tuple[_Real, _Real]:
+    """Return lines with even spacing and with even ratios."""
+    n = PLANT_TARGET.spread_lines
+    return np.linspace(low, high, n), np.geomspace(max(low, 1e-4 * high), high, n)
+
+
 def select_fewest(
     conversion: Conversion, target: ResponseTarget, tolerance: float, *, lenient: bool = False
 ) -> CandidateSelection:
@@ -304,7 +295,7 @@ def select_fewest(
     limits = target.limits(tolerance)
     whole = judge_selection(conversion, target, np.ones(len(order), dtype=np.bool_), limits)
     if lenient:
-        limits[3:] = np.maximum(limits[3:], _SHORT * whole.errors[3:])
+        limits[3:] = np.maximum(limits[3:], PLANT_TARGET.lenient_factor * whole.errors[3:])
     if not whole.holds:
         return whole
     low, high, best = int(always.sum()), len(order), whole

@@ -21,6 +21,7 @@ from updyn.control.real_modes import (
     full_damping_modes,
     single_frequency_modes,
 )
+from updyn.control.settings import COMPLEX_MODES, REAL_MODES
 from updyn.control.space import (
     Conversion,
     ModalSpace,
@@ -40,9 +41,6 @@ from updyn.errors import ModelError, OptionError, SolverError
 from updyn.frf import QUANTITIES
 
 __all__ = ["PlantTask", "build_task", "check_begin", "make_task"]
-
-_TERMS = (2, 3, 4, 6, 8)
-_EXTRA = (0, 2, 4)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -123,7 +121,7 @@ class PlantTask:
 
     def conversions(self, route: str) -> Iterator[Conversion]:
         """Yield the conversions of a route by increasing cost."""
-        for terms in _TERMS if route == "biot" else (0,):
+        for terms in REAL_MODES.relaxation_terms if route == "biot" else (0,):
             yield self.conversion(route, terms)
 
     def fitted_conversions(self, route: str) -> Iterator[Conversion]:
@@ -137,7 +135,7 @@ class PlantTask:
             if isinstance(conversion, ComplexModes):
                 for at_rest in (True, False):
                     if at_rest or (conversion.is_supported and self.powers.any()):
-                        for n in _EXTRA:
+                        for n in COMPLEX_MODES.real_poles:
                             yield fit_outputs(conversion, self.target, n, at_rest=at_rest)
 
 

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from updyn.control.family import PlantFamily
 from updyn.control.lines import channel_zeros, dense_lines, sweep
 from updyn.control.plant import Plant
+from updyn.control.settings import POLES, UNCERTAINTY_WEIGHT
 from updyn.control.weight_fit import Bound, Weight, bound_roots, fit_above
 from updyn.errors import ModelError, OptionError, suggest
 from updyn.frf import check_lines
@@ -32,25 +33,6 @@ __all__ = [
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 
-#: Ratio of real part to modulus below which poles and zeros count as undamped.
-_UNDAMPED = 1e-9
-#: Factor by which the lines extend beyond the slowest and fastest of band, poles and zeros.
-_BEYOND = 10.0
-#: Poles below this share of the fastest one count as 0; rounding splits a double pole at 0.
-_ZERO_POLE = 1e-6
-#: Number of parts into which new lines divide the gaps next to a place.
-_ZOOM = 8
-#: Largest number of places that are refined at once.
-_MOST_REFINED = 40
-#: Increase of a weight above its lines, in log |W|, for very sharp peaks between two of them.
-_MARGIN = 1e-3
-#: Number of refinements of the lines at the closest places.
-_ROUNDS = 4
-#: Distance from the closest place within which others are refined last, in log |W|; five times this
-#: in each earlier round.
-_CLOSE = 0.005
-#: A weight that violates new lines by more than this, in log |W|, is fitted again.
-_VIOLATION = 0.02
 _NO_ROOTS = np.zeros(0, dtype=np.complex128)
 
 
@@ -65,13 +47,13 @@ def refuse_undamped(roots: list[_Complex]) -> None:
     """
     for number, poles in enumerate(roots):
         size = np.abs(poles)
-        moving = size > _ZERO_POLE * max(float(size.max(initial=0.0)), np.finfo(float).tiny)
-        if (poles.real[moving] > _UNDAMPED * size[moving]).any():
+        moving = size > POLES.zero_share * max(float(size.max(initial=0.0)), np.finfo(float).tiny)
+        if (poles.real[moving] > POLES.undamped_ratio * size[moving]).any():
             raise ModelError(
                 f"{_name(number)} has a pole in the right half plane: a bound on the deviation"
                 " then does not determine stability"
             )
-        bad = np.flatnonzero(moving & (np.abs(poles.real) <= _UNDAMPED * size))
+        bad = np.flatnonzero(moving & (np.abs(poles.real) <= POLES.undamped_ratio * size))
         if bad.size:
             raise ModelError(
                 f"{_name(number)} has an undamped resonance at {size[bad[0]] / (2 * np.pi):.6g} Hz,"
@@ -84,7 +66,7 @@ def family_lines(family: PlantFamily, poles: list[_Complex]) -> _Real:
     plants = (family.nominal, *family.members)
     fastest = max(float(np.abs(p).max(initial=0.0)) for p in poles)
     high = max(2 * np.pi * family.nominal.band[1], fastest)
-    still = _ZERO_POLE * high
+    still = POLES.zero_share * high
     zeros = [[_finite(p, i, j, still, high) for i, j in channel_indices(family)] for p in plants]
     every = np.concatenate(poles)
     moving = every[np.abs(every) > still]
@@ -94,7 +76,8 @@ def family_lines(family: PlantFamily, poles: list[_Complex]) -> _Real:
         slowest = min(slowest, first)
     sharp = [moving, *zeros[0]]
     others = list(chain.from_iterable(zeros[1:]))
-    return dense_lines(sharp, others, slowest / (2 * np.pi * _BEYOND), high * _BEYOND / (2 * np.pi))
+    factor = UNCERTAINTY_WEIGHT.band_factor
+    return dense_lines(sharp, others, slowest / (2 * np.pi * factor), high * factor / (2 * np.pi))
 
 
 def channel_indices(family: PlantFamily) -> list[tuple[int, int]]:
@@ -105,7 +88,7 @@ def channel_indices(family: PlantFamily) -> list[tuple[int, int]]:
 def _finite(plant: Plant, i: int, j: int, low: float, high: float) -> _Complex:
     zeros = channel_zeros(plant, i, j)
     size = np.abs(zeros)
-    return np.asarray(zeros[(size > low) & (size < _BEYOND * high)])
+    return np.asarray(zeros[(size > low) & (size < UNCERTAINTY_WEIGHT.band_factor * high)])
 
 
 def family_radius(family: PlantFamily, lines: _Real, kind: str) -> _Real:
@@ -128,7 +111,7 @@ def refuse_unbounded(family: PlantFamily, lines: _Real, radius: _Real, kind: str
         zeros = channel_zeros(family.nominal, i, j)
         size = np.abs(zeros)
         inside = (size > 2 * np.pi * lines[0]) & (size < 2 * np.pi * lines[-1])
-        bad = size[inside & (np.abs(zeros.real) <= _UNDAMPED * size)] / (2 * np.pi)
+        bad = size[inside & (np.abs(zeros.real) <= POLES.undamped_ratio * size)] / (2 * np.pi)
         for f in bad:
             if family_radius(family, np.array([f * (1 + 1e-9)]), kind)[0, i, j] > 1e3:
                 raise ModelError(
@@ -167,9 +150,11 @@ def find_closest_lines(
         close = np.log(level) - bound.log_magnitude(2 * np.pi * lines)
         inner = np.flatnonzero((close[1:-1] >= close[:-2]) & (close[1:-1] >= close[2:])) + 1
         inner = inner[close[inner] > close.max() - within]
-        for k in inner[np.argsort(-close[inner], kind="stable")[:_MOST_REFINED]]:
-            more.append(np.linspace(lines[k - 1], lines[k], _ZOOM + 1)[1:-1])
-            more.append(np.linspace(lines[k], lines[k + 1], _ZOOM + 1)[1:-1])
+        closest = np.argsort(-close[inner], kind="stable")[: UNCERTAINTY_WEIGHT.most_places]
+        n = UNCERTAINTY_WEIGHT.gap_parts + 1
+        for k in inner[closest]:
+            more.append(np.linspace(lines[k - 1], lines[k], n)[1:-1])
+            more.append(np.linspace(lines[k], lines[k + 1], n)[1:-1])
     return np.setdiff1d(np.concatenate(more), lines) if more else np.zeros(0)
 
 
@@ -321,8 +306,9 @@ def uncertainty_weight(
     for at in channels:
         if floors[at] > 0:
             bounds[at] = _fit(lines, radius, floors, at, order, tolerance, largest_order)
-    for left in range(_ROUNDS - 1 if given is None else -1, -1, -1):
-        more = find_closest_lines(lines, radius, floors, bounds, _CLOSE * 5.0**left)
+    for left in range(UNCERTAINTY_WEIGHT.refinements - 1 if given is None else -1, -1, -1):
+        within = UNCERTAINTY_WEIGHT.close_distance * 5.0**left
+        more = find_closest_lines(lines, radius, floors, bounds, within)
         if not more.size:
             break
         merged = np.concatenate([lines, more])
@@ -332,7 +318,8 @@ def uncertainty_weight(
         # The last refinements do not fit the weight again.
         for at, bound in bounds.items() if left >= 2 else ():
             level = np.log(np.maximum(radius[:, *at], floors[at]))
-            if (level - bound.log_magnitude(2 * np.pi * lines)).max() > _VIOLATION:
+            violation = (level - bound.log_magnitude(2 * np.pi * lines)).max()
+            if violation > UNCERTAINTY_WEIGHT.refitted_violation:
                 bounds[at] = _fit(lines, radius, floors, at, order, tolerance, largest_order)
     channel_weights = {}
     for i, j in channels:
@@ -416,7 +403,7 @@ def _positive_lines(freq: ArrayLike) -> _Real:
 def _weight(lines: _Real, radius: _Real, floor: float, bound: Bound, note: str) -> Weight:
     excess = bound.log_magnitude(2 * np.pi * lines) - np.log(np.maximum(radius, floor))
     # The weight may lie below new lines; the gain corrects it.
-    lift = max(-float(excess.min()), 0.0) + _MARGIN
+    lift = max(-float(excess.min()), 0.0) + UNCERTAINTY_WEIGHT.margin
     spacing = np.gradient(np.log(lines)) if len(lines) > 1 else np.ones(1)
     mean = float(np.exp(spacing @ excess / spacing.sum() + lift))
     top = int(np.argmax(radius))

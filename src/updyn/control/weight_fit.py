@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import linprog
 
+from updyn.control.settings import WEIGHT_FIT
+
 __all__ = [
     "Bound",
     "Weight",
@@ -19,33 +21,6 @@ __all__ = [
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 _Lines = tuple[_Real, _Real, _Real]
-#: Weight of the largest excess relative to the mean.
-_SHARE = 0.1
-#: Damping of sections, from a sharp resonance to two real roots far apart.
-_DAMPING = (1e-5, 1e2)
-#: Least and largest number of lines for trial sections.
-_POOLED = (120, 250)
-#: Number of trial frequencies of a new section.
-_PLACES = 9
-#: Half the distance between the zero and the pole of a new first-order section, in log frequency.
-_STEP = 0.7
-#: Damping of zeros and poles of a new section; the sharp ones at the tightest peaks, of which
-#: `_TOUCHING_STARTS` are tried.
-_PEAKS = ((1.0, 0.2), (0.2, 1.0), (0.5, 0.05))
-_SPIKES = ((0.3, 3e-3), (0.1, 1e-4))
-_DIPS = ((0.05, 0.2), (0.2, 0.8), (0.3, 3.0))
-_TOUCHING_STARTS = 3
-#: Share of the largest excess, in log |W|, below which a bound is nearly tight.
-_GAP = 0.3
-#: Number of starts that are optimised to the end.
-_MOST_STARTS = 2
-_STEPS = 60
-#: Largest number of times that lines are added to a fit.
-_EXCHANGES = 3
-#: Distance from the tightest line within which a line is added, in log |W|.
-_NEAR = 0.05
-#: Largest violation that is corrected by the gain alone, in log |W|.
-_BELOW = 0.002
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -205,7 +180,7 @@ def _thin_lines(omega: _Real, y: _Real, weight: _Real) -> _Lines:
     share = np.linspace(0.0, 0.5, len(omega)) + 0.5 * np.log(omega / omega[0]) / max(
         np.log(omega[-1] / omega[0]), 1e-300
     )
-    count = int(np.clip(len(omega) // 16, *_POOLED))
+    count = int(np.clip(len(omega) // 16, WEIGHT_FIT.least_lines, WEIGHT_FIT.most_lines))
     cuts = np.flatnonzero(np.diff(np.floor(share * count))) + 1
     runs = np.split(np.arange(len(omega)), cuts)
     at = np.array([run[np.argmax(y[run])] for run in runs])
@@ -214,26 +189,30 @@ def _thin_lines(omega: _Real, y: _Real, weight: _Real) -> _Lines:
 
 def _add_section(base: Bound, order: int, omega: _Real, y: _Real, weight: _Real) -> Bound:
     """Return the best bound of an order from one of lower order, by an additional pole and zero."""
-    p, places = base.p, np.log(np.geomspace(omega[0], omega[-1], _PLACES))
+    p, count, d = base.p, WEIGHT_FIT.trial_frequencies, WEIGHT_FIT.root_distance
+    places = np.log(np.geomspace(omega[0], omega[-1], count))
     # A coincident pole and zero change nothing, so a start with them is never worse.
-    middle = places[_PLACES // 2]
+    middle = places[count // 2]
     if order % 2:
         starts = [np.concatenate([p[:1], [middle, middle], p[1:]])]
-        for w, d in product(places, (_STEP, -_STEP)):
-            starts.append(np.concatenate([p[:1], [w + d, w - d], p[1:]]))
+        for w, half in product(places, (d, -d)):
+            starts.append(np.concatenate([p[:1], [w + half, w - half], p[1:]]))
     else:
         starts = [np.concatenate([p, [middle, 0.0, middle, 0.0]])]
-        for w, d in product(places, (_STEP, -_STEP)):
-            starts.append(np.concatenate([p, [w + d, 0.0, w - d, 0.0]]))
-        peaks = [(w, *d) for w, d in product(places, _PEAKS)]
+        for w, half in product(places, (d, -d)):
+            starts.append(np.concatenate([p, [w + half, 0.0, w - half, 0.0]]))
+        peak_dampings = WEIGHT_FIT.peak_dampings
+        peaks = [(w, *dampings) for w, dampings in product(places, peak_dampings)]
         touched, free = _touched_and_free(base, omega, y, weight)
-        widths = chain(product(touched, (*_PEAKS, *_SPIKES)), product(free, _DIPS))
+        at_peaks = product(touched, (*peak_dampings, *WEIGHT_FIT.spike_dampings))
+        widths = chain(at_peaks, product(free, WEIGHT_FIT.dip_dampings))
         peaks += [(w, *width) for w, width in widths]
         for w, zeros, poles in peaks:
             starts.append(np.concatenate([p, [w, np.log(zeros), w, np.log(poles)]]))
     first = [_descend(start, order, omega, y, weight, 1) for start in starts]
-    best = sorted(first[1:], key=lambda one: one[1])[:_MOST_STARTS]
-    ended = [_descend(start, order, omega, y, weight, _STEPS) for start, _ in (first[0], *best)]
+    best = sorted(first[1:], key=lambda one: one[1])[: WEIGHT_FIT.most_starts]
+    steps = WEIGHT_FIT.most_steps
+    ended = [_descend(start, order, omega, y, weight, steps) for start, _ in (first[0], *best)]
     return Bound(order, min(ended, key=lambda one: one[1])[0], 0.0, 0.0)
 
 
@@ -245,15 +224,15 @@ def _touched_and_free(
     A peak of a section at a tight place lowers the bound elsewhere; a dip in a gap lowers it there.
     """
     excess = bound.log_magnitude(omega) - y
-    touched = np.argsort(excess, kind="stable")[:_TOUCHING_STARTS]
+    touched = np.argsort(excess, kind="stable")[: WEIGHT_FIT.trial_places]
     # Gaps lie between nearly tight places; their size is their area over log frequency.
-    near = np.flatnonzero(excess < _GAP * excess.max())
+    near = np.flatnonzero(excess < WEIGHT_FIT.tight_share * excess.max())
     ends = np.unique(np.concatenate([[0], near, [len(omega) - 1]]))
     areas = []
     for i, j in pairwise(ends):
         if j > i + 1:
             areas.append((float(weight[i : j + 1] @ excess[i : j + 1]), i, j))
-    gaps = sorted(areas, reverse=True)[:_TOUCHING_STARTS]
+    gaps = sorted(areas, reverse=True)[: WEIGHT_FIT.trial_places]
     x = np.log(omega)
     return [float(x[i]) for i in touched], [float(0.5 * (x[i] + x[j])) for _, i, j in gaps]
 
@@ -274,17 +253,17 @@ def _polish_bound(
 ) -> tuple[Bound, _Lines]:
     """Return a bound refitted with the lines that it violates, and the extended lines."""
     best, p = _raise_bound(bound, omega, y, weight), bound.p
-    for _ in range(_EXCHANGES):
+    for _ in range(WEIGHT_FIT.exchanges):
         excess = _model(p, bound.order, omega)[0] - y
-        if excess.min() > -_BELOW:
+        if excess.min() > -WEIGHT_FIT.gain_violation:
             break
         inner = np.flatnonzero((excess[1:-1] <= excess[:-2]) & (excess[1:-1] <= excess[2:])) + 1
-        lowest = inner[excess[inner] < excess.min() + _NEAR]
+        lowest = inner[excess[inner] < excess.min() + WEIGHT_FIT.exchange_distance]
         at, above, share = few
         every, first = np.unique(np.concatenate([at, omega[lowest]]), return_index=True)
         above = np.concatenate([above, y[lowest]])[first]
         few = every, above, np.concatenate([share, np.zeros(len(lowest))])[first]
-        p, _ = _descend(p, bound.order, *few, _STEPS)
+        p, _ = _descend(p, bound.order, *few, WEIGHT_FIT.most_steps)
         now = _raise_bound(Bound(bound.order, p, 0.0, 0.0), omega, y, weight)
         if now.mean < best.mean:
             best = now
@@ -305,7 +284,7 @@ def _descend(
         # Unknowns: the step, and the largest excess after it.
         rows = np.block([[-J, np.zeros((len(y), 1))], [J, -np.ones((len(y), 1))]])
         target = np.concatenate([f - y, y - f])
-        aim = np.concatenate([weight @ J, [_SHARE]])
+        aim = np.concatenate([weight @ J, [WEIGHT_FIT.largest_share]])
         limits = np.column_stack([np.append(low, 0.0), np.append(high, np.inf)])
         program = linprog(aim, A_ub=rows, b_ub=target, bounds=limits, method="highs")
         if program.status != 0:
@@ -351,11 +330,12 @@ def _lift_above(
     lift = float((y - f).max())
     f = f + lift
     p[0] += lift
-    return p, f, J, float(weight @ (f - y) + _SHARE * (f - y).max())
+    return p, f, J, float(weight @ (f - y) + WEIGHT_FIT.largest_share * (f - y).max())
 
 
 def _bounds(order: int, omega: _Real) -> tuple[_Real, _Real]:
-    w, z = (np.log(0.1 * omega[0]), np.log(10.0 * omega[-1])), np.log(_DAMPING)
+    w = np.log(0.1 * omega[0]), np.log(10.0 * omega[-1])
+    z = np.log((WEIGHT_FIT.least_damping, WEIGHT_FIT.largest_damping))
     single, pair = order % 2, order // 2
     lower = [-np.inf] + [w[0]] * (2 * single) + [w[0], z[0]] * (2 * pair)
     upper = [np.inf] + [w[1]] * (2 * single) + [w[1], z[1]] * (2 * pair)

@@ -11,13 +11,11 @@ from updyn.control.files.items import NO_PLANT
 from updyn.control.files.plant_file import plant_format, read_plant
 from updyn.control.plant import Plant
 from updyn.control.ports import Port
+from updyn.control.settings import PLANT_PICTURES
 from updyn.errors import FormatError
 from updyn.text_table import text_table
 
 __all__ = ["PLANT", "describe_plant"]
-
-#: Largest number of natural frequencies in the text.
-_MODES = 12
 
 
 def describe_plant(plant: Plant) -> str:
@@ -33,8 +31,9 @@ def describe_plant(plant: Plant) -> str:
     modes = f"{len(plant.modes)} modes"
     if plant.rigid:
         modes += f", {plant.rigid} of them rigid-body motion"
-    frequencies = ", ".join(f"{f:.5g}" for f in plant.modes[:_MODES]) or "none"
-    if len(plant.modes) > _MODES:
+    most = PLANT_PICTURES.listed_modes
+    frequencies = ", ".join(f"{f:.5g}" for f in plant.modes[:most]) or "none"
+    if len(plant.modes) > most:
         frequencies += ", ..."
     return "\n".join(
         [
