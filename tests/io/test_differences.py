@@ -7,6 +7,7 @@ import scipy.sparse as sp
 from updyn.dofs import DofSet
 from updyn.errors import FormatError
 from updyn.io.differences import Matrices, groups_by_difference
+from updyn.io.settings import MATRIX_FILE
 
 DOFS = DofSet(["1:X", "2:X", "3:X"])
 SOFT = np.array([[2.0, -2.0, 0.0], [-2.0, 2.0, 0.0], [0.0, 0.0, 0.0]])
@@ -21,12 +22,7 @@ def deck(factor: dict[str, float], rest: float = 0.0) -> Matrices:
 
 def test_parts_come_back() -> None:
     groups = groups_by_difference(
-        ["soft", "stiff"],
-        deck({}),
-        lambda name: deck({name: 2.0}),
-        DOFS,
-        "deck.inp",
-        tolerance=1e-10,
+        ["soft", "stiff"], deck({}), lambda name: deck({name: 2.0}), DOFS, "deck.inp"
     )
     K, M = groups["stiff"]
     np.testing.assert_allclose(K.toarray(), STIFF, rtol=1e-12)
@@ -54,6 +50,23 @@ def test_a_part_of_no_group_is_refused() -> None:
             DOFS,
             "deck.inp",
         )
+
+
+def test_a_rest_of_a_printed_digit_is_accepted() -> None:
+    level = 2.0 * MATRIX_FILE.sum_tolerance
+
+    def split(rest: float) -> None:
+        groups_by_difference(
+            ["soft", "stiff"],
+            deck({}, rest),
+            lambda name: deck({name: 2.0}, rest),
+            DOFS,
+            "deck.inp",
+        )
+
+    split(0.9 * level)
+    with pytest.raises(FormatError, match="at 1:X, 1:X"):
+        split(1.1 * level)
 
 
 def test_another_size_is_refused() -> None:

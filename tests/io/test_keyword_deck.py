@@ -7,12 +7,14 @@ import numpy as np
 import pytest
 
 from deck_samples import bar
+from overriding import override
 from updyn.dofs import DofSet
 from updyn.errors import FormatError, OptionError, UpdynWarning
 from updyn.io.calculix.model import read_parts
 from updyn.io.consistent_units import check_materials, find_units
 from updyn.io.keyword_deck.cards import format_number, read_cards
 from updyn.io.keyword_deck.structure import nodes_by_shape, read_deck, read_properties
+from updyn.io.settings import DECK
 from updyn.shapes import unique_edges, unique_faces
 
 
@@ -378,7 +380,7 @@ def test_sets_that_double_themselves_hold_each_member_once(tmp_path, kind):
 
 
 def test_sets_have_a_limit_that_names_the_line(tmp_path, monkeypatch):
-    monkeypatch.setattr("updyn.io.keyword_deck.sets._MOST_MEMBERS", 100)
+    override(monkeypatch, DECK, set_members=100)
     lines = ["*NSET, NSET=all, GENERATE", "1, 42", "*NSET, NSET=a", "all", "*NSET, NSET=b", "all"]
     with pytest.raises(
         FormatError, match=r"bar.inp:\d+: \*NSET: the sets up to here have more than 100"

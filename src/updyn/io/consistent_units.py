@@ -17,6 +17,7 @@ import scipy.sparse as sp
 
 from updyn.dofs import DofSet
 from updyn.errors import OptionError, UpdynWarning, suggest
+from updyn.io.settings import MATERIAL_RANGE
 from updyn.model import Matrix
 
 __all__ = ["UNITS", "UnitSystem", "check_materials", "find_units"]
@@ -79,10 +80,6 @@ def find_units(name: str) -> UnitSystem:
     return UNITS[name]
 
 
-#: Ranges of solids with a margin: rubber and foam to diamond, aerogel to osmium, gels to beryllium.
-_MODULUS, _DENSITY, _SPEED = (1e4, 2e12), (1.0, 3e4), (10.0, 3e4)
-
-
 def check_materials(
     materials: Iterable[tuple[str, float | None, float | None]],
     chosen: UnitSystem,
@@ -123,11 +120,14 @@ def check_materials(
 
 
 def _is_plausible(modulus: float | None, density: float | None, chosen: UnitSystem) -> bool:
+    """Return whether modulus and density in given units are those of a solid."""
+    limits = MATERIAL_RANGE
     E = None if not modulus else modulus * chosen.pressure
     rho = None if not density else density * chosen.density
-    fits = [
-        low <= v <= high for v, (low, high) in ((E, _MODULUS), (rho, _DENSITY)) if v is not None
-    ]
-    if E is not None and rho is not None:
-        fits.append(_SPEED[0] <= np.sqrt(abs(E / rho)) <= _SPEED[1])
-    return all(fits)
+    if E is not None and not limits.least_modulus <= E <= limits.most_modulus:
+        return False
+    if rho is not None and not limits.least_density <= rho <= limits.most_density:
+        return False
+    if E is None or rho is None:
+        return True
+    return bool(limits.least_speed <= np.sqrt(abs(E / rho)) <= limits.most_speed)

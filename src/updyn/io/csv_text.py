@@ -8,6 +8,7 @@ from collections.abc import Collection, Iterable
 from pathlib import Path
 
 from updyn.errors import FormatError
+from updyn.io.settings import FILE_TEXT
 from updyn.units import find_unit
 
 __all__ = [
@@ -30,8 +31,6 @@ _MEANINGS = {
     *("scale", "scaling", "scale factor", "factor", "multiplier", "offset", "gain"),
     *("db", "db reference", "reference level"),
 }
-#: Similarity above which a name is considered a misspelling.
-_MISSPELT = 0.86
 
 #: A name and the unit of an axis: "freq_kHz", "freq (Hz)", "t/ms", "time [ms]".
 _AXIS = re.compile(r"(\w+?)\s*(?:[/_ ]\s*(\S.*)|\[([^\[\]]*)\]|\(([^()]*)\))")
@@ -66,7 +65,8 @@ def check_comments(
                     path,
                     number,
                 )
-            close = difflib.get_close_matches(name, known, n=1, cutoff=_MISSPELT)
+            least = FILE_TEXT.misspelt_similarity
+            close = difflib.get_close_matches(name, known, n=1, cutoff=least)
             if close:
                 raise FormatError(
                     f"{shown}: unknown name {name!r}; did you mean {close[0]!r}?", path, number

@@ -16,14 +16,13 @@ import scipy.sparse as sp
 
 from updyn.dofs import DofSet
 from updyn.errors import FormatError
+from updyn.io.settings import MATRIX_FILE
 from updyn.model import Matrix
 
 __all__ = ["Matrices", "groups_by_difference"]
 
 #: K and M of a deck, each real and symmetric, shape (N, N), or None.
 Matrices: TypeAlias = tuple[Matrix | None, Matrix | None]
-
-_ROUNDING = 1e-13  # relative rounding error of an entry
 
 
 def groups_by_difference(
@@ -32,12 +31,10 @@ def groups_by_difference(
     doubled: Callable[[str], Matrices],
     dofs: DofSet,
     path: str | Path,
-    tolerance: float = 1e-10,
 ) -> dict[str, Matrices]:
     """Split K and M into groups by difference, with runs of the function `doubled`.
 
-    `tolerance` is the allowed deviation from the sum, relative to the largest entry of row and
-    column; programs that print few digits need more than the default.
+    Raises FormatError if the groups do not add up to K and M.
     """
     groups = {
         name: tuple(
@@ -48,7 +45,7 @@ def groups_by_difference(
     }
     for at, what in enumerate(("K", "M")):
         parts = [g[at] for g in groups.values() if g[at] is not None]
-        _check_sum(total[at], parts, what, tolerance, dofs, path)
+        _check_sum(total[at], parts, what, dofs, path)
     return {name: (K, M) for name, (K, M) in groups.items()}
 
 
@@ -69,13 +66,9 @@ def _difference(
     # Rounding differences of equal numbers do not belong to the group.
     scale = _scale(one)
     entry = out.tocoo()
-    out = sp.csr_array(
-        (
-            np.where(np.abs(entry.data) <= _ROUNDING * scale[entry.row], 0.0, entry.data),
-            (entry.row, entry.col),
-        ),
-        shape=out.shape,
-    )
+    is_rounding = np.abs(entry.data) <= MATRIX_FILE.entry_rounding * scale[entry.row]
+    values = np.where(is_rounding, 0.0, entry.data)
+    out = sp.csr_array((values, (entry.row, entry.col)), shape=out.shape)
     out.eliminate_zeros()
     return out if out.nnz else None
 
@@ -84,7 +77,6 @@ def _check_sum(
     total: Matrix | None,
     parts: list[Matrix],
     what: str,
-    tolerance: float,
     dofs: DofSet,
     path: str | Path,
 ) -> None:
@@ -94,7 +86,7 @@ def _check_sum(
     for part in parts:
         remainder = remainder - part
     entry, scale = sp.coo_array(remainder), _scale(total)
-    allowed = tolerance * np.maximum(scale[entry.row], scale[entry.col])
+    allowed = MATRIX_FILE.sum_tolerance * np.maximum(scale[entry.row], scale[entry.col])
     beyond = np.abs(entry.data) - allowed
     if beyond.size and beyond.max() > 0.0:
         worst = int(np.argmax(beyond))

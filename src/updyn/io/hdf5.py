@@ -39,6 +39,7 @@ from updyn.group import MATRICES, VALUES, Group, LossTable, Matrix
 from updyn.io.attributes import PACKING, read_unit
 from updyn.io.items import build_sparse, check_names, locate_errors
 from updyn.io.native import load_native, write_native
+from updyn.io.settings import MATRIX_FILE
 from updyn.model import Model
 
 __all__ = [
@@ -71,7 +72,6 @@ _LIBVER = (
     "v108",
     "v110",
 )  # metadata have checksums from 1.8 on; any HDF5 since 2016 reads it
-_COMPRESS_FROM = 2048  # entries; chunking costs more than compression saves for shorter datasets
 
 
 def write_model(model: Model, path: str | Path) -> None:
@@ -330,7 +330,7 @@ def take_geometry(place: Folder, path: str | Path) -> Geometry:
 
 # -- items --------------------------------------------------------------------------------------
 def _put_array(place: Any, name: str, array: NDArray[Any]) -> None:
-    big = array.size >= _COMPRESS_FROM
+    big = array.size >= MATRIX_FILE.compressed_entries
     packed = (
         {"compression": "gzip", "compression_opts": 1, "shuffle": True, "fletcher32": True}
         if big

@@ -7,14 +7,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-__all__ = ["DEEPEST", "Inclusions"]
+from updyn.io.settings import DECK
 
-#: Largest depth of nested inclusions: the lines of each level are in memory.
-DEEPEST = 20
-#: Largest number of repeated inclusions, and of their lines: a deck may include a file with few
-#: lines for each of many parts, but its size may not grow exponentially.
-_REPEATS = 100
-_REPEATED_LINES = 1_000_000
+__all__ = ["Inclusions"]
 
 
 class Inclusions:
@@ -32,8 +27,8 @@ class Inclusions:
             return None
         self._repeats += 1
         self._lines += lines
-        if self._repeats > _REPEATS:
-            return f"more than {_REPEATS} repeated inclusions"
-        if self._lines > _REPEATED_LINES:
-            return f"repeated inclusions have more than {_REPEATED_LINES} lines in total"
+        if self._repeats > DECK.repeated_inclusions:
+            return f"more than {DECK.repeated_inclusions} repeated inclusions"
+        if self._lines > DECK.repeated_lines:
+            return f"repeated inclusions have more than {DECK.repeated_lines} lines in total"
         return None

@@ -17,10 +17,10 @@ from contextlib import suppress
 from hashlib import blake2b
 from pathlib import Path
 
+from updyn.io.settings import FILE_TEXT
+
 __all__ = ["new_name", "remove_leftovers"]
 
-#: Longest part of a file name in the name of its temporary file.
-_LONGEST = 40
 _MARK = re.compile(r"([0-9a-f]{16})-([0-9a-f]+)-([0-9a-f]+)-[0-9a-f]{6}")
 #: States of processes that have ended: zombie, dead.
 _ENDED_STATES = ("Z", "X", "x")
@@ -61,7 +61,7 @@ def remove_leftovers(path: Path, prefix: str = ".", suffix: str = "") -> None:
 
 
 def _stem(path: Path, prefix: str) -> str:
-    return f"{prefix}{path.stem[:_LONGEST]}-"
+    return f"{prefix}{path.stem[: FILE_TEXT.temporary_stem]}-"
 
 
 def _machine_digest() -> str | None:

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from updyn.errors import FormatError, UpdynWarning, suggest
 from updyn.io.items import locate_errors, read_windows_text, require_file
+from updyn.io.settings import MEASURED_FILE
 from updyn.io.text_numbers import find_rounding, parse_integer, parse_real, parse_rows
 from updyn.signals.records import Records
 from updyn.units import find_unit
@@ -37,10 +38,6 @@ _TAG = re.compile(r"(?m)^[A-Za-z]")
 _SEPARATORS = {"Tab": "\t", "Comma": ",", "Semicolon": ";"}
 _X_COLUMNS = ("No", "One", "Multi")
 _HEADINGS = ("Yes", "No")
-#: Largest rounding error of a time, as a fraction of the step.
-_ROUNDED = 0.5
-#: Largest rounding error of Delta_X, as a fraction of the step.
-_STEP_ROUNDED = 1e-3
 #: Tags of the header of a record that are read.
 _ONCE = ("Channels", "Samples", "Delta_X", "X0", "X_Dimension", "X_Unit_Label", "Y_Unit_Label")
 #: Other tags that may change the meaning of the numbers.
@@ -265,7 +262,7 @@ class _LVMAxis:
         tags.check_dimension()
         printed = tags.each("Delta_X", str)[0].replace(head.decimal, ".")
         half_digit = 0.5 * float(find_rounding([printed], np.array(steps[:1]))[0])
-        digit = min(half_digit, _STEP_ROUNDED * abs(steps[0]))
+        digit = min(half_digit, MEASURED_FILE.step_rounding * abs(steps[0]))
         return cls(line, kept, n, samples[kept[0]], steps[0], digit, tags.units())
 
 
@@ -302,7 +299,7 @@ class _Tags:
         if not self.fields.get("X0"):
             return
         starts = self.each("X0", lambda text: parse_real(text.replace(decimal, ".")))
-        if max(starts) - min(starts) > _STEP_ROUNDED * abs(step):
+        if max(starts) - min(starts) > MEASURED_FILE.step_rounding * abs(step):
             raise self.error(
                 f"channels of one record start at {min(starts):g} to {max(starts):g} (X0); expected"
                 " equal start times"
@@ -436,7 +433,9 @@ def _step(times: NDArray[np.float64], axis: _LVMAxis) -> float:
     if not len(times) or not steps:
         return axis.step
     span = float(times[0, -1] - times[0, 0])
-    return axis.step if abs(span - steps * axis.step) <= _ROUNDED * axis.step else span / steps
+    if abs(span - steps * axis.step) <= MEASURED_FILE.time_rounding * axis.step:
+        return axis.step
+    return span / steps
 
 
 def _is_continuous(
@@ -445,7 +444,7 @@ def _is_continuous(
     """Return whether the times of consecutive packets are continuous; refuse gaps in a packet."""
     if not len(times):
         return False
-    rounded = _ROUNDED * abs(axis.step)
+    rounded = MEASURED_FILE.time_rounding * abs(axis.step)
     spread = np.flatnonzero(np.ptp(times, axis=0) > rounded)
     if spread.size:
         low, high = times[:, spread[0]].min(), times[:, spread[0]].max()

@@ -22,6 +22,7 @@ from updyn.dofs import DofSet
 from updyn.errors import ModelError, OptionError
 from updyn.geometry import Geometry
 from updyn.io.consistent_units import find_units
+from updyn.io.settings import MATRIX_FILE
 from updyn.model import Group, Model
 from updyn.shapes import (
     HEXAHEDRON,
@@ -36,11 +37,6 @@ from updyn.shapes import (
 
 __all__ = ["from_opensees"]
 
-_LARGEST = 4000  # equations, because OpenSees prints full matrices
-#: Difference of the sum of the groups from the total, relative to the largest entries of row and
-#: column.
-_TOLERANCE = 1e-10
-_ROUNDING = 1e-13
 #: Direction of each degree of freedom of a node, by number of dimensions and of degrees of freedom.
 _DIRECTIONS = {
     (1, 1): (0,),
@@ -303,9 +299,10 @@ class _OpenSeesAssembly:
         self.size = int(ops.systemSize())
         if self.size < 1:
             raise ModelError("OpenSees set up no equation; see its output on the console")
-        if self.size > _LARGEST:
+        most = MATRIX_FILE.most_opensees_equations
+        if self.size > most:
             raise ModelError(
-                f"{self.size} equations; expected at most {_LARGEST}, because OpenSees prints full"
+                f"{self.size} equations; expected at most {most}, because OpenSees prints full"
                 " matrices"
             )
 
@@ -315,7 +312,7 @@ class _OpenSeesAssembly:
         A = np.array(self._ops.printA("-ret"), dtype=np.float64).reshape(self.size, self.size)
         if not np.isfinite(A).all():
             raise ModelError(f"{what} holds numbers that are not finite")
-        if np.abs(A - A.T).max() > _TOLERANCE * np.abs(A).max():
+        if np.abs(A - A.T).max() > MATRIX_FILE.sum_tolerance * np.abs(A).max():
             raise ModelError(f"{what} is unsymmetric; expected a symmetric structure")
         return np.asarray(0.5 * (A + A.T))
 
@@ -359,7 +356,7 @@ def _split_groups(
         }
         for what, whole in (("stiffness", K), ("mass", total.mass)):
             covered = sum(part[what] for part in parts.values())
-            difference = _remove_rounding(whole - covered, whole, _TOLERANCE)
+            difference = _remove_rounding(whole - covered, whole, MATRIX_FILE.sum_tolerance)
             if difference.any():
                 name = _undamped_group(ops, assembly, total, elements, what, difference, dofs)
                 parts[name][what] = _remove_rounding(parts[name][what] + whole - covered, whole)
@@ -440,8 +437,9 @@ def _undamped_group(
     )
 
 
-def _remove_rounding(matrix: _Array, whole: _Array, share: float = _ROUNDING) -> _Array:
-    """Return a difference without entries below a fraction of the largest of row and column."""
+def _remove_rounding(matrix: _Array, whole: _Array, share: float | None = None) -> _Array:
+    """Return a difference without entries below a share of the largest of row and column."""
+    share = MATRIX_FILE.entry_rounding if share is None else share
     scale = np.abs(whole).max(axis=1)
     is_rounding = np.abs(matrix) <= share * np.maximum(scale[:, None], scale[None, :])
     return np.where(is_rounding, 0.0, matrix)

@@ -43,6 +43,7 @@ from updyn.io.items import (
     format_names,
 )
 from updyn.io.named import build_frf
+from updyn.io.settings import MEASURED_FILE
 from updyn.units import Unit, find_ratio, find_unit
 
 __all__ = ["Functions", "is_export", "read_export", "read_exported_coherence", "refuse_export"]
@@ -54,7 +55,6 @@ _RESPONSES, _REFERENCES = (
 )
 #: Quantity by the exponent of time in the dimension of motion / force.
 _BY_TIME = {2.0: "receptance", 1.0: "mobility", 0.0: "accelerance"}
-_SAME = 1e-3  # relative difference of equal factors
 
 Pair = tuple[str, str]  # names of response and reference
 
@@ -301,10 +301,12 @@ def _find_scale(struct: _Struct, axis: str, unit: Unit) -> float:
     """Return the factor that converts stored values of an axis to SI; `unit` is of the label."""
     key = f"{axis}.quantity"
     factor, offset = (struct.number(f"{key}.unit_transformation.{k}") for k in ("factor", "offset"))
-    if offset == 0.0 and math.isclose(factor * unit.factor, 1.0, rel_tol=_SAME):
+    tolerance = MEASURED_FILE.factor_tolerance
+    if offset == 0.0 and math.isclose(factor * unit.factor, 1.0, rel_tol=tolerance):
         return 1.0
     info = as_text(struct.find(f"{key}.info") or [], f"{struct.name}.{key}.info", struct.path)
-    if offset == 0.0 and math.isclose(factor, unit.factor, rel_tol=_SAME) and "MKS" not in info:
+    is_unit = offset == 0.0 and math.isclose(factor, unit.factor, rel_tol=tolerance)
+    if is_unit and "MKS" not in info:
         return factor
     raise struct.error(
         f"{key}: unit {struct.text(f'{key}.label')!r} with factor {factor:g} and offset {offset:g}"

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.errors import FormatError
+from updyn.io.settings import FILE_TEXT
 
 __all__ = [
     "check_last_line",
@@ -33,7 +34,6 @@ _COMMA = rb"(?:[ \t]*+,[ \t]*+|[ \t]++)"
 _ONE_REAL = re.compile(_REAL.decode())
 _ONE_WHOLE = re.compile(r"[+-]?[0-9]{1,18}+")
 _REALS = re.compile(rb"(?:\s*+" + _REAL + rb"(?=\s|\Z))*+\s*+")
-_SHOWN = 60  # characters of a line in a message
 _EXPONENT = bytes.maketrans(b"dD,", b"ee ")
 
 
@@ -80,10 +80,10 @@ def parse_real(text: str) -> float:
     """
     found = text.strip()
     if _ONE_REAL.fullmatch(found) is None:
-        raise ValueError(f"{found[:_SHOWN]!r} is not a number")
+        raise ValueError(f"{found[: FILE_TEXT.quoted_characters]!r} is not a number")
     value = float(found.upper().replace("D", "E"))
     if value in (float("inf"), -float("inf")):
-        raise ValueError(f"{found[:_SHOWN]!r} is too large a number")
+        raise ValueError(f"{found[: FILE_TEXT.quoted_characters]!r} is too large a number")
     return value
 
 
@@ -120,7 +120,7 @@ def parse_integer(text: str) -> int:
     """
     found = text.strip()
     if _ONE_WHOLE.fullmatch(found) is None:
-        raise ValueError(f"{found[:_SHOWN]!r} is not a whole number")
+        raise ValueError(f"{found[: FILE_TEXT.quoted_characters]!r} is not a whole number")
     return int(found)
 
 
@@ -188,4 +188,4 @@ def _row_error(
 
 
 def _format_text(line: bytes) -> str:
-    return repr(line.decode("ascii", "backslashreplace").strip()[:_SHOWN])
+    return repr(line.decode("ascii", "backslashreplace").strip()[: FILE_TEXT.quoted_characters])

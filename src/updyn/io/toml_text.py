@@ -10,9 +10,10 @@ import re
 import tomllib
 from typing import Any
 
+from updyn.io.settings import DECK
+
 __all__ = ["parse_toml"]
 
-_DEEPEST = 50
 _LARGEST = 2**63 - 1
 #: A last line that may end with a truncated number; all other values have an end mark.
 _CUT = re.compile(r"^[^\n#]*=[^\n\"'#\]}]*[0-9_.]\Z", re.MULTILINE)
@@ -46,7 +47,7 @@ def parse_toml(text: str) -> dict[str, Any]:
 def _check(document: dict[str, Any], text: str) -> None:
     """Check all values, level by level."""
     level: list[Any] = [document]
-    for _ in range(_DEEPEST):
+    for _ in range(DECK.toml_depth):
         below: list[Any] = []
         for value in level:
             if isinstance(value, dict):
@@ -62,7 +63,7 @@ def _check(document: dict[str, Any], text: str) -> None:
 
 
 def _depth_error() -> tomllib.TOMLDecodeError:
-    return tomllib.TOMLDecodeError(f"tables or arrays are nested more than {_DEEPEST} deep")
+    return tomllib.TOMLDecodeError(f"tables or arrays are nested more than {DECK.toml_depth} deep")
 
 
 def _size_error(text: str) -> tomllib.TOMLDecodeError:

@@ -27,6 +27,7 @@ from updyn.geometry import Geometry
 from updyn.io.consistent_units import UnitSystem
 from updyn.io.items import locate_errors, unreadable_error
 from updyn.io.keyword_deck.sets import distinct
+from updyn.io.settings import MATRIX_FILE
 from updyn.io.text_numbers import parse_real, parse_rows
 from updyn.model import Group, Matrix, Model
 
@@ -53,7 +54,6 @@ _SHAPES = {
     5: "node, dof, node, dof, entry",
     6: "element, node, dof, node, dof, entry",
 }
-_FIRST_ROWS = 100  # used to detect the number of columns
 _OTHER_DOFS = {"7": "warping", "8": "pressure", "9": "electric potential"}
 
 
@@ -175,7 +175,7 @@ def read_entries(path: Path) -> AbaqusEntries:
 
 def parse_entries(raw: bytes, path: Path, first_line: int = 1) -> AbaqusEntries:
     """Read the rows of a matrix; `first_line` is the line of the first row in the file."""
-    first = list(islice(_rows(raw, first_line), _FIRST_ROWS))
+    first = list(islice(_rows(raw, first_line), MATRIX_FILE.sampled_rows))
     if not first:
         raise FormatError("the matrix file has no entry", path)
     columns = Counter(len(_fields(row)) for _, row in first).most_common(1)[0][0]
@@ -289,7 +289,6 @@ def _first_duplicate(codes: NDArray[np.int64]) -> int | None:
 
 #: Quantities of matrix files, and their abbreviations in file names of Abaqus.
 MATRICES = {"stiffness": "STIF", "mass": "MASS", "viscous": "DMPV", "structural": "DMPS"}
-_PROPORTIONAL = 1e-8  # relative deviation of structural damping from a multiple of the stiffness
 _INTERNAL = ("keep", "condense")
 
 
@@ -458,7 +457,8 @@ def _find_loss_factor(D: Matrix, K: Matrix | None, part: AbaqusGroup, path: Path
     if K is None or not abs(K).max() > 0.0:
         raise FormatError(f"group {part.name!r}: structural damping without stiffness", path)
     gamma = float((D.multiply(K)).sum() / (K.multiply(K)).sum())
-    if abs(D - gamma * K).max() > _PROPORTIONAL * abs(K).max() * max(abs(gamma), 1e-6):
+    level = abs(K).max() * max(abs(gamma), 1e-6)
+    if abs(D - gamma * K).max() > MATRIX_FILE.damping_tolerance * level:
         raise FormatError(
             f"group {part.name!r}: structural damping is not a multiple of its stiffness; make"
             " each material a separate group",

@@ -23,6 +23,7 @@ from updyn.geometry import Geometry
 from updyn.group import VALUES
 from updyn.io.abaqus.deck import DeckFacts, read_facts
 from updyn.io.abaqus.matrices import (
+    FIXED_DIAGONAL,
     MATRICES,
     NAME,
     AbaqusEntries,
@@ -44,6 +45,7 @@ from updyn.io.keyword_deck.cards import (
     read_cards,
 )
 from updyn.io.keyword_deck.changes import write_changes
+from updyn.io.settings import MATRIX_FILE
 from updyn.model import Group, Matrix, Model
 
 __all__ = [
@@ -123,8 +125,6 @@ _PARAMETERS = {
 }
 #: Cards allowed in a deck that consists of matrices.
 _USAGE = ("HEADING", "PREPRINT", "NODE", "NSET", "MATRIX INPUT", "MATRIX ASSEMBLE", "BOUNDARY")
-#: Abaqus writes 15 digits.
-_TOLERANCE = 1e-10
 
 
 # -- *MATRIX GENERATE ---------------------------------------------------------------------------
@@ -235,13 +235,14 @@ def _check_sum(what: str, total: AbaqusEntries, files: list[AbaqusEntries]) -> N
         )
     labels = Labels.union([total, *files])
     remainder = labels.matrix(total)
-    free = np.flatnonzero(remainder.diagonal() < 1e35)
+    free = np.flatnonzero(remainder.diagonal() < FIXED_DIAGONAL)
     scale = abs(remainder[free][:, free])
     for file in files:
         remainder = remainder - labels.matrix(file)
     rest = remainder[free][:, free].tocoo()
     largest = scale.max(axis=1).toarray().ravel()
-    beyond = np.abs(rest.data) - _TOLERANCE * np.maximum(largest[rest.row], largest[rest.col])
+    level = np.maximum(largest[rest.row], largest[rest.col])
+    beyond = np.abs(rest.data) - MATRIX_FILE.sum_tolerance * level
     if beyond.size and beyond.max() > 0:
         at = int(np.argmax(beyond))
         dofs = labels.dofs

@@ -18,12 +18,14 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from updyn.dofs import Dof, DofSet
+from updyn.elements.settings import ELEMENT
 from updyn.errors import FormatError, OptionError, UpdynWarning
 from updyn.io.ansys.attributes import Attributes, find_neighbour, name_groups, read_attributes
 from updyn.io.ansys.binary import BinaryFile, dofs_of_nodes
 from updyn.io.ansys.full import FullSystem, read_system
 from updyn.io.ansys.properties import write_properties
 from updyn.io.items import is_file, locate_errors, parse_selection
+from updyn.io.settings import MATRIX_FILE
 from updyn.model import Group, Matrix, Model
 
 __all__ = [
@@ -33,10 +35,6 @@ __all__ = [
     "write_properties",
 ]
 
-#: Difference of the sum of the elements from the .full file, relative to the largest entries of row
-#: and column.
-_TOLERANCE = 1e-10
-_CHUNK = 4_000_000  # entries collected before they are summed
 _STRESS = "stress stiffness"
 _KEYS = 64  # above all DOF reference numbers: combines node and number in one integer
 
@@ -184,7 +182,7 @@ class _ElementSum:
             (at[row].astype(np.int32), at[column].astype(np.int32), matrix[row, column])
         )
         self._count += len(row)
-        if self._count > _CHUNK:
+        if self._count > ELEMENT.pending_entries:
             self.matrix()
 
     def matrix(self) -> Matrix:
@@ -294,9 +292,8 @@ def _check_sum(
         if not difference.nnz:
             continue
         scale = np.asarray(abs(expected).max(axis=1).toarray()).ravel()
-        beyond = np.abs(difference.data) - _TOLERANCE * np.maximum(
-            scale[difference.row], scale[difference.col]
-        )
+        level = np.maximum(scale[difference.row], scale[difference.col])
+        beyond = np.abs(difference.data) - MATRIX_FILE.sum_tolerance * level
         worst = int(np.argmax(beyond))
         if beyond[worst] > 0.0:
             i = int(difference.row[worst])
@@ -322,7 +319,6 @@ _HEADER: dict[str, int | tuple[int, int]] = {
     "ptrElm": (32, 20),
     "ptrIDX": (37, 25),
 }
-_SAMPLE = 200  # elements used to detect how triangles are packed
 
 
 @dataclass(frozen=True, slots=True)
@@ -439,7 +435,7 @@ class ElementFile:
         for by_rows in (True, False):
             self._by_rows = by_rows
             rest = 0.0
-            for i in range(min(len(self.elements), _SAMPLE)):
+            for i in range(min(len(self.elements), MATRIX_FILE.sampled_elements)):
                 element = self._read_element(i)
                 K = element.matrices.get("stiffness")
                 if K is None or not np.any(K):

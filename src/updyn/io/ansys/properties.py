@@ -19,6 +19,7 @@ from updyn.io.ansys.commands import FORMATTED, MATERIAL, REAL, find_affected_kin
 from updyn.io.atomic import atomic_path
 from updyn.io.changes import check_changes
 from updyn.io.items import unreadable_error
+from updyn.io.settings import DECK
 from updyn.io.text_numbers import check_last_line, parse_integer, parse_real
 
 __all__ = [
@@ -39,8 +40,6 @@ _REALS: Mapping[int, Mapping[str, tuple[int, ...]]] = {
     214: {"stiffness": (1, 2, 3, 4), "viscous": (5, 6, 7, 8)},
 }
 _NAMES = {14: "COMBIN14", 21: "MASS21", 40: "COMBIN40", 214: "COMBI214"}
-#: Limit of the number of constants in a set and of values over temperature; above any real deck.
-_MOST_NUMBERS = 1000
 #: First release with DMPS, 2020 R1; earlier releases are numbered by years, or as 15.0 to 19.5.
 _WITH_DMPS = 2020
 _LAST_BEFORE_YEARS = 20
@@ -555,9 +554,9 @@ class _Parser:
     def _place(self, text: str, line: int) -> int:
         """Return the position of the first number in a set or a table, by default 1."""
         place = _whole(text) or 1
-        if not 1 <= place <= _MOST_NUMBERS:
+        if not 1 <= place <= DECK.property_values:
             raise FormatError(
-                f"numbers from position {place} on; expected 1 to {_MOST_NUMBERS}",
+                f"numbers from position {place} on; expected 1 to {DECK.property_values}",
                 self.deck.path,
                 line,
             )

@@ -55,10 +55,6 @@ __all__ = [
     "write_properties",
 ]
 
-#: ccx prints 14 digits: the relative error of an entry is up to 5e-14, that of a difference up to
-#: 1e-13 of the larger entry.
-_TOLERANCE = 1e-10
-
 
 def read_model(
     path: str | Path,
@@ -101,7 +97,7 @@ def read_model(
         return one.stiffness, one.mass
 
     sums = total.stiffness, total.mass
-    split = groups_by_difference(parts, sums, double_part, dofs, path, _TOLERANCE)
+    split = groups_by_difference(parts, sums, double_part, dofs, path)
     groups = {}
     for key, (K, M) in split.items():
         name = parts[key].name

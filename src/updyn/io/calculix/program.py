@@ -19,6 +19,7 @@ from updyn.errors import FormatError, OptionError, UpdynWarning, suggest
 from updyn.foreign.exits import describe_exit
 from updyn.io.keyword_deck.cards import KeywordCard, parse_number_field
 from updyn.io.keyword_deck.structure import LINEAR, NONLINEAR, split_steps
+from updyn.io.settings import FILE_TEXT
 from updyn.io.text_numbers import parse_rows
 from updyn.model import Matrix
 
@@ -35,7 +36,6 @@ _JOB = "job"
 _NODE = re.compile(r"[0-9]{1,15}")
 #: The step that writes ``job.sti``, ``job.mas`` and ``job.dof`` instead of solving.
 STORAGE = ("*STEP", "*FREQUENCY, SOLVER=MATRIXSTORAGE")
-_SHOWN = 3  # reported messages of ccx
 #: Warnings of ccx about point masses, and about materials without density, which updyn reports.
 _HARMLESS = ("no elastic constants", "no density was assigned", "cannot be inter")
 
@@ -105,8 +105,8 @@ class CalculixProgram:
             elif not any(known in message for known in _HARMLESS):
                 remarks.append(message)
         if errors:
-            shown = "; ".join(errors[:_SHOWN])
-            if len(errors) > _SHOWN:
+            shown = "; ".join(errors[: FILE_TEXT.reported_messages])
+            if len(errors) > FILE_TEXT.reported_messages:
                 shown += f" ({len(errors)} in all)"
             raise FormatError(f"ccx reports: {shown}", self.path)
         written = {file.name for file in folder.iterdir()}

@@ -15,8 +15,9 @@ from types import MappingProxyType
 
 from updyn.errors import FormatError, suggest
 from updyn.foreign.confinement import check_inside
-from updyn.io.inclusion import DEEPEST, Inclusions
+from updyn.io.inclusion import Inclusions
 from updyn.io.items import is_file, suggest_file, unreadable_error
+from updyn.io.settings import DECK
 from updyn.io.text_numbers import check_last_line, parse_integer, parse_real
 
 __all__ = [
@@ -139,9 +140,10 @@ def _lines(
                 raise FormatError(
                     f"*{name}, INPUT={inner.name}: the file includes itself", path, start
                 )
-            if len(chain) > DEEPEST:
+            if len(chain) > DECK.inclusion_depth:
                 raise FormatError(
-                    f"*{name}, INPUT={inner.name}: nested {DEEPEST} levels deep; expected fewer",
+                    f"*{name}, INPUT={inner.name}: nested {DECK.inclusion_depth} levels deep;"
+                    " expected fewer",
                     path,
                     start,
                 )

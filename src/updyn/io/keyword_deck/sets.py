@@ -14,13 +14,12 @@ from numpy.typing import NDArray
 
 from updyn.errors import suggest
 from updyn.io.keyword_deck.cards import KeywordCard, KeywordRow, parse_integer_field
+from updyn.io.settings import DECK
 
 __all__ = ["Sets", "concatenate", "distinct"]
 
 _Numbers = NDArray[np.int64]
 
-#: Largest number of members by GENERATE and by names of sets in a deck: 80 MB.
-_MOST_MEMBERS = 10_000_000
 _PER_LINE = 16  # numbers per line that both programs read
 
 
@@ -69,9 +68,9 @@ class Sets:
     def count(self, number: int, card: KeywordCard, row: KeywordRow | None = None) -> None:
         """Count members added by a line; raise a FormatError above the limit."""
         self._count += number
-        if self._count > _MOST_MEMBERS:
+        if self._count > DECK.set_members:
             raise card.error(
-                f"*{card.name}: the sets up to here have more than {_MOST_MEMBERS} members by"
+                f"*{card.name}: the sets up to here have more than {DECK.set_members} members by"
                 " GENERATE and by names of sets; expected fewer",
                 row,
             )

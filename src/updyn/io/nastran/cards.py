@@ -13,7 +13,7 @@ from pathlib import Path
 
 from updyn.errors import FormatError, InputError, suggest
 from updyn.foreign.confinement import check_inside
-from updyn.io.inclusion import DEEPEST, Inclusions
+from updyn.io.inclusion import Inclusions
 from updyn.io.items import is_file, suggest_file, unreadable_error
 from updyn.io.nastran.fields import (
     NastranLine,
@@ -23,6 +23,7 @@ from updyn.io.nastran.fields import (
     split_fields,
 )
 from updyn.io.nastran.replication import expand
+from updyn.io.settings import DECK
 from updyn.io.text_numbers import check_last_line, parse_integer
 
 __all__ = ["NastranCard", "parse", "read_lines"]
@@ -155,8 +156,10 @@ def _iterate_lines(
         target = _target(line, name.strip(), main.parent)
         if target.resolve() in [outer.resolve() for outer in (*within, path)]:
             raise line.error(f"INCLUDE {name!r}: the file includes itself")
-        if len(within) >= DEEPEST:
-            raise line.error(f"INCLUDE {name!r}: nested {DEEPEST} levels deep; expected fewer")
+        if len(within) >= DECK.inclusion_depth:
+            raise line.error(
+                f"INCLUDE {name!r}: nested {DECK.inclusion_depth} levels deep; expected fewer"
+            )
         inner = _source(target)
         excess = inclusions.excess(target.resolve(), len(inner))
         if excess is not None:

@@ -21,6 +21,7 @@ from updyn.io.consistent_units import find_units
 from updyn.io.items import locate_errors
 from updyn.io.nastran.cards import NastranCard, parse, read_lines
 from updyn.io.nastran.fields import NastranLine
+from updyn.io.settings import DECK
 from updyn.shapes import (
     HEXAHEDRON,
     LINE,
@@ -262,8 +263,6 @@ def materials_of(card: NastranCard) -> tuple[int, ...]:
 
 SYSTEMS = ("CORD1R", "CORD1C", "CORD1S", "CORD2R", "CORD2C", "CORD2S")
 _POINTS = ("GRID", "GRDSET", "SPOINT")
-#: Largest number of scalar points: a card such as SPOINT,1,THRU,999999999 would fill the memory.
-_MOST_POINTS = 1_000_000
 _KNOWN = (*_POINTS, *SYSTEMS, *ELEMENTS, *PROPERTIES, *MATERIALS, *TIES, *LOADS, "PARAM")
 _BULK = re.compile(r"\s*BEGIN\s+BULK|\s*BEGIN\s*$", re.IGNORECASE)
 _SELECTED = re.compile(r"\s*(SPC|MPC)\s*=\s*(\S+)\s*$", re.IGNORECASE)
@@ -301,9 +300,10 @@ class NastranDeck:
                 numbers: Sequence[int] = range(card.integer(0), card.integer(2) + 1)
             else:
                 numbers = card.integers(card.nonempty(range(len(card.fields))))
-            if len(out) + len(numbers) > _MOST_POINTS:
+            if len(out) + len(numbers) > DECK.scalar_points:
                 raise card.error(
-                    f"SPOINT: more than {_MOST_POINTS} scalar points in the deck; expected fewer"
+                    f"SPOINT: more than {DECK.scalar_points} scalar points in the deck; expected"
+                    " fewer"
                 )
             out |= dict.fromkeys(numbers, card)
         return out

@@ -22,11 +22,11 @@ from updyn.errors import FormatError
 from updyn.io.atomic import atomic_path
 from updyn.io.nastran.cards import NastranCard, parse, read_lines
 from updyn.io.nastran.fields import NastranLine, format_field
+from updyn.io.settings import MATRIX_FILE
 
 __all__ = ["DMIGMatrix", "read_dmig", "write_dmig"]
 
 _SQUARE, _SYMMETRIC = 1, 6
-_SAME = 1e-6  # relative difference of equal entries, rounded to the digits of a punch file
 _LAST_GRID = 99999999
 _HEADER = 8  # fields of a header card
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9]{0,7}")
@@ -142,7 +142,8 @@ def _matrix(header: NastranCard, columns: Sequence[NastranCard]) -> DMIGMatrix:
         if i[one] == i[two]:
             raise where[two].error(f"DMIG {name}: entry {pair} occurs twice")
         a, b = values[one], values[two]
-        if abs(a - b) > _SAME * max(abs(a), abs(b), 1e-9 * max(map(abs, values))):
+        level = max(abs(a), abs(b), 1e-9 * max(map(abs, values)))
+        if abs(a - b) > MATRIX_FILE.mirror_tolerance * level:
             raise where[two].error(
                 f"DMIG {name}: declared symmetric (form 6), but entry {pair} is {b:g} and its"
                 f" mirror entry {a:g}"

@@ -28,6 +28,7 @@ from updyn.io.nastran.deck import build_geometry
 from updyn.io.nastran.matrices import OP2
 from updyn.io.nastran.op2_cards import build_deck
 from updyn.io.nastran.op2_file import OP2Block, OP2File
+from updyn.io.settings import MEASURED_FILE
 from updyn.modal import ModeSet
 from updyn.model import Model
 
@@ -54,10 +55,6 @@ _MAGNITUDE_AND_PHASE = 3
 _GRID, _SCALAR = 1, 2
 _LAMA_WIDTH = 7
 _LAMA_MODE, _LAMA_EIGENVALUE, _LAMA_MASS = 0, 2, 5
-#: Rounding of single precision, in which both tables keep the eigenvalue.
-_SAME = 1e-5
-#: Frequencies of rigid-body modes are rounding errors up to this fraction of the largest.
-_RIGID = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
@@ -317,7 +314,7 @@ def _frequencies(values: NDArray[np.float64], path: Path) -> NDArray[np.float64]
     if not np.isfinite(values).all():
         raise FormatError("an eigenvalue is not finite: damaged", path)
     size = np.sqrt(np.abs(values)) / (2.0 * np.pi)
-    unstable = (values < 0) & (size > _RIGID * size.max())
+    unstable = (values < 0) & (size > MEASURED_FILE.rigid_share * size.max())
     if unstable.any():
         warnings.warn(
             f"{path}: {unstable.sum()} modes have a negative eigenvalue, the lowest"
@@ -357,6 +354,7 @@ def _belongs_to(rows: dict[int, Any], found: Sequence[_OP2Mode]) -> bool:
         if mode.number not in rows:
             return False
         eigenvalue = rows[mode.number][_LAMA_EIGENVALUE]
-        if not abs(eigenvalue - mode.value.real) <= _SAME * abs(mode.value.real):
+        value = mode.value.real
+        if not abs(eigenvalue - value) <= MEASURED_FILE.eigenvalue_tolerance * abs(value):
             return False
     return True

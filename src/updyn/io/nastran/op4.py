@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from updyn.errors import FormatError, suggest
 from updyn.io.atomic import atomic_path
 from updyn.io.nastran.fields import parse_nastran_real
+from updyn.io.settings import MATRIX_FILE
 from updyn.io.text_numbers import parse_integer
 
 __all__ = [
@@ -44,7 +45,6 @@ RECTANGULAR, SYMMETRIC = 2, 6
 #: number of rows.
 ROWS_OF_BIGMAT = 65536
 _SQUARE = 1
-_LARGEST = 10**8  # above any model; a damaged header would request all memory
 _NAME = re.compile(r"[A-Z][A-Z0-9]{0,7}")
 
 
@@ -143,9 +143,10 @@ def check_header(
     path: Path, where: int | None, name: str, columns: int, rows: int, kind: int
 ) -> None:
     """Refuse sizes and types that no real matrix has."""
-    if not (1 <= columns <= _LARGEST and 1 <= abs(rows) <= _LARGEST):
+    most = MATRIX_FILE.most_rows
+    if not (1 <= columns <= most and 1 <= abs(rows) <= most):
         raise FormatError(
-            f"matrix {name!r}: {columns} columns and {abs(rows)} rows; expected 1 to {_LARGEST}",
+            f"matrix {name!r}: {columns} columns and {abs(rows)} rows; expected 1 to {most}",
             path,
             where,
         )

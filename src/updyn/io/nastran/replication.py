@@ -12,12 +12,11 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
 from updyn.io.nastran.fields import NastranRow, format_field, parse_nastran_real
+from updyn.io.settings import DECK
 from updyn.io.text_numbers import parse_integer
 
 __all__ = ["expand", "is_replicator"]
 
-#: Largest number of copies in a deck: a line such as =(999999999) would fill the memory.
-_MOST_COPIES = 100_000
 _COUNT = re.compile(r"=\s*(?:\((\d{1,9})\)|(\d{1,9}))")
 _STEP = re.compile(r"\*\s*(?:\(([^()]+)\)|([^()]+))")
 _WHOLE = re.compile(r"[+-]?\d+")
@@ -50,8 +49,8 @@ def expand(rows: Iterable[NastranRow]) -> Iterator[NastranRow]:
             count = _count(row, steps)
             images = _images(last, steps, count, row)
         copies += count
-        if copies > _MOST_COPIES:
-            raise row.line.error(f"more than {_MOST_COPIES} copies in a deck; expected fewer")
+        if copies > DECK.copies:
+            raise row.line.error(f"more than {DECK.copies} copies in a deck; expected fewer")
         for last in images:
             yield last
 

@@ -17,6 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.errors import FormatError
+from updyn.foreign.settings import READING
+from updyn.io.settings import MEASURED_FILE
 from updyn.io.text_numbers import parse_integer, parse_real
 
 __all__ = [
@@ -40,9 +42,6 @@ _TEXT_LINES = 11  # of a dataset 58, before its data
 _SIZES = {2: 4, 4: 8, 5: 4, 6: 8}  # bytes per number, by ordinate data type
 #: Fortran omits the E before an exponent of three digits.
 _LONG_EXPONENT = re.compile(r"^(\s*[+-]?[0-9]+\.[0-9]*)([+-][0-9]{3}\s*)$")
-#: Bytes read at a time, and more than the length of a closing delimiter with its padding.
-_CHUNK = 2**20
-_WINDOW = 2**12
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,7 +155,7 @@ class _Cursor:
         remaining = to - self.at
         self.file.seek(self.at)
         while remaining > 0:
-            chunk = self.file.read(min(remaining, _CHUNK))
+            chunk = self.file.read(min(remaining, READING.block_bytes))
             self.line += chunk.count(b"\n")
             remaining -= len(chunk)
         self._next = self.file.readline()
@@ -182,7 +181,7 @@ class _Cursor:
         """Return the offset after a closing delimiter that starts at `offset`, or None."""
         place = self.file.tell()
         self.file.seek(offset)
-        found = _AFTER_BYTES.match(self.file.read(_WINDOW))
+        found = _AFTER_BYTES.match(self.file.read(MEASURED_FILE.delimiter_window))
         self.file.seek(place)
         return offset + found.end() if found else None
 

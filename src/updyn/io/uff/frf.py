@@ -25,6 +25,7 @@ from updyn.frf import FRF, check_quantity
 from updyn.geometry import Geometry
 from updyn.io.items import format_counts, locate_errors, parse_selection
 from updyn.io.lengths import length
+from updyn.io.settings import MEASURED_FILE
 from updyn.io.uff.datasets import datasets
 from updyn.io.uff.functions import Function, read_function
 from updyn.io.uff.geometry import NUMBERS, GeometryCollector, Units
@@ -313,7 +314,6 @@ def _source(path: str | Path, first: Function, others: Counter[int]) -> str:
 
 
 _Pair = tuple[tuple[int, str], tuple[int, str]]
-_PARALLEL = 1e-6
 
 
 class Directions:
@@ -368,7 +368,7 @@ class Directions:
         k = int(np.argmax(np.abs(vector)))
         along = np.zeros(3)
         along[k] = np.sign(vector[k])
-        if np.abs(vector - along).max() > _PARALLEL:
+        if np.abs(vector - along).max() > MEASURED_FILE.parallel_tolerance:
             shown = ", ".join(f"{v:.6g}" for v in vector)
             raise FormatError(
                 f"record 6: {what} {dof} is oblique: its displacement system turns it to ({shown})"

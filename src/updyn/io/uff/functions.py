@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.errors import FormatError
+from updyn.io.settings import MEASURED_FILE
 from updyn.io.text_numbers import parse_reals
 from updyn.io.uff.datasets import (
     Dataset,
@@ -46,12 +47,6 @@ FUNCTIONS = {
     26: "multiple coherence",
 }
 _WIDTH_6 = 80
-#: Range of measured magnitudes other than 0, in any unit.
-_USUAL = (1e-30, 1e30)
-#: Fraction of unusual numbers above which the byte order is checked. In the wrong byte order, bits
-#: of the mantissa become the exponent: 0.2 (single precision) or 0.9 (double precision) of normally
-#: distributed numbers are then unusual.
-_MANY = 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -186,7 +181,7 @@ def _check_byte_order(
     payload: Payload, table: NDArray[np.float64], path: str | Path, line: int
 ) -> None:
     """Refuse numbers of unusual magnitude that have usual magnitudes in the other byte order."""
-    if _fraction_unusual(table) < _MANY:
+    if _fraction_unusual(table) < MEASURED_FILE.unusual_share:
         return
     other = payload.read(swapped=True)
     if _fraction_unusual(other) == 0.0:
@@ -203,8 +198,8 @@ def _check_byte_order(
 def _fraction_unusual(table: NDArray[np.float64]) -> float:
     """Return the fraction of nonzero numbers with unusual magnitudes."""
     size = np.abs(table[table != 0])
-    low, high = _USUAL
-    return 1.0 - float(((size >= low) & (size <= high)).mean()) if size.size else 0.0
+    usual = (size >= MEASURED_FILE.least_magnitude) & (size <= MEASURED_FILE.most_magnitude)
+    return 1.0 - float(usual.mean()) if size.size else 0.0
 
 
 def _record_6(

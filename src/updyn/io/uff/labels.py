@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from updyn.errors import FormatError
+from updyn.io.settings import MEASURED_FILE
 from updyn.io.uff.functions import Function, Record8
 from updyn.io.uff.geometry import Units
 from updyn.units import RATES, Unit, find_unit, split_ratio, strip_brackets, suggest_unit
@@ -58,8 +59,6 @@ _NAMES = {
 #: Units of acceleration that dataset 164, with its factors of length, cannot contradict.
 _GRAVITY = tuple(find_unit(label, "accelerance") for label in ("g", "mg"))
 _AT_THE_END = re.compile(r"[(\[]([^()\[\]]+)[)\]]$")
-#: Relative difference of equal factors: those of dataset 164 have at least four digits.
-_SAME = 1e-3
 _REMEDY = "; set scale=, the factor that converts the values to SI (9.80665 for g/N)"
 
 
@@ -112,7 +111,7 @@ def type_name(kind: int) -> str:
 
 
 def _is_same(a: float, b: float) -> bool:
-    return math.isclose(a, b, rel_tol=_SAME)
+    return math.isclose(a, b, rel_tol=MEASURED_FILE.factor_tolerance)
 
 
 # -- abscissa ------------------------------------------------------------------------------------

@@ -26,6 +26,7 @@ from updyn.dofs import DofSet
 from updyn.errors import AbsentError, FormatError, UpdynWarning
 from updyn.io.atomic import atomic_path
 from updyn.io.items import format_counts, locate_errors
+from updyn.io.settings import MEASURED_FILE
 from updyn.io.uff.datasets import (
     Dataset,
     datasets,
@@ -60,14 +61,6 @@ _STD = re.compile(rf"standard deviations {_NUMBER} Hz, {_NUMBER}$")
 _UNCERTAIN = "Standard deviations of the mode shape before, at fixed length"
 _NODE_WIDTH = 10  # columns
 _WIDEST = 10**_NODE_WIDTH
-#: Relative difference of equal numbers: with six digits, and in identification lines.
-_SAME, _ALIKE = 1e-4, 2e-3
-#: Largest relative difference between the frequency of a 2414 and its eigenvalue: above rounding to
-#: three digits, below a wrong unit (a factor of 2 pi). Squares and damping ratios may differ by
-#: twice as much, damping ratios also by an absolute amount, because small ones have few digits.
-_FIELD, _FIELD_2, _RATIO = 0.01, 0.02, 1e-3
-#: Fraction of an eigenvalue up to which a positive real part is rounding of an undamped mode.
-_UNDAMPED = 1e-6
 _TURN = 2.0 * np.pi
 
 
@@ -353,7 +346,8 @@ def _check_eigenvalue(frequency: float, eigenvalue: float, place: _ModePlace) ->
         )
     omega = _TURN * frequency
     is_known = frequency > 0.0 and eigenvalue > 0.0
-    if is_known and not _is_near(eigenvalue, np.array([omega, omega**2]), _FIELD_2):
+    share = 2.0 * MEASURED_FILE.frequency_tolerance
+    if is_known and not _is_near(eigenvalue, np.array([omega, omega**2]), share):
         raise place.error(
             f"frequency {frequency:g} Hz contradicts eigenvalue {eigenvalue:g}; expected the square"
             f" of the angular frequency, {omega**2:g}"
@@ -364,14 +358,16 @@ def _check_fields(fields: NDArray[np.float64], s: complex, place: _ModePlace) ->
     """Refuse fields of frequency and damping that do not match an eigenvalue in rad/s."""
     _, f, _, _, viscous, hysteretic = fields
     sizes = np.array([abs(s), abs(s.imag)])
-    if f > 0.0 and not _is_near(f, sizes / _TURN, _FIELD):
+    if f > 0.0 and not _is_near(f, sizes / _TURN, MEASURED_FILE.frequency_tolerance):
         raise place.error(
             f"frequency {f:g} Hz contradicts the eigenvalue {s:g} 1/s of record 13"
             f" ({abs(s) / _TURN:g} Hz); expected Hz here and rad/s in record 13"
         )
     ratio = -s.real / abs(s)
     given = np.array([viscous, 0.5 * hysteretic, viscous + 0.5 * hysteretic])
-    if given.any() and not (np.abs(given - ratio) <= _RATIO + _FIELD_2 * abs(ratio)).any():
+    share = 2.0 * MEASURED_FILE.frequency_tolerance
+    allowed = MEASURED_FILE.damping_tolerance + share * abs(ratio)
+    if given.any() and not (np.abs(given - ratio) <= allowed).any():
         raise place.error(
             f"damping ratios {viscous:g} and {hysteretic:g} contradict the eigenvalue {s:g} 1/s of"
             f" record 13 (viscous ratio {ratio:g})"
@@ -395,7 +391,7 @@ def _normal_mode_properties(numbers: NDArray[np.float64], place: _ModePlace) -> 
             " critical damping; expected fractions of 1, not per cent"
         )
     for line, stated in _find_contradictory_frequency(f, place):
-        is_angular = _is_near(f, _TURN * stated, _ALIKE)
+        is_angular = _is_near(f, _TURN * stated, MEASURED_FILE.stated_tolerance)
         relation = "it is in rad/s" if is_angular else "it was divided by 2 pi"
         raise place.error(
             f"frequency {f:g} Hz contradicts {stated:g} Hz on line {line}: {relation}"
@@ -412,20 +408,21 @@ def _complex_mode_properties(numbers: NDArray[np.float64], place: _ModePlace) ->
             f"eigenvalue {s.real:g} 1/s does not oscillate; expected an imaginary part"
         )
     # Modal B is -s A, and modal A of a shape of unit modal mass is 2 i omega.
-    if a and _is_near(abs(b), _TURN * abs(s * a), _SAME):
+    if a and _is_near(abs(b), _TURN * abs(s * a), MEASURED_FILE.mode_tolerance):
         raise _to_hertz(place, s, f"modal B {b:g} and modal A {a:g}")
-    if _is_near(abs(a), 2.0 * _TURN * abs(s.imag), _SAME):
+    if _is_near(abs(a), 2.0 * _TURN * abs(s.imag), MEASURED_FILE.mode_tolerance):
         raise _to_hertz(place, s, f"modal A {a:g} belongs to a frequency of {abs(s.imag):g} Hz")
     f = abs(s) / _TURN
     for line, stated in _find_contradictory_frequency(f, place):
         if stated > f:
             raise _to_hertz(place, s, f"line {line} states {stated:g} Hz")
-    if s.real > _UNDAMPED * abs(s):
+    if s.real > MEASURED_FILE.undamped_share * abs(s):
         raise place.error(
             f"eigenvalue {s:g} 1/s: unstable; expected a negative real part (some programs"
             " write the decay rate, or a spurious mode)"
         )
-    is_contradictory = bool(a and b) and not _is_near(abs(b), abs(s * a), _ALIKE)
+    share = MEASURED_FILE.stated_tolerance
+    is_contradictory = bool(a and b) and not _is_near(abs(b), abs(s * a), share)
     factor = 0.0 if is_contradictory or not a else complex(np.sqrt(2j * s.imag / a))
     return _ModeProperties(f, -2.0 * s.real / abs(s), s.imag < 0, factor, is_contradictory)
 
@@ -436,10 +433,11 @@ def _to_hertz(place: _ModePlace, s: complex, why: str) -> FormatError:
 
 def _find_contradictory_frequency(frequency: float, place: _ModePlace) -> list[tuple[int, float]]:
     """Return line and value of stated frequencies that differ by a factor of 2 pi."""
-    if any(_is_near(frequency, stated, _ALIKE) for _, stated in place.stated):
+    share = MEASURED_FILE.stated_tolerance
+    if any(_is_near(frequency, stated, share) for _, stated in place.stated):
         return []
     wrong = np.array([frequency * _TURN, frequency / _TURN])
-    return [each for each in place.stated if _is_near(each[1], wrong, _ALIKE)]
+    return [each for each in place.stated if _is_near(each[1], wrong, share)]
 
 
 def _is_near(value: float, expected: float | NDArray[np.float64], share: float) -> bool:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from updyn.dofs import DIRECTIONS
 from updyn.errors import AbsentError, FormatError, UpdynWarning
 from updyn.io.items import format_counts, locate_errors, require_file
+from updyn.io.settings import MEASURED_FILE
 from updyn.io.uff.datasets import datasets
 from updyn.io.uff.functions import Function, read_function
 from updyn.io.uff.geometry import NUMBERS, GeometryCollector
@@ -27,7 +28,6 @@ from updyn.signals.records import Records
 __all__ = ["read_records"]
 
 _TIME_RESPONSE = 1
-_SAME = 1e-9
 
 
 def read_records(path: str | Path) -> Records:
@@ -106,7 +106,7 @@ def _check(function: Function, first: int, expected: NDArray[np.float64], path: 
             function.line,
         )
     apart = max(abs(step - _step(expected)) * len(x), abs(x[0] - expected[0]))
-    if apart > max(1e-6 * step, _SAME * abs(float(expected[-1]))):
+    if apart > max(1e-6 * step, MEASURED_FILE.time_tolerance * abs(float(expected[-1]))):
         raise FormatError(
             f"a time response from {x[0]:g} s in steps of {step:g} s, but on line {first} from"
             f" {expected[0]:g} s in steps of {_step(expected):g} s; expected records with the same"
