@@ -26,9 +26,9 @@ from updyn.updating.fit.settings import (
     TRY_STARTS,
 )
 from updyn.updating.judge.settings import EXPERIMENT_ADVICE
-from updyn.updating.problem import coordinates, noise, residuals
-from updyn.updating.problem.lines import _RELATIVE_FLOOR
+from updyn.updating.problem import noise, residuals
 from updyn.updating.problem.noise import estimated, neighbours
+from updyn.updating.problem.settings import LINE_DESIGN, SEARCH_DATA
 
 TEXT = " ".join((ROOT / "docs" / "method.md").read_text(encoding="utf-8").split())
 
@@ -41,10 +41,10 @@ TEXT = " ".join((ROOT / "docs" / "method.md").read_text(encoding="utf-8").split(
         f"at most {SEARCH.most_lines} lines",
         "at least {:g}, then {:g}, then {:.1f}".format(*TRY_STARTS.loss_levels),
         f"`starts` tries ({search.Search().starts}) of {search.Search().max_iterations} steps",
-        f"values down to {coordinates._RELAXED:g} ",
+        f"values down to {SEARCH_DATA.least_loss_factor:g} ",
         f"by more than {100 * FURTHER_ANSWERS.uncertain_std:g} % is moved alone",
-        f"w = 1 / sqrt(1 + (s / {residuals._CLEAR:g})^2)",
-        f"s^2 = E|dH|^2 / (|H_X|^2 - {residuals._BIAS:g} E|dH|^2)",
+        f"w = 1 / sqrt(1 + (s / {SEARCH_DATA.halving_noise:g})^2)",
+        f"s^2 = E|dH|^2 / (|H_X|^2 - {SEARCH_DATA.subtracted_variances:g} E|dH|^2)",
         f"below {residuals.ROUNDING.receptance_share:.0e} of the largest of its line",
         f"whose log error is at most {SEARCH.fitted_cost_ratio:g} times the least",
         "Factors are moved by up to {:.0f} or {:.0f} %".format(
@@ -62,7 +62,7 @@ TEXT = " ".join((ROOT / "docs" / "method.md").read_text(encoding="utf-8").split(
             f"noise of {100 * noise.ASSUMED['relative']:g} % and a floor of"
             f" {100 * noise.ASSUMED['floor']:g} %"
         ),
-        f"a floor of {100 * _RELATIVE_FLOOR:g} % of the rms",
+        f"a floor of {100 * LINE_DESIGN.noise_floor:g} % of the rms",
         f"Up to {LINE_SOLVER.dense_dofs} degrees of freedom",
         (
             f"up to {LINE_SOLVER.filled_dofs} where more than {100 * LINE_SOLVER.dense_fill:g} % of the"

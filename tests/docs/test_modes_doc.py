@@ -10,7 +10,7 @@ import pytest
 from pages import ROOT, blocks, run_python
 from updyn.correlation import ModeCorrelation
 from updyn.correlation.modes import correlate_modes
-from updyn.updating.modes import LARGEST
+from updyn.updating.judge.settings import EFFORT
 
 PAGE = ROOT / "docs" / "modes.md"
 TEXT = PAGE.read_text(encoding="utf-8")
@@ -42,7 +42,7 @@ def test_limits_are_those_of_the_source() -> None:
     for name in ("gate", "least_mac"):
         assert f"`{name}` ({options[name].default:g})" in WORDS
     assert f"within {100 * options['close'].default:g} % of frequency (`close`)" in WORDS
-    assert f"above {LARGEST:,} DOFs" in WORDS
+    assert f"above {EFFORT.most_dofs:,} DOFs" in WORDS
 
 
 def test_figures_of_the_table_are_there() -> None:

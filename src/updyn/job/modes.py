@@ -11,7 +11,8 @@ from updyn.job.prepared import PreparedTest
 from updyn.job.start import start_model
 from updyn.modal import ModeSet
 from updyn.updating.judge.modal_table import ModalTable
-from updyn.updating.modes import LARGEST, identify_modes_for, judge_by_modes, modal_table
+from updyn.updating.judge.settings import EFFORT
+from updyn.updating.modes import identify_modes_for, judge_by_modes, modal_table
 from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.result import JointResult, UpdateResult
 
@@ -20,7 +21,7 @@ __all__ = ["modal_texts", "start_modes_text", "with_modes"]
 
 def with_modes(result: UpdateResult | JointResult) -> UpdateResult | JointResult:
     """Return a result with a modal table per test (empty if stopped) and the verdict from them."""
-    largest = 0 if result.status == "stopped" else LARGEST
+    largest = 0 if result.status == "stopped" else EFFORT.most_dofs
     if isinstance(result, UpdateResult):
         table = modal_table(result, largest=largest)
         return replace(
@@ -53,7 +54,7 @@ def _select_informative(
 def start_modes_text(test: PreparedTest, unknowns: ParameterSet) -> str:
     """Return a text table of measured and computed modes at the start, or why it is missing."""
     model, data = start_model(test, unknowns), test.data
-    if model.n_dofs > LARGEST:
+    if model.n_dofs > EFFORT.most_dofs:
         return f"Modes: not computed for a model of {model.n_dofs} DOFs; see updyn.correlate."
     try:
         measured = data if isinstance(data, ModeSet) else test.modes

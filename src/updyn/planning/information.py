@@ -31,8 +31,9 @@ from updyn.sensitivity import contract
 from updyn.updating.problem.noise.known import Stated, two_part_variance, unit_kinds
 from updyn.updating.problem.optimal_design import initial_information
 from updyn.updating.problem.parameters import ParameterSet
-from updyn.updating.problem.problem import SPREAD, FRFPart
+from updyn.updating.problem.problem import FRFPart
 from updyn.updating.problem.session import Record, Session
+from updyn.updating.problem.settings import EVALUATION
 
 __all__ = ["Candidates", "PairInformation", "Stage", "check_size"]
 
@@ -152,7 +153,7 @@ class Candidates:
     def is_distributed(self) -> bool:
         """Whether lines are distributed over workers."""
         n_values = len(self.freq) * len(self.responses) * len(self.references)
-        return self.part.work + 4.0 * n_values * self.part.n**2 > SPREAD
+        return self.part.work + 4.0 * n_values * self.part.n**2 > EVALUATION.distributed_work
 
     def over_lines(self, function: Callable[[Candidates, _Item], _Real], x: _Real) -> _Real:
         """Return the sum of a function over all lines at a point, computed in pieces.

@@ -21,9 +21,10 @@ from updyn.model import Model
 from updyn.report.data import ReportData, keep_lines
 from updyn.report.formats import unit
 from updyn.report.section import PageContent
+from updyn.report.settings import REPORT_LIST, REPORT_SIZE
 from updyn.style import STATES
 from updyn.updating.judge.modal_table import ModalRow, ModalTable, ModeEntry
-from updyn.updating.modes import LARGEST
+from updyn.updating.judge.settings import EFFORT
 from updyn.updating.result import UpdateResult
 from updyn.viewer.bodies import arrows_at, entries_of, model_body, motions, sensor_body
 from updyn.viewer.colourings import by_size
@@ -41,16 +42,6 @@ from updyn.viewer.scene import (
 
 __all__ = ["colour_by_std", "scene_of", "sensors_of"]
 
-#: Largest number of mode displacements on a page (1.6 MB), and the smallest number of modes.
-_MOST_DISPLACEMENTS = 600_000
-_FEWEST_ROWS = 4
-#: Largest number of operating-shape values on a page, smallest number of lines, and largest number
-#: of references.
-_MOST_VALUES = 200_000
-_FEWEST_LINES = 40
-_MOST_REFERENCES = 8
-#: Largest relative difference between the frequencies of one mode from two computations.
-_SAME = 1e-6
 #: Colour and style of each layer, after a fit and before any fit.
 _LOOKS = {
     "updated": (STATES["updated"], "surface"),
@@ -164,7 +155,7 @@ class _ModalShapes:
     def of(cls, table: ModalTable, models: Mapping[str, Model]) -> _ModalShapes | None:
         """Return the shapes; None if no modes are available."""
         n_dofs = models["start"].n_dofs
-        if not table.known or table.test is None or n_dofs > LARGEST:
+        if not table.known or table.test is None or n_dofs > EFFORT.most_dofs:
             return None
         full: dict[str, Modes] = {}
         for name, model in models.items():
@@ -172,12 +163,12 @@ class _ModalShapes:
             highest = max((e.frequency for e in entries if e is not None), default=0.0)
             if highest > 0.0:
                 try:
-                    full[name] = model_modes(model, highest * (1.0 + _SAME))
+                    full[name] = model_modes(model, highest * (1.0 + REPORT_LIST.same_frequency))
                 except (UpdynError, np.linalg.LinAlgError):  # the section on modes says why
                     continue
         if not full:
             return None
-        most = max(_MOST_DISPLACEMENTS // (6 * n_dofs), _FEWEST_ROWS)
+        most = max(REPORT_SIZE.mode_displacements // (6 * n_dofs), REPORT_SIZE.least_modes)
         kept = table.rows[:most]
         return cls(kept, len(table.rows) - len(kept), models, full, table.test, table.correlations)
 
@@ -203,15 +194,16 @@ class _ModalShapes:
         if entry is None or name not in self.full:
             return None
         full, close = self.full[name], self.subspace(name, row)
+        same = REPORT_LIST.same_frequency
         if close is not None and close.close != "measured" and row.test is not None:
             low, high = close.frequency_computed.min(), close.frequency_computed.max()
-            inside = (full.frequency >= low * (1 - _SAME)) & (full.frequency <= high * (1 + _SAME))
+            inside = (full.frequency >= low * (1 - same)) & (full.frequency <= high * (1 + same))
             near = full.select(inside)
             target = self.test.shapes[:, row.test.number]
             return np.asarray(near.shapes @ np.linalg.lstsq(near.at(self.test.dofs), target)[0])
         away = np.abs(full.frequency - entry.frequency)
         at = int(np.argmin(away))
-        return full.shapes[:, at] if away[at] <= _SAME * entry.frequency else None
+        return full.shapes[:, at] if away[at] <= same * entry.frequency else None
 
     def test_shape(
         self, row: ModalRow, close: Subspace | None, at_sensors: NDArray[Any] | None
@@ -324,13 +316,13 @@ def _make_operating_shapes(
     looks = {name: (STATES[name], style) for name, style in styles.items()}
     present = {name: values for name, values in states.items() if values is not None}
     notes = []
-    shown = min(len(data.references), _MOST_REFERENCES)
+    shown = min(len(data.references), REPORT_SIZE.operating_references)
     if shown < len(data.references):
         notes.append(
             f"Operating shapes are shown for the first {shown} of {len(data.references)} forces."
         )
     per_line = shown * len(data.responses) * len(present)
-    limit = max(_MOST_VALUES // per_line, _FEWEST_LINES)
+    limit = max(REPORT_SIZE.operating_values // per_line, REPORT_SIZE.least_operating_lines)
     at = keep_lines(data.measured, data.used, limit)
     if len(at) < len(data.freq):
         notes.append(f"Operating shapes are shown at {len(at)} of {len(data.freq)} lines.")

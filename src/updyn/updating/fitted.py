@@ -12,16 +12,13 @@ from updyn.settings import ROUNDING
 from updyn.updating.assembly import Assembly
 from updyn.updating.fit.method import Fit
 from updyn.updating.fit.monitor import Monitor
-from updyn.updating.fit.settings import REDUCED_TIER
+from updyn.updating.fit.settings import DESCENT, REDUCED_TIER
 from updyn.updating.problem.lines import restrict_to_lines
 from updyn.updating.problem.modal import check_any_pair
 from updyn.updating.problem.problem import Problem
 from updyn.updating.problem.session import Stopped
 
 __all__ = ["Fitted", "fit_tests"]
-
-#: Relative change of each unknown at the start if the model is singular there.
-_ASIDE = 1e-3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,7 +61,7 @@ def _perturb_start(problem: Problem) -> Problem:
     x, (lower, upper) = coordinates.start, coordinates.bounds
     share = 0.5 + 0.5 * np.random.default_rng(0).random(len(x))
     is_mass = np.array([p.quantity == "mass" for p in coordinates.parameters])
-    step = _ASIDE * share * np.where(is_mass, -1.0, 1.0)
+    step = DESCENT.start_change * share * np.where(is_mass, -1.0, 1.0)
     step = np.where((x + step < lower) | (x + step > upper), -step, step)
     return problem.with_coordinates(coordinates.with_start(x + step))
 

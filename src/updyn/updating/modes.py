@@ -13,18 +13,16 @@ from updyn.modal import ModeSet
 from updyn.model import Model
 from updyn.updating.judge.counterparts import identify_modes_for
 from updyn.updating.judge.modal_table import ModalTable, compare_modes
+from updyn.updating.judge.settings import EFFORT
 from updyn.updating.judge.verdict import explain_rejection
 from updyn.updating.judge.worsened import judge_modes
 from updyn.updating.result import UpdateResult, estimated_gains
 
-__all__ = ["LARGEST", "compare_start_modes", "identify_modes_for", "judge_by_modes", "modal_table"]
-
-#: Largest number of DOFs for which the modes of a model are computed by default (seconds).
-LARGEST = 20_000
+__all__ = ["compare_start_modes", "identify_modes_for", "judge_by_modes", "modal_table"]
 
 
 def modal_table(
-    result: UpdateResult, modes: ModeSet | None = None, *, largest: int = LARGEST
+    result: UpdateResult, modes: ModeSet | None = None, *, largest: int | None = None
 ) -> ModalTable:
     """Compare the modes of the test with those of the start model and of the updated model.
 
@@ -36,7 +34,7 @@ def modal_table(
         The modes of the test; by default those given to the update, otherwise those identified from
         its FRFs (`updyn.identify_modes`).
     largest : int
-        Largest number of DOFs for which the modes of a model are computed.
+        Largest number of DOFs for which the modes of a model are computed, by default 20,000.
 
     Returns
     -------
@@ -93,11 +91,11 @@ def judge_by_modes(result: UpdateResult, tables: Sequence[ModalTable]) -> Update
 
 
 def compare_start_modes(
-    model: Model, data: FRF | ModeSet, modes: ModeSet | None = None, *, largest: int = LARGEST
+    model: Model, data: FRF | ModeSet, modes: ModeSet | None = None, *, largest: int | None = None
 ) -> ModalTable:
     """Compare the modes of the test, or the given ones, with those of the model before any update.
 
-    For models with more than `largest` DOFs the table has only a note.
+    For models with more than `largest` DOFs (20,000) the table has only a note.
     """
     return _make_table(model, None, modes or data, (), largest)
 
@@ -107,9 +105,10 @@ def _make_table(
     updated: Model | None,
     test: FRF | ModeSet,
     notes: tuple[str, ...],
-    largest: int,
+    largest: int | None,
 ) -> ModalTable:
     """Return the table for a test; modes are identified from FRFs."""
+    largest = EFFORT.most_dofs if largest is None else largest
     if start.n_dofs > largest:
         note = (
             f"The modes of a model of {start.n_dofs} DOFs are computed when asked for:"

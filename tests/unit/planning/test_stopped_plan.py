@@ -15,7 +15,7 @@ from updyn.planning.information import Candidates
 from updyn.planning.options import find_noise
 from updyn.planning.settings import CANDIDATE_REDUCTION, SCREENING
 from updyn.store.planning import plan_to_json
-from updyn.updating.problem import problem as problem_module
+from updyn.updating.problem.settings import EVALUATION
 
 HOW = {"n_sensors": 3, "n_references": 2, "lines": 40, "robust": 2, "compare": True}
 BANDS = [(1.0, 40.0), (1.0, 20.0)]
@@ -78,8 +78,7 @@ def test_a_stopped_plan_resumed_is_the_same(model, way, tmp_path):
 
 def test_workers_do_not_change_a_plan(model, way, monkeypatch):
     expected = content(planned(model))
-    monkeypatch.setattr(problem_module, "SPREAD", 0.0)
-    monkeypatch.setattr("updyn.planning.information.SPREAD", 0.0)
+    override(monkeypatch, EVALUATION, distributed_work=0.0)
     assert content(planned(model, engine=2)) == expected
 
 

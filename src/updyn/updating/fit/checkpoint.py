@@ -26,6 +26,7 @@ from updyn import __version__
 from updyn.errors import FormatError, OptionError, UpdynWarning
 from updyn.frf import FRF
 from updyn.modal import ModeSet
+from updyn.settings import MESSAGES
 from updyn.updating.fit.settings import CHECKPOINT
 from updyn.updating.problem.problem import Problem
 from updyn.updating.problem.session import Record, Session, digest
@@ -253,7 +254,7 @@ def _describe_differences(then: Mapping[str, Any], now: Mapping[str, Any]) -> st
         names = sorted(then[part].keys() | now[part].keys())
         changed = [n for n in names if then[part].get(n) != now[part].get(n)]
         if changed:
-            most = CHECKPOINT.most_names
+            most = MESSAGES.listed_items
             shown = ", ".join(changed[:most])
             if len(changed) > most:
                 shown += f" and {len(changed) - most} more"

@@ -66,6 +66,9 @@ class DescentSettings:
     #: [1] Cost for each value up to which a residual is rounding, so that a pull may raise it to
     #: that. Why: the square of 1e-10, a relative error some digits above the unit roundoff.
     exact_cost: float = 1e-20
+    #: [1] Change of each unknown from its start if the model is singular there. Why: moves natural
+    #: frequencies off a line, and is far below the errors of a start.
+    start_change: float = 1e-3
 
 
 DESCENT = DescentSettings()
@@ -79,9 +82,6 @@ class CheckpointSettings:
     #: Why: fsync takes some ten milliseconds on a disk, evaluations may take one; the end of the
     #: process loses nothing at any interval.
     sync_interval_s: float = 1.0
-    #: [names] Largest number of names in a sentence on the differences of a problem. Why: enough to
-    #: recognise them.
-    most_names: int = 6
 
 
 CHECKPOINT = CheckpointSettings()

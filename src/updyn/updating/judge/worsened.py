@@ -9,7 +9,7 @@ from updyn.updating.judge.claim import Claim
 from updyn.updating.judge.modal_table import ModalRow, ModalTable
 from updyn.updating.judge.settings import MODAL_TRUST, PLAUSIBILITY
 from updyn.updating.judge.trust import Trust
-from updyn.updating.problem.modal import SIMILAR_MAC
+from updyn.updating.problem.settings import MODE_PAIRS
 
 __all__ = ["WorsenedMode", "find_worsened_modes", "judge_modes"]
 
@@ -44,7 +44,11 @@ def _compare_row(row: ModalRow) -> list[WorsenedMode]:
     hertz, found = row.test.frequency, []
     before, after = row.start.change, row.updated.change
     macs = [mac for mac in (row.start.mac, row.updated.mac) if mac is not None]
-    if before is not None and after is not None and min(macs, default=1.0) >= SIMILAR_MAC:
+    if (
+        before is not None
+        and after is not None
+        and min(macs, default=1.0) >= MODE_PAIRS.similar_mac
+    ):
         error_before, error_after = abs(before), abs(after)
         least = max(MODAL_TRUST.small_error, PLAUSIBILITY.harm_ratio * error_before)
         if error_after > least:

@@ -33,8 +33,6 @@ __all__ = [
 _Vector = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 
-_BOUNDS = (0.1, 10.0)
-
 
 def calibration(
     frf: FRF | Iterable[FRF],
@@ -42,7 +40,7 @@ def calibration(
     responses: str | Iterable[str | Dof] = "all",
     references: str | Iterable[str | Dof] = (),
     prior_std: float = 0.05,
-    bounds: tuple[float, float] = _BOUNDS,
+    bounds: tuple[float, float] = (0.1, 10.0),
     name: str | None = None,
 ) -> ParameterSet:
     """Return calibration factors of sensors as unknowns.

@@ -8,12 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.updating.problem.parameters import ParameterSet
+from updyn.updating.problem.settings import SEARCH_DATA
 
 __all__ = ["Coordinates"]
 
 _Vector = NDArray[np.float64]
-
-_RELAXED = -0.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,9 +68,8 @@ class Coordinates:
         cannot cross this bound may stop there.
         """
         lower, upper = self.to_x(self.parameters.lower), self.to_x(self.parameters.upper)
-        return self._clip_to_box(np.where(self._factor, lower, np.minimum(lower, _RELAXED)), upper)[
-            0
-        ]
+        relaxed = np.minimum(lower, SEARCH_DATA.least_loss_factor)
+        return self._clip_to_box(np.where(self._factor, lower, relaxed), upper)[0]
 
     def _clip_to_box(self, lower: _Vector, upper: _Vector) -> tuple[_Vector, _Vector]:
         if self.box is None:

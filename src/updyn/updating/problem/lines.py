@@ -22,6 +22,7 @@ from updyn.updating.problem.optimal_design import (
 )
 from updyn.updating.problem.problem import FRFPart
 from updyn.updating.problem.session import Record
+from updyn.updating.problem.settings import LINE_DESIGN
 
 __all__ = [
     "choose_lines",
@@ -30,10 +31,6 @@ __all__ = [
     "select_a_optimal",
     "select_d_optimal",
 ]
-
-_RELATIVE_FLOOR = 1e-2
-#: Lines are exchanged if their number is at most this many times that of the unknowns.
-_FEW = 2
 
 
 def choose_lines(lines: str | ArrayLike | None, part: FRFPart) -> NDArray[np.intp]:
@@ -126,7 +123,7 @@ def _select_by_information(
 ) -> NDArray[np.intp]:
     """Select lines by the information of each line, shape (n_f, n, n)."""
     x = _design_point(part)
-    floor = _RELATIVE_FLOOR * level_by_unit(part.frf)
+    floor = LINE_DESIGN.noise_floor * level_by_unit(part.frf)
 
     def compute() -> Record:
         items = [(x, floor, lines) for lines in part.partition()]
@@ -139,7 +136,7 @@ def _maximise_determinant(information: NDArray[np.float64], count: int) -> NDArr
     information, _ = scale_information(information)
     n = information.shape[1]
     chosen, total = select_greedily(information, initial_information(n), count, DOptimal())
-    if count <= _FEW * n:
+    if count <= LINE_DESIGN.exchanged_ratio * n:
         chosen = exchange_items(information, total, chosen, DOptimal())
     return np.sort(np.array(chosen, dtype=np.intp))
 
@@ -158,7 +155,8 @@ def _design_point(part: FRFPart) -> NDArray[np.float64]:
     coordinates = part.coordinates
     x = coordinates.start
     highest = coordinates.to_x(coordinates.parameters.upper)
-    return np.where(coordinates.parameters.is_factor, x, np.maximum(x, np.minimum(0.02, highest)))
+    least = np.minimum(LINE_DESIGN.least_loss_factor, highest)
+    return np.where(coordinates.parameters.is_factor, x, np.maximum(x, least))
 
 
 def _information(

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.linalg import blas, lapack
 
 from updyn.linalg.threads import use_one_thread
+from updyn.updating.problem.settings import TRIANGLE
 
 __all__ = [
     "Local",
@@ -40,12 +41,6 @@ class Local:
         return np.asarray(self.R.T @ self.q)
 
 
-#: Columns of a panel of the QR factorisation.
-_PANEL = 16
-#: Number of blocks stacked at a time.
-_TOGETHER = 8
-
-
 def reduce_blocks(blocks: Iterable[_Matrix], n: int) -> Local:
     """Stack blocks [J r], shape (m, n + 1), by QR in the given order; return the local problem.
 
@@ -54,7 +49,7 @@ def reduce_blocks(blocks: Iterable[_Matrix], n: int) -> Local:
     waiting: list[_Matrix] = [np.zeros((0, n + 1))]
     for block in blocks:
         waiting.append(block)
-        if len(waiting) > _TOGETHER:
+        if len(waiting) > TRIANGLE.stacked_blocks:
             waiting = [_householder(np.vstack(waiting))]
     triangle = _householder(np.vstack(waiting))
     if len(triangle) < n + 1:
@@ -63,22 +58,13 @@ def reduce_blocks(blocks: Iterable[_Matrix], n: int) -> Local:
     return Local(0.5 * float(last @ last), triangle[:n, :n].copy(), last[:n].copy())
 
 
-#: Rows of a tall block, and of a sample of it, relative to its columns. The sample shows the
-#: correlation of the columns.
-_TALL, _SAMPLE = 20, 4
-#: Number of rows processed at a time: they fit the processor's cache.
-_STRIP = 2048
-#: Smallest ratio of diagonal entries of the factor of the preconditioned columns. Their condition
-#: number is about its inverse; the square of that times the unit roundoff is the relative error of
-#: every singular value.
-_EVEN = 0.03
 _GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 
 
 @use_one_thread
 def qr_triangle(columns: _Matrix, last: _Vector) -> _Matrix:
     """Return R of the QR factors of [columns^T last], shape (min(m, n + 1), n + 1)."""
-    if len(last) > _TALL * (len(columns) + 1) and len(columns):
+    if len(last) > TRIANGLE.tall_ratio * (len(columns) + 1) and len(columns):
         found = _triangle_by_cholesky(columns, last)
         if found is not None:
             return found
@@ -94,18 +80,18 @@ def _triangle_by_cholesky(columns: _Matrix, last: _Vector) -> _Matrix | None:
     """
     n, m = len(columns) + 1, len(last)
     # Spread evenly, and not in step with responses, references or lines.
-    some = np.sort((np.arange(_SAMPLE * n) * _GOLDEN % 1.0 * m).astype(np.intp))
+    some = np.sort((np.arange(TRIANGLE.sample_ratio * n) * _GOLDEN % 1.0 * m).astype(np.intp))
     sample = _householder(_copy_rows(columns, last, some))
     if not np.diag(sample).all():
         return None
     gram = np.zeros((n, n), order="F")
-    for first in range(0, m, _STRIP):
-        strip = _copy_rows(columns, last, slice(first, first + _STRIP))
+    for first in range(0, m, TRIANGLE.strip_rows):
+        strip = _copy_rows(columns, last, slice(first, first + TRIANGLE.strip_rows))
         Q = blas.dtrsm(1.0, sample, strip, side=1, overwrite_b=True)
         gram = blas.dsyrk(1.0, Q, trans=1, beta=1.0, c=gram, overwrite_c=True)
     factor, failed = lapack.dpotrf(gram, clean=1)
     even = np.diag(factor)
-    if failed or not even.min() > _EVEN * even.max():
+    if failed or not even.min() > TRIANGLE.least_diagonal_ratio * even.max():
         return None
     return np.asarray(factor @ sample, dtype=np.float64)
 
@@ -127,7 +113,7 @@ def _householder(block: _Matrix) -> _Matrix:
     # The recursive algorithm with narrow panels is several times faster for tall blocks than geqrf,
     # which numpy and scipy call.
     factors, _, info = lapack.dgeqrt(
-        min(_PANEL, *block.shape), np.asfortranarray(block), overwrite_a=True
+        min(TRIANGLE.panel_columns, *block.shape), np.asfortranarray(block), overwrite_a=True
     )
     assert info == 0
     return np.asarray(np.triu(factors[: block.shape[1]]), dtype=np.float64)

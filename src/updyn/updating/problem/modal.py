@@ -31,23 +31,11 @@ from updyn.updating.problem.modal_span import SpanProjection
 from updyn.updating.problem.noise.modes import ModalNoise
 from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.problem.session import Record, Session, digest
+from updyn.updating.problem.settings import MODE_PAIRS
 
-__all__ = ["SIMILAR_MAC", "ModalError", "ModalPart", "ModalTarget", "Pairs", "check_any_pair"]
+__all__ = ["ModalError", "ModalPart", "ModalTarget", "Pairs", "check_any_pair"]
 
 _Real = NDArray[np.float64]
-
-#: Smallest MAC at which a measured mode and a mode of the model count as similar.
-SIMILAR_MAC = 0.8
-#: Cost in the pairing of a factor e between two frequencies, in MAC: decides between shapes that
-#: are alike because sensors are few.
-_FREQUENCY_COST = 0.5
-#: Singular values of unit-length shapes below this share of the largest are rounding error.
-_FLAT = 1e-9
-#: Modes are computed up to this multiple of the highest measured frequency.
-_BEYOND = 1.5
-#: Residual of a measured mode without a counterpart: a factor e in frequency, the whole shape, all
-#: damping.
-_UNPAIRED_RESIDUAL = 1.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -214,7 +202,7 @@ class Pairs:
         unknowns: Unknowns,
         values: _Real,
         target: ModalTarget,
-        like: float = SIMILAR_MAC,
+        like: float | None = None,
     ) -> Pairs:
         """Compute modes of the model and pair them with the measured ones, one to one.
 
@@ -224,7 +212,8 @@ class Pairs:
         distinguished, the sum of squares of these logarithms is minimised, which keeps the order of
         the frequencies.
         """
-        highest = _BEYOND * float(np.sqrt(target.value.max())) / (2.0 * np.pi)
+        like = MODE_PAIRS.similar_mac if like is None else like
+        highest = MODE_PAIRS.frequency_reach * float(np.sqrt(target.value.max())) / (2.0 * np.pi)
         modes = RealModes.lowest(system, state, len(target.value), highest)
         if len(modes.value) < len(target.value):
             raise DataError(
@@ -270,7 +259,9 @@ class Pairs:
                         :, None
                     ]
         log_ratio = np.abs(np.log(modes.value[:, None] / target.value)) / 2.0
-        cost = _FREQUENCY_COST * log_ratio if target.can_distinguish_shapes else log_ratio**2
+        cost = (
+            MODE_PAIRS.frequency_cost * log_ratio if target.can_distinguish_shapes else log_ratio**2
+        )
         first, second = linear_sum_assignment(macs - cost, maximize=True)
         which = first[np.argsort(second)]
         mac_of_pairs = macs[which, np.arange(len(which))]
@@ -289,7 +280,7 @@ class Pairs:
 def _subspace_mac(shapes: _Real, span: _Real) -> _Real:
     """Return the MAC of each shape with the best combination of the shapes of a span, (m,)."""
     basis, size, _ = np.linalg.svd(span / np.linalg.norm(span, axis=0), full_matrices=False)
-    basis = basis[:, size > _FLAT * size[0]]
+    basis = basis[:, size > MODE_PAIRS.shape_rounding * size[0]]
     share = np.linalg.norm(basis.T @ shapes, axis=0) / np.linalg.norm(shapes, axis=0)
     return np.asarray(np.minimum(share**2, 1.0))
 
@@ -309,7 +300,7 @@ class ModalPart:
     noise: ModalNoise = field(default_factory=ModalNoise)
     session: Session = field(default_factory=Session, repr=False)
     name: str = ""
-    least_mac: float = SIMILAR_MAC
+    least_mac: float = MODE_PAIRS.similar_mac
 
     def __reduce__(self) -> tuple[Any, ...]:
         about = (self.unknowns, self.coordinates, self.target, self.noise)
@@ -659,7 +650,7 @@ class ModalError:
     def _square_of_unpaired(self, part: ModalPart, rows: ModalRows) -> float:
         """Return the weighted sum of squares of the measured modes without a counterpart."""
         one = sum(
-            number * (_UNPAIRED_RESIDUAL / std) ** 2
+            number * (MODE_PAIRS.unpaired_residual / std) ** 2
             for number, std in self._residuals_of_unpaired(part)
         )
         return len(rows.unpaired_modes(part.least_mac)) * float(one)

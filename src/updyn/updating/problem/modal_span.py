@@ -10,12 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from updyn.updating.problem.settings import MODE_PAIRS
+
 __all__ = ["SpanProjection"]
 
 _Real = NDArray[np.float64]
-
-#: Singular values below this share of the largest are rounding error, as in `numpy.linalg.pinv`.
-_ROUNDING = 1e-15
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,5 +70,5 @@ class SpanProjection:
 def _decompose(shapes: _Real) -> tuple[_Real, _Real, _Real]:
     """Return the singular value decomposition without directions that are rounding error."""
     U, sizes, Vt = np.linalg.svd(shapes, full_matrices=False)
-    is_kept = sizes > _ROUNDING * sizes.max(initial=0.0)
+    is_kept = sizes > MODE_PAIRS.span_rounding * sizes.max(initial=0.0)
     return U[:, is_kept], sizes[is_kept], Vt[is_kept]

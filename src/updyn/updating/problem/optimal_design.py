@@ -13,6 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from updyn.updating.problem.settings import OPTIMAL_DESIGN
+
 __all__ = [
     "AOptimal",
     "DOptimal",
@@ -24,13 +26,6 @@ __all__ = [
 ]
 
 _Real = NDArray[np.float64]
-
-#: Information of each scaled unknown before the first item, for a determinant above 0.
-_INITIAL = 1e-9
-#: Largest number of exchanges.
-_EXCHANGES = 20
-#: Smallest increase of the score by an exchange.
-_RISE = 1e-6
 
 
 class DesignScore(ABC):
@@ -100,7 +95,7 @@ def scale_information(information: _Real) -> tuple[_Real, _Real]:
 
 def initial_information(n: int) -> _Real:
     """Return the information of `n` scaled unknowns before the first item, shape (n, n)."""
-    return _INITIAL * np.eye(n)
+    return OPTIMAL_DESIGN.initial_information * np.eye(n)
 
 
 def select_greedily(
@@ -130,7 +125,7 @@ def exchange_items(
     `total` includes the selected items. A new item has the position of the one that it replaces.
     """
     chosen = list(chosen)
-    for _ in range(_EXCHANGES):
+    for _ in range(OPTIMAL_DESIGN.most_exchanges):
         others = np.setdiff1d(np.arange(len(information)), chosen)
         if not others.size:
             break
@@ -139,7 +134,7 @@ def exchange_items(
             criterion.score(total - information[c] + information[others]) - now for c in chosen
         ]
         out, into = np.unravel_index(int(np.argmax(increases)), (len(chosen), len(others)))
-        if increases[out][into] < _RISE:
+        if increases[out][into] < OPTIMAL_DESIGN.least_increase:
             break
         total = total - information[chosen[out]] + information[others[into]]
         chosen[out] = int(others[into])

@@ -17,6 +17,7 @@ from updyn.errors import ParameterError, suggest
 from updyn.group import GROUP_QUANTITIES, VALUES
 from updyn.model import Model
 from updyn.text_table import format_count, printable, text_table
+from updyn.updating.problem.settings import UNKNOWN_DEFAULTS
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -36,8 +37,6 @@ __all__ = [
 #: Unknowns of the measurement, not of the model: the factor of a sensor, with the kind of its
 #: channels.
 CHANNELS = {"calibration": "response", "force_calibration": "reference"}
-#: Largest number of unknowns in the text of a set.
-_SHOWN = 40
 _QUANTITIES = (*GROUP_QUANTITIES, *CHANNELS)
 
 
@@ -304,7 +303,7 @@ class ParameterSet(Sequence[Parameter]):
 
     def __repr__(self) -> str:
         rows = []
-        for p in self.items[:_SHOWN]:
+        for p in self.items[: UNKNOWN_DEFAULTS.printed_rows]:
             prior = "" if p.prior_std is None else f"{p.prior_std:g}"
             notes = [p.law, f"in {p.value_unit}" if p.value_unit else "", p.physical(p.start)]
             bounds = f"{p.lower:g}", f"{p.upper:g}"
@@ -317,7 +316,8 @@ class ParameterSet(Sequence[Parameter]):
             [[row[i] for i in keep] for row in rows],
             left={at for at, i in enumerate(keep) if i in (0, 5)},
         )
-        more = f"\n... and {len(self) - _SHOWN} more" if len(self) > _SHOWN else ""
+        hidden = len(self) - len(rows)
+        more = f"\n... and {hidden} more" if hidden else ""
         return f"ParameterSet({format_count(len(self), 'unknown')})\n{table}{more}"
 
     def __len__(self) -> int:
@@ -551,9 +551,6 @@ DEFAULT_BOUNDS = {
     "mass_damping": (0.0, 6e5),
     "stiffness_damping": (0.0, 16.0),
 }
-#: Default bounds of a factor with powers: a factor of ten in thickness is one of a thousand in
-#: bending stiffness.
-_LINKED = (0.1, 10.0)
 
 
 def parameters(
@@ -710,7 +707,7 @@ def link(
         acts += _find_drives(model, name, key, power)
     if not acts:
         raise ParameterError(f"unknown {name!r} acts on nothing: drives is empty", key=("drives",))
-    first, limits = 1.0, _LINKED
+    first, limits = 1.0, UNKNOWN_DEFAULTS.linked_bounds
     kinds = sorted({d.quantity for d in acts} & set(VALUES))
     if kinds:
         starts = set()

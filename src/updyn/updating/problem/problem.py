@@ -23,10 +23,10 @@ from updyn.updating.problem.modal import ModalPart
 from updyn.updating.problem.noise.known import level_by_unit
 from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.problem.session import Record, Session, digest
+from updyn.updating.problem.settings import EVALUATION
 from updyn.variants import Variant, build_variants
 
 __all__ = [
-    "SPREAD",
     "FRFPart",
     "LineBlock",
     "Problem",
@@ -38,12 +38,6 @@ _Complex = NDArray[np.complex128]
 
 T = TypeVar("T", bound="tuple[Any, ...]")
 R = TypeVar("R")
-
-#: Size of a block of lines: it fits the processor's cache, and bounds the delay after Ctrl-C.
-_BLOCK_BYTES = 12 * 2**20
-#: Floating-point operations of one evaluation from which its lines are distributed over workers
-#: (some tenth of a second), and from which the evaluation counts as long (some ten seconds).
-SPREAD, _LONG = 5e8, 5e10
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -203,12 +197,12 @@ class FRFPart:
     @property
     def is_distributed(self) -> bool:
         """Whether lines are distributed over workers; if not, whole descents are."""
-        return self.work > SPREAD
+        return self.work > EVALUATION.distributed_work
 
     @property
     def is_long(self) -> bool:
         """Whether an evaluation is too long to be started after a stop request."""
-        return self.work > _LONG
+        return self.work > EVALUATION.long_work
 
     def partition(self, n_columns: int | None = None) -> list[slice]:
         """Return the blocks of lines for fields of `n_columns`, by default all channels."""
@@ -221,7 +215,7 @@ class FRFPart:
             stored = len(system.indices)
         elif self._shares_decomposition:
             stored = n * n_columns
-        size = _BLOCK_BYTES // (16 * (stored + n * n_columns + self.n * n_values))
+        size = EVALUATION.block_bytes // (16 * (stored + n * n_columns + self.n * n_values))
         largest = self.solver.block_size(n_columns + self.n * n_values // n)
         return list(split_into_blocks(len(self.frf.freq), max(1, min(int(size), largest))))
 

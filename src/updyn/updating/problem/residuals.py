@@ -25,6 +25,7 @@ from updyn.updating.problem.modal import ModalError
 from updyn.updating.problem.noise import level_by_unit
 from updyn.updating.problem.problem import FRFPart, Problem
 from updyn.updating.problem.session import Record
+from updyn.updating.problem.settings import SEARCH_DATA
 
 __all__ = [
     "RESIDUALS",
@@ -46,12 +47,6 @@ __all__ = [
 _Vector = NDArray[np.float64]
 _Matrix = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
-
-
-#: Noise, as a share of the level, at which the weight of a value in the search is about 0.7.
-_CLEAR = 0.1
-#: Multiple of the noise variance that noise alone rarely exceeds (three standard deviations).
-_BIAS = 9.0
 
 
 class Residual(Protocol):
@@ -203,8 +198,9 @@ def noise_weights(values: _Complex, variance: _Matrix, frf: FRF) -> _Matrix:
     there would give the largest logarithms of all. 0 for rounding error.
     """
     size = np.abs(values)
-    excess = np.maximum(size**2 - _BIAS * variance, 0.0)
-    weight = np.sqrt(excess / (excess + variance / _CLEAR**2 + np.finfo(float).tiny))
+    excess = np.maximum(size**2 - SEARCH_DATA.subtracted_variances * variance, 0.0)
+    scaled = variance / SEARCH_DATA.halving_noise**2
+    weight = np.sqrt(excess / (excess + scaled + np.finfo(float).tiny))
     share = size / level_by_unit(frf)
     least = ROUNDING.receptance_share * share.max(axis=(1, 2), keepdims=True)
     return np.where(share > least, weight, 0.0)

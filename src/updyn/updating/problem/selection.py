@@ -7,12 +7,10 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from updyn.model import Model
+from updyn.settings import MESSAGES
 from updyn.updating.problem.parameters import Parameter, ParameterSet
 
 __all__ = ["Selection"]
-
-#: Largest number of names in a sentence; the record has all.
-_NAMED = 6
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,7 +163,7 @@ class Selection:
 
 
 def _join_names(names: list[str] | tuple[str, ...]) -> str:
-    text = ", ".join(names[:_NAMED])
-    if len(names) > _NAMED:
-        text += f" and {len(names) - _NAMED} more"
+    text = ", ".join(names[: MESSAGES.listed_items])
+    if len(names) > MESSAGES.listed_items:
+        text += f" and {len(names) - MESSAGES.listed_items} more"
     return text

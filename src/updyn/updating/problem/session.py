@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.engines import Engine, Serial
+from updyn.updating.problem.settings import EVALUATION
 
 __all__ = ["Cache", "RecentCache", "Record", "Session", "Stopped", "digest"]
 
@@ -27,11 +28,6 @@ R = TypeVar("R")
 #: The result of an evaluation.
 Record: TypeAlias = "tuple[NDArray[Any], ...]"
 
-_RECENT_BYTES = 64 * 2**20
-#: Total time for evaluations that start after a stop request, in s.
-_STILL_S = 2.0
-#: Interval after which `wants_stop` is also called before an evaluation, in s.
-_ASK_S = 1.0
 _SERIAL = Serial()
 
 
@@ -52,8 +48,8 @@ class Cache(Protocol):
 class RecentCache:
     """Cache of the most recent results up to `limit` bytes; the latest is always kept."""
 
-    def __init__(self, limit: float = _RECENT_BYTES) -> None:
-        self._limit = limit
+    def __init__(self, limit: float | None = None) -> None:
+        self._limit = EVALUATION.cache_bytes if limit is None else limit
         self._bytes = 0
         self._records: OrderedDict[bytes, Record] = OrderedDict()
 
@@ -159,8 +155,8 @@ class Session:
 
     @property
     def _is_time_to_ask(self) -> bool:
-        """Whether the last check for a stop request was more than `_ASK_S` ago."""
-        return time.monotonic() - self._asked_at > _ASK_S
+        """Whether a check for a stop request is due."""
+        return time.monotonic() - self._asked_at > EVALUATION.stop_interval
 
     @property
     def _is_late(self) -> bool:
@@ -170,7 +166,7 @@ class Session:
         now = time.monotonic()
         if self._stopped_at is None:
             self._stopped_at = now
-        return now - self._stopped_at > _STILL_S
+        return now - self._stopped_at > EVALUATION.finishing_time
 
     def _poll_stop(self) -> bool:
         self._asked_at = time.monotonic()

@@ -17,10 +17,11 @@ import numpy as np
 import pytest
 
 import updyn
+from overriding import override
 from updyn.errors import FormatError, OptionError, UpdynWarning
 from updyn.updating.fit.checkpoint import Checkpoint, _frame
-from updyn.updating.problem import problem as problem_module
 from updyn.updating.problem.problem import FRFPart
+from updyn.updating.problem.settings import EVALUATION
 
 HEAD = {"updyn": "1", "model": "a", "data": "b", "unknowns": {"p": [1.0]}, "options": {"seed": "0"}}
 RECORDS = {
@@ -279,8 +280,8 @@ def test_a_run_that_broke_off_anywhere_goes_on_to_the_same_answer(
 
 
 def test_a_stopped_run_goes_on_to_the_same_answer(chain12, data, unknowns, tmp_path, monkeypatch):
-    monkeypatch.setattr(problem_module, "_BLOCK_BYTES", 16 * (12 * 12 + 12 * 10 + 12 * 25) * 7)
-    monkeypatch.setattr(problem_module, "_LONG", 0.0)
+    override(monkeypatch, EVALUATION, block_bytes=16 * (12 * 12 + 12 * 10 + 12 * 25) * 7)
+    override(monkeypatch, EVALUATION, long_work=0.0)
     path, shown = tmp_path / "run.journal", []
     full = updyn.update(chain12, data, unknowns, callback=lambda p: shown.append(p) or False)
     for number in (0, 3, 20, 60):

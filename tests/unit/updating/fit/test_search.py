@@ -13,7 +13,8 @@ from updyn.updating.fit.trust_region import Outcome
 from updyn.updating.problem.local import Local
 from updyn.updating.problem.noise import Estimated, Stated, Variance
 from updyn.updating.problem.problem import FRFPart, Problem
-from updyn.updating.problem.residuals import _BIAS, make_log_error
+from updyn.updating.problem.residuals import make_log_error
+from updyn.updating.problem.settings import SEARCH_DATA
 
 
 def far_start(chain12):
@@ -133,7 +134,7 @@ def test_coarse_problem_carries_the_noise_of_the_lines_that_it_keeps(chain12):
     assert (second.frf.values == parts[1].frf.values).all()
     weights = [error.weight for error in make_log_error(rough).errors]
     size = np.abs(second.frf.values)
-    own = np.maximum(size**2 - _BIAS * (0.01 * rms) ** 2, 0.0)
+    own = np.maximum(size**2 - SEARCH_DATA.subtracted_variances * (0.01 * rms) ** 2, 0.0)
     assert weights[1] == pytest.approx(np.sqrt(own / (own + (0.1 * rms) ** 2)), rel=1e-9)
 
 

@@ -13,6 +13,7 @@ from updyn.updating.problem.noise import level_by_unit
 from updyn.updating.problem.optimal_design import DOptimal, exchange_items
 from updyn.updating.problem.problem import FRFPart, Problem
 from updyn.updating.problem.residuals import OutputError
+from updyn.updating.problem.settings import LINE_DESIGN
 
 
 @pytest.fixture
@@ -117,7 +118,7 @@ def test_d_optimal_does_not_depend_on_units(mixed_model):
 
 def covariance(problem, at):
     """Of the unknowns at their start, by the very information that the choice is made from."""
-    x, floor = lines._design_point(problem), lines._RELATIVE_FLOOR * level_by_unit(problem.frf)
+    x, floor = lines._design_point(problem), LINE_DESIGN.noise_floor * level_by_unit(problem.frf)
     information = lines._information(problem, (x, floor, slice(0, len(problem.frf.freq))))
     return np.linalg.pinv(information[at].sum(axis=0), hermitian=True, rcond=1e-14)
 

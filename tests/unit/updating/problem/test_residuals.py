@@ -14,13 +14,13 @@ from updyn.errors import DataError
 from updyn.updating.problem.local import reduce_blocks
 from updyn.updating.problem.problem import FRFPart, Problem
 from updyn.updating.problem.residuals import (
-    _BIAS,
     EquationError,
     LogError,
     OutputError,
     add_prior,
     noise_weights,
 )
+from updyn.updating.problem.settings import SEARCH_DATA
 
 FREQ = np.linspace(1.5, 18.0, 7)
 
@@ -235,7 +235,7 @@ def test_weights_are_those_of_each_value(problem):
     found = noise_weights(problem.frf.values, variance, problem.frf)
     for at in np.ndindex(found.shape):
         size = abs(problem.frf.values[at])
-        own = max(size**2 - _BIAS * variance[at], 0.0)
+        own = max(size**2 - SEARCH_DATA.subtracted_variances * variance[at], 0.0)
         assert found[at] == pytest.approx(np.sqrt(own / (own + 100.0 * variance[at])))
 
 
@@ -268,7 +268,7 @@ def test_weighted_log_error_by_its_definition_and_central_differences(problem, m
     holed = replace(problem, frf=replace(problem.frf, values=values))
     part = with_variance(holed, (0.05 * level) ** 2)
     size = np.abs(values)
-    own = np.maximum(size**2 - _BIAS * (0.05 * level) ** 2, 0.0)
+    own = np.maximum(size**2 - SEARCH_DATA.subtracted_variances * (0.05 * level) ** 2, 0.0)
     weight = np.sqrt(own / (own + (0.5 * level) ** 2))
     weight[4, 0, 1] = 0.0
     error, x, step = LogError.of_noisy_data(part), np.array([0.1, 0.06, -0.2, 0.15]), 1e-6
@@ -296,6 +296,6 @@ def test_noise_below_a_value_changes_little_and_above_it_nearly_all(problem):
         part = with_variance(problem, (share * np.abs(problem.frf.values)) ** 2)
         costs.append(LogError.of_noisy_data(part).local(Problem.of([part]), x).cost)
     assert costs[0] == pytest.approx(LogError().local(Problem.of([problem]), x).cost, rel=1e-12)
-    own = 1.0 - _BIAS * 1e-4
+    own = 1.0 - SEARCH_DATA.subtracted_variances * 1e-4
     assert costs[1] == pytest.approx(costs[0] * own / (own + 0.01), rel=1e-10)
     assert costs[2] == 0.0

@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 
 import updyn
+from overriding import override
 from updyn.engines import Serial
 from updyn.updating.fit.monitor import Monitor
-from updyn.updating.problem import problem as problem_module
 from updyn.updating.problem.problem import FRFPart, Problem
 from updyn.updating.problem.residuals import EquationError, LogError, OutputError
 from updyn.updating.problem.session import RecentCache, Session, Stopped, digest
+from updyn.updating.problem.settings import EVALUATION
 
 
 def sent(thing):
@@ -54,8 +55,8 @@ def data(chain12_frf, add_noise):
 @pytest.fixture
 def in_blocks(monkeypatch):
     """Blocks of a few lines, and lines worth spreading."""
-    monkeypatch.setattr(problem_module, "_BLOCK_BYTES", 16 * (12 * 12 + 12 * 10 + 12 * 25) * 7)
-    monkeypatch.setattr(problem_module, "SPREAD", 0.0)
+    override(monkeypatch, EVALUATION, block_bytes=16 * (12 * 12 + 12 * 10 + 12 * 25) * 7)
+    override(monkeypatch, EVALUATION, distributed_work=0.0)
 
 
 def built(chain12, data, unknowns, **session):
@@ -208,7 +209,7 @@ def test_after_a_stop_short_work_is_done_and_long_work_is_not_begun(
     problem.session.wants_stop = lambda: True
     problem.session.stopped = True
     assert problem.responses(x).shape == (60, 5, 5)
-    monkeypatch.setattr(problem_module, "_LONG", 0.0)
+    override(monkeypatch, EVALUATION, long_work=0.0)
     assert LogError().local(Problem.of([problem]), x).R is known.R  # what is known costs nothing
     with pytest.raises(Stopped):
         LogError().local(Problem.of([problem]), x + 0.1)
@@ -326,7 +327,7 @@ def test_a_stop_within_any_evaluation_of_a_long_run_ends_it_in_order(
     chain12, data, unknowns, in_blocks, monkeypatch, method, options
 ):
     """Wherever it comes, the answer is the best point so far, and not one line more is solved."""
-    monkeypatch.setattr(problem_module, "_LONG", 0.0)
+    override(monkeypatch, EVALUATION, long_work=0.0)
     total = []
     full = updyn.update(
         chain12,
@@ -365,7 +366,7 @@ def test_a_long_run_stopped_in_its_search_says_what_is_known_by_then(
 ):
     """Standard deviations come from the log error at the best point so far, without another line solved."""
     full = updyn.update(chain12, data, unknowns, method=method)
-    monkeypatch.setattr(problem_module, "_LONG", 0.0)
+    override(monkeypatch, EVALUATION, long_work=0.0)
     steps = list(takewhile(lambda h: h.stage == "search", full.history))
     last = max(h.number for h in steps if h.accepted and min(h.values.values()) >= 0.0)
     found = updyn.update(
@@ -379,7 +380,7 @@ def test_a_long_run_stopped_in_its_search_says_what_is_known_by_then(
 def test_a_long_run_stopped_before_anything_is_known_says_so(
     chain12, data, unknowns, in_blocks, monkeypatch
 ):
-    monkeypatch.setattr(problem_module, "_LONG", 0.0)
+    override(monkeypatch, EVALUATION, long_work=0.0)
     found = updyn.update(chain12, data, unknowns, callback=lambda p: True)
     assert found.status == "stopped"
     assert "What the data determine is not known" in found.message

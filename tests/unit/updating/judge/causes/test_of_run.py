@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import updyn
+from overriding import override
 from updyn.elements.drivetrain import Inertia, Motor, Shaft, drivetrain
 from updyn.updating.judge.causes.diagnosis import find_obstacle
 from updyn.updating.judge.causes.finding import Finding
@@ -13,6 +14,7 @@ from updyn.updating.judge.causes.suspects import score_faults
 from updyn.updating.problem.noise import Stated
 from updyn.updating.problem.problem import FRFPart
 from updyn.updating.problem.session import Stopped
+from updyn.updating.problem.settings import EVALUATION
 
 SENSORS = ["2:X", "5:X", "7:X", "10:X", "12:X"]
 SAID = "No further start was tried"
@@ -72,7 +74,7 @@ def test_it_is_looked_for_once(chain12, data, unknowns, monkeypatch):
 
 def test_the_user_is_asked_between_two_faults(chain12, data, unknowns, monkeypatch):
     """Pairs of sensors that may be swapped go with the square of their number."""
-    monkeypatch.setattr("updyn.updating.problem.session._ASK_S", 0.0)
+    override(monkeypatch, EVALUATION, stop_interval=0.0)
     asked = []
     known = replace(data, variance=1e-4 * np.abs(data.values) ** 2)
     part = FRFPart.build(chain12, known, unknowns)

@@ -1,0 +1,152 @@
+"""Numbers that decide how data, unknowns and residuals of a fit are prepared and evaluated."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class EvaluationSettings:
+    """Numbers of the evaluation of a residual, block by block of lines."""
+
+    #: [bytes] Size of a block of lines. Why: it fits the processor's cache, and bounds the delay
+    #: after Ctrl-C.
+    block_bytes: int = 12 * 2**20
+    #: [operations] Floating-point operations of one evaluation above which its lines are
+    #: distributed over workers; below, whole descents are. Why: some tenth of a second, a hundred
+    #: times the exchange of data with a worker.
+    distributed_work: float = 5e8
+    #: [operations] Floating-point operations above which an evaluation is not started after a stop
+    #: request. Why: some ten seconds, which a user would notice.
+    long_work: float = 5e10
+    #: [bytes] Size of the cache of the most recent evaluations. Why: the evaluations of a few
+    #: descents, and small beside the memory of a computer.
+    cache_bytes: int = 64 * 2**20
+    #: [s] Time after a stop request in which evaluations still start. Why: enough to end with
+    #: standard deviations of a small model, and short for a user.
+    finishing_time: float = 2.0
+    #: [s] Interval after which a callback is also asked for a stop before an evaluation. Why: a
+    #: user notices a longer delay; a callback may be slow.
+    stop_interval: float = 1.0
+
+
+EVALUATION = EvaluationSettings()
+
+
+@dataclass(frozen=True)
+class TriangleSettings:
+    """Numbers of the QR factorisation of a Jacobian; results agree to rounding."""
+
+    #: [columns] Columns of a panel of reflections. Why: the fastest of 8, 16 and 32.
+    panel_columns: int = 16
+    #: [blocks] Number of blocks stacked at a time. Why: a limit of the memory.
+    stacked_blocks: int = 8
+    #: [1] Ratio of rows to columns above which a triangle is found by Cholesky factors. Why: below,
+    #: reflections take as little time.
+    tall_ratio: int = 20
+    #: [1] Ratio of rows to columns of the sample that shows the correlation of the columns. Why: a
+    #: few times the columns suffice (Garrison & Ipsen, 2024).
+    sample_ratio: int = 4
+    #: [rows] Number of rows processed at a time. Why: they fit the processor's cache.
+    strip_rows: int = 2048
+    #: [1] Smallest ratio of diagonal entries of the Cholesky factor of preconditioned columns;
+    #: below, reflections are used. Why: rounding; the condition number is about its inverse, and
+    #: the square of that times the unit roundoff is the relative error of every singular value.
+    least_diagonal_ratio: float = 0.03
+
+
+TRIANGLE = TriangleSettings()
+
+
+@dataclass(frozen=True)
+class LineDesignSettings:
+    """Numbers of the selection of lines by their information."""
+
+    #: [1] Noise floor, as a share of the rms of the data of a unit, that counts beside relative
+    #: noise. Why: typical of sensors.
+    noise_floor: float = 1e-2
+    #: [1] Least loss factor at which lines are selected. Why: a peak at a wrong frequency then
+    #: selects lines on its flanks.
+    least_loss_factor: float = 0.02
+    #: [1] Ratio of lines to unknowns up to which lines are exchanged after the greedy selection.
+    #: Why: the first lines were selected when the information was nearly singular, which matters
+    #: only among few.
+    exchanged_ratio: int = 2
+
+
+LINE_DESIGN = LineDesignSettings()
+
+
+@dataclass(frozen=True)
+class OptimalDesignSettings:
+    """Numbers of the selection of items by their Fisher information."""
+
+    #: [1] Information of each scaled unknown before the first item. Why: rounding; a determinant
+    #: above 0 is needed, and all items together have the information 1.
+    initial_information: float = 1e-9
+    #: [exchanges] Largest number of exchanges. Why: a limit of the effort.
+    most_exchanges: int = 20
+    #: [1] Smallest increase of the score (a logarithm) by an exchange. Why: rounding of the score.
+    least_increase: float = 1e-6
+
+
+OPTIMAL_DESIGN = OptimalDesignSettings()
+
+
+@dataclass(frozen=True)
+class ModePairSettings:
+    """Numbers that decide which measured modes and modes of the model are compared."""
+
+    #: [1] Smallest MAC at which two modes count as similar. Why: a common rule of thumb; 0.9 is
+    #: called well correlated.
+    similar_mac: float = 0.8
+    #: [MAC] Cost in the pairing of a factor of e between two frequencies. Why: a rule of thumb; it
+    #: decides between shapes that are alike because sensors are few.
+    frequency_cost: float = 0.5
+    #: [1] Share of the largest singular value of unit shapes below which another is rounding. Why:
+    #: rounding of shapes from an eigensolver.
+    shape_rounding: float = 1e-9
+    #: [1] The same for the projection on the span of shapes and its derivatives. Why: unit
+    #: roundoff, as in numpy.linalg.pinv.
+    span_rounding: float = 1e-15
+    #: [1] Multiple of the highest measured frequency up to which modes are computed. Why: a model
+    #: may be too stiff by a factor of two.
+    frequency_reach: float = 1.5
+    #: [1] Residual of a measured mode without a counterpart. Why: a factor of e in frequency, the
+    #: whole shape, all damping.
+    unpaired_residual: float = 1.0
+
+
+MODE_PAIRS = ModePairSettings()
+
+
+@dataclass(frozen=True)
+class SearchDataSettings:
+    """Numbers of the data and bounds of a search by log error."""
+
+    #: [1] Noise, as a share of the level, at which the squared weight of a value is halved. Why:
+    #: far from the truth the misfit exceeds 10 %, so smaller noise does not matter.
+    halving_noise: float = 0.1
+    #: [1] Multiple of the noise variance that is subtracted from the square of a value. Why: noise
+    #: alone exceeds three standard deviations once in 8,000 values.
+    subtracted_variances: float = 9.0
+    #: [1] Lowest value of a loss factor on the way. Why: a bound at zero stops searches for lightly
+    #: damped parts, whose true values are near it.
+    least_loss_factor: float = -0.5
+
+
+SEARCH_DATA = SearchDataSettings()
+
+
+@dataclass(frozen=True)
+class UnknownDefaultSettings:
+    """Numbers of the unknowns of a fit."""
+
+    #: [1] Default bounds of a factor with powers. Why: a factor of ten in thickness is one of a
+    #: thousand in bending stiffness.
+    linked_bounds: tuple[float, float] = (0.1, 10.0)
+    #: [rows] Largest number of rows of the text of a set of unknowns. Why: about a screen.
+    printed_rows: int = 40
+
+
+UNKNOWN_DEFAULTS = UnknownDefaultSettings()
