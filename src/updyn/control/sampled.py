@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import expm, matrix_balance
 
 from updyn.control.plant import Plant
+from updyn.control.servo.state_space import StateSpace, bilinear, interval_matrices
 from updyn.control.settings import DISCRETISATION
 from updyn.errors import DataError, OptionError, suggest
 from updyn.group import is_number
@@ -156,30 +156,16 @@ def _intervals(delay: float, dt: float, n_inputs: int, n_states: int) -> tuple[i
 # -- zero-order hold ------------------------------------------------------------------------------
 def _hold_input(plant: Plant, dt: float, part: float) -> _Matrices:
     """Return the matrices for a held input delayed by a part of an interval."""
-    transition, forced = _integrate_input(plant.A, plant.B, (1.0 - part) * dt)
+    transition, forced, _ = interval_matrices(plant.A, plant.B, (1.0 - part) * dt)
     if not part:
         return transition, forced, plant.C, plant.D
     # From k dt the input of interval k - 1 acts for another part dt, then that of interval k.
-    first, before = _integrate_input(plant.A, plant.B, part * dt)
+    first, before, _ = interval_matrices(plant.A, plant.B, part * dt)
     states, inputs = plant.B.shape
     A = np.block([[transition @ first, transition @ before], [np.zeros((inputs, states + inputs))]])
     B = np.vstack([forced, np.eye(inputs)])
     # At the sample the earlier input still acts.
     return A, B, np.hstack([plant.C, plant.D]), np.zeros_like(plant.D)
-
-
-def _integrate_input(A: _Real, B: _Real, t: float) -> tuple[_Real, _Real]:
-    """Return exp(A t) and the integral of exp(A s) B ds from 0 to t."""
-    n, m = B.shape
-    if n == 0:
-        return A, B
-    # Scales of states and inputs are powers of 2, so scaling causes no rounding.
-    balanced, (scale, _) = matrix_balance(A, permute=False, separate=True)
-    scaled = B / scale[:, None]
-    size, wanted = np.abs(scaled).max(axis=0), max(float(np.abs(balanced).max()), 1.0)
-    unit = np.exp2(np.round(np.log2(np.where(size > 0, size, wanted) / wanted)))
-    both = expm(t * np.block([[balanced, scaled / unit], [np.zeros((m, n + m))]]))
-    return scale[:, None] * both[:n, :n] / scale, scale[:, None] * both[:n, n:] * unit
 
 
 # -- bilinear substitution ------------------------------------------------------------------------
@@ -203,12 +189,8 @@ def _tustin(plant: Plant, dt: float, prewarp: float | None) -> _Matrices:
             f" is singular (2 / dt{', prewarped' if prewarp is not None else ''}); choose another"
             " dt, or method 'zoh'"
         )
-    eye = np.eye(plant.n_states)
-    left = eye - 0.5 * step * plant.A
-    A = np.asarray(np.linalg.solve(left, eye + 0.5 * step * plant.A), dtype=np.float64)
-    B = np.asarray(np.linalg.solve(left, step * plant.B), dtype=np.float64)
-    C = np.asarray(np.linalg.solve(left.T, plant.C.T).T, dtype=np.float64)
-    return A, B, C, plant.D + 0.5 * plant.C @ B
+    converted = bilinear(StateSpace(plant.A, plant.B, plant.C, plant.D), step)
+    return converted.A, converted.B, converted.C, converted.D
 
 
 # -- delay ----------------------------------------------------------------------------------------

@@ -22,31 +22,14 @@ from updyn.control.servo.controller import Controller, to_velocity
 from updyn.control.servo.loops import Wiring
 from updyn.control.servo.settings import LOOP_STABILITY
 from updyn.control.servo.stability import JudgedLoop, count_drifting, count_growing, find_margins
-from updyn.control.servo.state_space import StateSpace, Transfer, channel_zeros, connect
+from updyn.control.servo.state_space import StateSpace, Transfer, bilinear, channel_zeros, connect
 from updyn.errors import OptionError
 
-__all__ = ["SampledCascade", "bilinear", "judge_sampled"]
+__all__ = ["SampledCascade", "judge_sampled"]
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 _TWO_PI = 2.0 * np.pi
-
-
-def bilinear(system: StateSpace, c: float) -> StateSpace:
-    """Return a system in z by s = c (z - 1) / (z + 1); w / tan(w dt / 2) for c is exact at w."""
-    if not system.n_states:
-        return system
-    eye = np.eye(system.n_states)
-    left = c * eye - system.A
-    into = np.asarray(np.linalg.solve(left, system.B), dtype=np.float64)
-    out = np.asarray(np.linalg.solve(left.T, system.C.T).T, dtype=np.float64)
-    root = float(np.sqrt(2.0 * c))
-    return StateSpace(
-        np.asarray(np.linalg.solve(left, c * eye + system.A), dtype=np.float64),
-        root * into,
-        root * out,
-        system.D + system.C @ into,
-    )
 
 
 class SampledCascade:
@@ -165,7 +148,7 @@ def _omission_notes(controller: Controller, plant: Plant) -> tuple[str, ...]:
 def _convert_controller(controller: Controller, dt: float) -> StateSpace:
     """Return torque over velocity error in z, without filters above half the sampling rate."""
     plain = Controller(controller.kp, controller.ti)
-    out = bilinear(plain.state_space(), 2.0 / dt)
+    out = bilinear(plain.state_space(), dt)
     for notch in controller.notches:
         if notch.frequency < 0.5 / dt:
             out = bilinear(notch.state_space(), _prewarp(notch.frequency, dt)) * out
@@ -177,8 +160,9 @@ def _convert_controller(controller: Controller, dt: float) -> StateSpace:
 
 
 def _prewarp(freq: float, dt: float) -> float:
+    """Return the interval with which the bilinear substitution is exact at a frequency."""
     w = _TWO_PI * freq
-    return float(w / np.tan(0.5 * w * dt))
+    return float(2.0 * np.tan(0.5 * w * dt) / w)
 
 
 def _output_conversion(power: int, dt: float) -> StateSpace:
@@ -187,7 +171,7 @@ def _output_conversion(power: int, dt: float) -> StateSpace:
     if power == 1:  # (1 - 1 / z) / dt
         return StateSpace(0.0 * one, one, -one / dt, one / dt)
     if power == -1:
-        return bilinear(StateSpace(0.0 * one, one, one, 0.0 * one), 2.0 / dt)
+        return bilinear(StateSpace(0.0 * one, one, one, 0.0 * one), dt)
     return StateSpace.gain(1.0)
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import comb, factorial
 
 import numpy as np
 import scipy.linalg
@@ -18,9 +17,11 @@ __all__ = [
     "StateSpace",
     "Transfer",
     "balance",
+    "bilinear",
     "channel_zeros",
     "connect",
     "delay_approximation",
+    "interval_matrices",
 ]
 
 _Real = NDArray[np.float64]
@@ -109,24 +110,20 @@ def connect(
 def delay_approximation(delay: float, order: int) -> StateSpace:
     """Return the diagonal Pade approximation of exp(-s delay), an all-pass of order 1 to 12.
 
-    Golub & Van Loan, Matrix Computations, 3rd ed. (1996), section 11.3.1, at -s delay; in
-    second-order factors, which keep high orders well scaled.
+    Its denominator is a reverse Bessel polynomial, that of a Bessel filter with half the delay. The
+    system consists of second-order factors, which keep high orders well scaled.
     """
+    from scipy.signal import besselap  # slow to import
+
     if not 1 <= order <= 12:
         raise OptionError(f"pade order {order!r}; expected 1 to 12")
-    coefficients = [
-        comb(order, k) * factorial(2 * order - k) / factorial(2 * order) for k in range(order + 1)
-    ]
-    poles = np.roots(coefficients[::-1])
+    poles = 2.0 / delay * besselap(order, norm="delay")[1]
     out = StateSpace.gain(1.0)
-    for pole in poles[poles.imag > 1e-9]:
-        out = _all_pass(-2.0 * pole.real / delay, abs(pole) ** 2 / delay**2) * out
-    for pole in poles[np.abs(poles.imag) <= 1e-9]:
-        a = -pole.real / delay  # (a - s) / (a + s) = -1 + 2 a / (s + a)
-        out = (
-            StateSpace(np.array([[-a]]), np.ones((1, 1)), np.array([[2.0 * a]]), -np.ones((1, 1)))
-            * out
-        )
+    for pole in poles[poles.imag > 0.0]:
+        out = _all_pass(-2.0 * pole.real, abs(pole) ** 2) * out
+    for a in -poles.real[poles.imag == 0.0]:  # (a - s) / (a + s) = -1 + 2 a / (s + a)
+        one = np.ones((1, 1))
+        out = StateSpace(-a * one, one, 2.0 * a * one, -one) * out
     return out
 
 
@@ -138,6 +135,38 @@ def _all_pass(a: float, b: float) -> StateSpace:
         np.array([[0.0], [1.0]]),
         np.array([[0.0, -2.0 * a]]),
         np.ones((1, 1)),
+    )
+
+
+def bilinear(system: StateSpace, dt: float) -> StateSpace:
+    """Return a system in z by s = 2 (z - 1) / (dt (z + 1)) (Tustin)."""
+    from scipy.signal import cont2discrete  # slow to import
+
+    matrices = system.A, system.B, system.C, system.D
+    return StateSpace(*cont2discrete(matrices, dt, "bilinear")[:4])
+
+
+def interval_matrices(A: _Real, B: _Real, dt: float) -> tuple[_Real, _Real, _Real]:
+    """Return the matrices of one interval for the states, a constant input and a unit ramp."""
+    n, m = B.shape
+    if n == 0:
+        return A, B, B
+    even, scale = balance(A)
+    scaled = B / scale[:, None]
+    # Scales of inputs, too, are powers of 2, so scaling causes no rounding.
+    size = np.abs(scaled).max(axis=0)
+    wanted = max(float(np.abs(even).max()), 1.0 / dt)
+    unit = np.exp2(np.round(np.log2(np.where(size > 0, size, wanted) / wanted)))
+    both = np.zeros((n + 2 * m, n + 2 * m))
+    both[:n, :n] = even * dt
+    both[:n, n : n + m] = scaled / unit * dt
+    both[n : n + m, n + m :] = np.eye(m)
+    whole = scipy.linalg.expm(both)[:n]
+    back = scale[:, None]
+    return (
+        back * whole[:, :n] / scale,
+        back * whole[:, n : n + m] * unit,
+        back * whole[:, n + m :] * unit,
     )
 
 

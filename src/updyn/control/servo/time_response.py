@@ -6,7 +6,6 @@ import math
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicHermiteSpline
 
@@ -14,7 +13,7 @@ from updyn.control.servo.loops import Cascade
 from updyn.control.servo.record import StepResponse, WindResponse
 from updyn.control.servo.settings import STEP_RESPONSE, WIND_SERIES
 from updyn.control.servo.stability import JudgedLoop
-from updyn.control.servo.state_space import StateSpace, balance
+from updyn.control.servo.state_space import StateSpace, balance, interval_matrices
 from updyn.control.servo.wind import LENGTH, Wind
 from updyn.errors import DataError, OptionError
 from updyn.group import is_number
@@ -57,30 +56,6 @@ def linear_response(
     for k in range(len(u) - 1):
         states[k + 1] = states[k] @ transition + forced[k]
     return states, states @ system.C.T + u @ system.D.T
-
-
-def interval_matrices(A: _Real, B: _Real, dt: float) -> tuple[_Real, _Real, _Real]:
-    """Return the matrices of one interval for the states, a constant input and a unit ramp."""
-    n, m = B.shape
-    if n == 0:
-        return A, B, B
-    even, scale = balance(A)
-    scaled = B / scale[:, None]
-    # Scales of inputs, too, are powers of 2, so scaling causes no rounding.
-    size = np.abs(scaled).max(axis=0)
-    wanted = max(float(np.abs(even).max()), 1.0 / dt)
-    unit = np.exp2(np.round(np.log2(np.where(size > 0, size, wanted) / wanted)))
-    both = np.zeros((n + 2 * m, n + 2 * m))
-    both[:n, :n] = even * dt
-    both[:n, n : n + m] = scaled / unit * dt
-    both[n : n + m, n + m :] = np.eye(m)
-    whole = scipy.linalg.expm(both)[:n]
-    back = scale[:, None]
-    return (
-        back * whole[:, :n] / scale,
-        back * whole[:, n : n + m] * unit,
-        back * whole[:, n + m :] * unit,
-    )
 
 
 def delayed_response(
