@@ -636,10 +636,10 @@ def loss_with_frequency(bench, frf, rng):
         lossy = replace(bench.case, true=bench.case.true.with_damping(loss))
         there = at_truth(replace(bench, case=lossy), frf)
         if is_imitated(
-            there, compute_log_ratio(there.part, cause.loss_power, there.x), SPREAD_CHANGE
+            there, compute_log_ratio(there.part, cause.alteration, there.x), SPREAD_CHANGE
         ):
             continue
-        values = AlteredPart.of(there.part, cause.loss_power).responses(there.x)
+        values = AlteredPart.of(there.part, cause.alteration).responses(there.x)
         faulty = NOISE.added(replace(bench.case.clean, values=values), rng)
         return Seeded(faulty, frf, cause.kind, cause.channels, fault=cause)
     return None

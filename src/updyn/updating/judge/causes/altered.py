@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -11,11 +12,21 @@ from numpy.typing import NDArray
 
 from updyn.dynamics.affine import AffineSystem
 from updyn.dynamics.fields import FieldSolver
+from updyn.frf import FRF
 from updyn.updating.problem.problem import FRFPart, LineBlock
 
-__all__ = ["Alteration", "AlteredPart", "compute_log_ratio", "replace_system"]
+__all__ = [
+    "Alteration",
+    "AlteredPart",
+    "SystemAlteration",
+    "compute_log_ratio",
+    "divide_logs",
+    "replace_channels",
+    "replace_system",
+]
 
 _Real = NDArray[np.float64]
+_Complex = NDArray[np.complex128]
 
 
 class Alteration(ABC):
@@ -24,13 +35,27 @@ class Alteration(ABC):
     __slots__ = ()
 
     @property
-    @abstractmethod
     def cache_key(self) -> str:
         """Key that distinguishes it from all others."""
+        return repr(self)
 
     @abstractmethod
     def block(self, part: FRFPart, x: _Real, lines: slice, *, derivatives: bool) -> LineBlock:
         """Return the altered model and the data of a part at a block of lines."""
+
+
+class SystemAlteration(Alteration):
+    """A change of the matrices or coefficients of a model."""
+
+    __slots__ = ()
+
+    @abstractmethod
+    def alter_part(self, part: FRFPart) -> FRFPart:
+        """Return a part with the altered model."""
+
+    def block(self, part: FRFPart, x: _Real, lines: slice, *, derivatives: bool) -> LineBlock:
+        """Return the altered model and the data of a part at a block of lines."""
+        return self.alter_part(part).block(x, lines, derivatives=derivatives)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,11 +91,24 @@ class AlteredPart(FRFPart):
         return [*FRFPart.key(self, kind, x, *about), self.alteration.cache_key]
 
 
-def compute_log_ratio(part: FRFPart, alteration: Alteration, x: _Real) -> NDArray[np.complex128]:
+def compute_log_ratio(part: FRFPart, alteration: Alteration, x: _Real) -> _Complex:
     """Return ln H of the altered model over H, shape (n_f, n_i, n_j); 0 where either is 0."""
-    H, unaltered = AlteredPart.of(part, alteration).responses(x), part.responses(x)
-    usable = (H != 0.0) & (unaltered != 0.0)
-    return np.asarray(np.log(np.where(usable, H, 1.0) / np.where(usable, unaltered, 1.0)))
+    return divide_logs(AlteredPart.of(part, alteration).responses(x), part.responses(x))
+
+
+def divide_logs(a: _Complex, b: _Complex) -> _Complex:
+    """Return ln(a / b), 0 where either is zero."""
+    usable = (a != 0.0) & (b != 0.0)
+    return np.asarray(np.log(np.where(usable, a, 1.0) / np.where(usable, b, 1.0)))
+
+
+def replace_channels(
+    part: FRFPart, responses: Sequence[str], references: Sequence[str], quantity: str
+) -> FRFPart:
+    """Return a part with other channels, whose values are 1."""
+    frf = part.frf
+    values = np.ones((part.n_lines, len(responses), len(references)))
+    return part.with_data(FRF(frf.freq, values, responses, references, quantity, decay=frf.decay))
 
 
 def replace_system(part: FRFPart, system: AffineSystem) -> FieldSolver:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from updyn import sensitivity
 from updyn.frf import FRF, QUANTITIES
-from updyn.updating.judge.causes.altered import Alteration
+from updyn.updating.judge.causes.altered import Alteration, replace_channels
 from updyn.updating.judge.causes.labels import list_unsigned_labels
 from updyn.updating.problem.channels import Gains
 from updyn.updating.problem.problem import FRFPart, LineBlock
@@ -42,11 +42,6 @@ class AddedElement(Alteration):
     between: bool
     value: float = 0.0
     loss: float = 0.0
-
-    @property
-    def cache_key(self) -> str:
-        """Key that distinguishes it from all others."""
-        return repr(self)
 
     @property
     def incidence(self) -> _Real:
@@ -134,18 +129,8 @@ class Receptances:
     def of(cls, part: FRFPart, x: _Real) -> Self:
         """Return the receptances of the model of a part at x."""
         dofs = MeasuredDofs.of(part.frf)
-        n = len(dofs.labels)
-        shape = (part.n_lines, n, n)
-        square = FRF(
-            part.frf.freq,
-            np.ones(shape),
-            dofs.labels,
-            dofs.labels,
-            "receptance",
-            decay=part.frf.decay,
-        )
-        square_part = part.with_data(square)
-        return cls(dofs, square_part.responses(x), square_part.frf.s)
+        square = replace_channels(part, dofs.labels, dofs.labels, "receptance")
+        return cls(dofs, square.responses(x), square.frf.s)
 
     def log_change(self, element: AddedElement) -> _Complex:
         """Return ln(H' / H) at the channels, shape (n_f, n_i, n_j); 0 where either is 0."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from updyn.dofs import DofSet
 from updyn.dynamics.affine import State
 from updyn.frf import FRF, QUANTITIES
+from updyn.updating.judge.causes.altered import divide_logs, replace_channels
 from updyn.updating.judge.causes.element import Receptances
 from updyn.updating.judge.causes.labels import list_response_labels, list_unsigned_labels
 from updyn.updating.judge.causes.misfit import compute_log_misfit
@@ -97,17 +99,7 @@ class Evidence:
 
     def _compute_responses(self, labels: list[str], references: list[str]) -> _ModelResponses:
         """Return the model's H and its slopes at responses and references."""
-        part = self.part
-        shape = (part.n_lines, len(labels), len(references))
-        blank = FRF(
-            part.frf.freq,
-            np.ones(shape),
-            labels,
-            references,
-            part.frf.quantity,
-            decay=part.frf.decay,
-        )
-        blank_part = part.with_data(blank)
+        blank_part = replace_channels(self.part, labels, references, self.frf.quantity)
 
         def compute() -> Record:
             found = list(
@@ -198,8 +190,7 @@ class Evidence:
             for factor in (1.0 - CAUSE_MISFIT.frequency_step, 1.0 + CAUSE_MISFIT.frequency_step)
         )
         return np.asarray(
-            _compute_log_ratio(high, low)
-            / (2.0 * CAUSE_MISFIT.frequency_step * freq)[:, None, None]
+            divide_logs(high, low) / (2.0 * CAUSE_MISFIT.frequency_step * freq)[:, None, None]
         )
 
     def log_ratio_with_decay(self, rate: float) -> _Complex:
@@ -222,9 +213,7 @@ class Evidence:
         known = self._ratio_cache.get((kind, value))
         if known is None:
             H = self.part.with_data(other_lines).responses(self.x)
-            known = self._ratio_cache[kind, value] = _compute_log_ratio(
-                H, self.model_response(self.frf)
-            )
+            known = self._ratio_cache[kind, value] = divide_logs(H, self.model_response(self.frf))
         return known
 
     def log_ratio_on_suspension(self, frequency: float) -> _Complex:
@@ -236,41 +225,34 @@ class Evidence:
         mass = np.array([term.quantity == "mass" for term in part.solver.system.terms])
         square = (2.0 * np.pi * frequency) ** 2 * (1.0 + 1j * SUPPORT_FAULT.soft_loss)
         lift = np.where(mass, state.factor * square, 0.0)
-
-        def compute() -> Record:
-            return (
-                _compute_log_ratio(
-                    _compute_receptance(part, state, lift), _compute_receptance(part, state)
-                ),
-            )
-
-        (ratio,) = part.recall("lifted", self.x, compute, np.array(frequency))
-        return ratio
+        return self._recall_log_ratio(
+            "lifted", frequency, lambda: _compute_receptance(part, state, lift)
+        )
 
     def log_ratio_with_stiffness(self, group: str, log_factor: float) -> _Complex:
         """Return the model's ln H with exp(log_factor) times a group's stiffness over H."""
-        part, state = self.part, self.part.state(self.x)
-        state_there = scale_stiffness(part, self.x, group, log_factor)
+        state = scale_stiffness(self.part, self.x, group, log_factor)
+        return self._recall_log_ratio(
+            "loosened " + group, log_factor, lambda: _compute_receptance(self.part, state)
+        )
+
+    def _recall_log_ratio(
+        self, kind: str, value: float, compute_altered: Callable[[], _Complex]
+    ) -> _Complex:
+        """Return ln H of an altered model over H, from the records of the session if known."""
+        part = self.part
 
         def compute() -> Record:
-            return (
-                _compute_log_ratio(
-                    _compute_receptance(part, state_there), _compute_receptance(part, state)
-                ),
-            )
+            return (divide_logs(compute_altered(), _compute_receptance(part, part.state(self.x))),)
 
-        (ratio,) = part.recall("loosened " + group, self.x, compute, np.array(log_factor))
+        (ratio,) = part.recall(kind, self.x, compute, np.array(value))
         return ratio
 
     @cached_property
     def drive_point_response(self) -> _Complex:
         """Drive-point receptance of the model at each response times omega^2, shape (n_f, n_i)."""
-        part, n = self.part, len(self.frf.responses)
-        shape = (part.n_lines, n, n)
         labels = list_response_labels(self.frf)
-        decay = self.frf.decay
-        square = FRF(self.frf.freq, np.ones(shape), labels, labels, "accelerance", decay=decay)
-        H = part.with_data(square).responses(self.x)
+        H = replace_channels(self.part, labels, labels, "accelerance").responses(self.x)
         return np.asarray(-np.diagonal(H, axis1=1, axis2=2))
 
     @cached_property
@@ -422,12 +404,6 @@ def _compute_receptance(part: FRFPart, state: State, lift: _Complex | None = Non
         c = c + lift[:, None]
     U = part.solver.solve(c, columns, freq)[:, :, place.ravel()]
     return np.asarray(part.solver.at(U, part.rows).transpose(1, 0, 2))
-
-
-def _compute_log_ratio(a: _Complex, b: _Complex) -> _Complex:
-    """Return ln(a / b), 0 where either is zero."""
-    usable = (a != 0) & (b != 0)
-    return np.asarray(np.log(np.where(usable, a, 1.0) / np.where(usable, b, 1.0)))
 
 
 def stack_real_imag(values: _Complex) -> _Real:

@@ -133,6 +133,8 @@ class Fault(ABC):
         Noun for the two items that its channels have to name; empty if any number is valid.
     has_free_size : bool
         Whether the data determine the size: `slope` is defined.
+    is_positive : bool
+        Whether only sizes above 0 are possible.
     is_additive : bool
         Whether two such faults equal one with the sum of their values.
     imitated_kinds : tuple of str
@@ -161,6 +163,7 @@ class Fault(ABC):
     unit: ClassVar[str] = ""
     pair_noun: ClassVar[str] = ""
     has_free_size: ClassVar[bool] = False
+    is_positive: ClassVar[bool] = False
     is_additive: ClassVar[bool] = False
     imitated_kinds: ClassVar[tuple[str, ...]] = ()
     omits_channels: ClassVar[bool] = False
@@ -181,9 +184,10 @@ class Fault(ABC):
         return False
 
     @classmethod
-    @abstractmethod
     def propose_faults(cls, evidence: Evidence) -> Iterable[Self]:
         """Return the faults of this kind that are worth testing at a point.
+
+        By default none: for kinds that are found in another way than at a point.
 
         Parameters
         ----------
@@ -195,6 +199,7 @@ class Fault(ABC):
         iterable of Fault
             Faults with a first size; several sizes of one fault are allowed.
         """
+        return ()
 
     @abstractmethod
     def repair(self, frf: FRF) -> FRF:
@@ -296,7 +301,7 @@ class Fault(ABC):
 
     def is_plausible(self) -> bool:
         """Return whether a fault of this size is possible and large enough to report."""
-        return True
+        return self.value > 0.0 or not self.is_positive
 
     @abstractmethod
     def statement(self) -> str:

@@ -12,22 +12,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.dynamics.affine import AffineSystem, State, Term
-from updyn.frf import FRF
 from updyn.group import LossTable
-from updyn.updating.judge.causes.altered import (
-    Alteration,
-    AlteredPart,
-    compute_log_ratio,
-    replace_system,
-)
+from updyn.updating.judge.causes.altered import AlteredPart, SystemAlteration, replace_system
+from updyn.updating.judge.causes.altering import AlteringFault
 from updyn.updating.judge.causes.evidence import Evidence
-from updyn.updating.judge.causes.fault import Fault, IrreparableFault, divide_data, divide_odds
+from updyn.updating.judge.causes.fault import Fault
 from updyn.updating.judge.causes.missing_element import list_directed_places
 from updyn.updating.judge.causes.proportional import ProportionalDamping
 from updyn.updating.judge.causes.rates import ALL, MATRICES
 from updyn.updating.judge.causes.settings import LOSS_EXPONENT
 from updyn.updating.problem.parameters import Parameter
-from updyn.updating.problem.problem import FRFPart, LineBlock
+from updyn.updating.problem.problem import FRFPart
 
 __all__ = ["LossOverFrequency", "LossPowerLaw"]
 
@@ -39,7 +34,7 @@ _VARIANTS = 2
 
 
 @dataclass(frozen=True, slots=True)
-class LossPowerLaw(Alteration):
+class LossPowerLaw(SystemAlteration):
     """Multiplication of the loss moduli of groups by (f / `mid_frequency`)^exponent.
 
     Empty `groups`: all without a loss table. If `causal`, the storage moduli vary as well, by the
@@ -50,11 +45,6 @@ class LossPowerLaw(Alteration):
     exponent: float
     mid_frequency: float
     causal: bool = False
-
-    @property
-    def cache_key(self) -> str:
-        """Key that distinguishes it from all others."""
-        return repr(self)
 
     def alter_part(self, part: FRFPart) -> FRFPart:
         """Return the part with these moduli at its lines."""
@@ -103,10 +93,6 @@ class LossPowerLaw(Alteration):
         )
         return np.asarray((high - low) / (2.0 * LOSS_EXPONENT.step))
 
-    def block(self, part: FRFPart, x: _Real, lines: slice, *, derivatives: bool) -> LineBlock:
-        """Return the altered model and the data of a part at a block of lines."""
-        return self.alter_part(part).block(x, lines, derivatives=derivatives)
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CausalSystem(AffineSystem):
@@ -142,7 +128,7 @@ class CausalSystem(AffineSystem):
 
 
 @dataclass(frozen=True, slots=True)
-class LossOverFrequency(IrreparableFault):
+class LossOverFrequency(AlteringFault):
     """The loss factor of a group, or of all groups, is proportional to f^value.
 
     If `causal`, the storage modulus varies as well (Kramers-Kronig), by about 2 / pi times the loss
@@ -155,16 +141,10 @@ class LossOverFrequency(IrreparableFault):
     mid_frequency: float = 1.0
     lines: tuple[float, ...] = ()
     loss: float = 0.0
-    n_places: int = 1
     viscous: tuple[ProportionalDamping, ...] = ()
     causal: bool = False
 
     kind: ClassVar[str] = "loss-over-frequency"
-    has_free_size: ClassVar[bool] = True
-    is_additive: ClassVar[bool] = True
-    has_constant_size: ClassVar[bool] = True
-    alters_model: ClassVar[bool] = True
-    odds: ClassVar[float] = 1e-2
     distinguishing_test: ClassVar[str] = (
         "A test over a wider band, or of the part alone at several frequencies, would distinguish"
         " them."
@@ -183,18 +163,19 @@ class LossOverFrequency(IrreparableFault):
         mid_frequency, n_places = math.sqrt(lines[0] * lines[-1]), _VARIANTS * len(groups_by_name)
         for name, groups in groups_by_name.items():
             viscous = _list_viscous_damping(groups, evidence)
-            plain = cls((name,), 0.0, groups, mid_frequency, lines, 0.0, n_places, viscous)
+            about = (groups, mid_frequency, lines, 0.0, viscous)
+            plain = cls((name,), 0.0, *about, n_places=n_places)
             yield plain
             yield replace(plain, value=LOSS_EXPONENT.first, causal=True)
 
     @property
-    def loss_power(self) -> LossPowerLaw:
+    def alteration(self) -> LossPowerLaw:
         """The variation of the loss factors."""
         return LossPowerLaw(self.groups, self.value, self.mid_frequency, self.causal)
 
     def slope(self, evidence: Evidence) -> _Complex:
         """Return the derivative of the model's ln H by the exponent."""
-        freq, law = evidence.frf.freq, self.loss_power
+        freq, law = evidence.frf.freq, self.alteration
         modulus: _Complex | complex = 1j
         if isinstance(evidence.part, AlteredPart):
             earlier = evidence.part.alteration
@@ -207,21 +188,11 @@ class LossOverFrequency(IrreparableFault):
                 total += float(evidence.x[i]) * evidence.slopes_by_unknown[i]
         return np.asarray(total * (law.slope(freq) / modulus)[:, None, None])
 
-    def repair_with_model(self, evidence: Evidence) -> FRF:
-        """Return the data divided by H with these loss factors over the model's H."""
-        return divide_data(
-            evidence.frf, compute_log_ratio(evidence.part, self.loss_power, evidence.x)
-        )
-
-    def correct_part(self, part: FRFPart, x: _Real) -> FRFPart:
-        """Return the part whose model has these loss factors."""
-        return AlteredPart.of(part, self.loss_power) if self.is_plausible() else part
-
     def add_model_figures(self, part: FRFPart, x: _Real) -> Self:
         """Return the fault with the lines of a part and the loss factor of its model at a point."""
         state, terms = part.state(x), part.solver.system.terms
         losses = {
-            float(state.loss[t]) for t, term in enumerate(terms) if self.loss_power.acts_on(term)
+            float(state.loss[t]) for t, term in enumerate(terms) if self.alteration.acts_on(term)
         }
         loss = losses.pop() if len(losses) == 1 else 0.0
         return replace(self, loss=loss, lines=_list_lines_above_zero(part))
@@ -244,11 +215,6 @@ class LossOverFrequency(IrreparableFault):
         return 0.0 < abs(self.value) <= LOSS_EXPONENT.most
 
     @property
-    def prior(self) -> float:
-        """Prior odds that the loss factor of this group varies."""
-        return divide_odds(self.odds, self.n_places)
-
-    @property
     def _group_text(self) -> str:
         """The groups as text."""
         if not self.groups:
@@ -260,7 +226,7 @@ class LossOverFrequency(IrreparableFault):
         """Return a sentence with the groups and the range of their loss factor."""
         trend = "rises" if self.value > 0.0 else "falls"
         low, high = self.lines[0], self.lines[-1]
-        ends = self.loss_power.loss_ratio(np.array([low, high]))
+        ends = self.alteration.loss_ratio(np.array([low, high]))
         if self.loss:
             first, last = self.loss * ends
             extent = f"from {first:.3g} at {low:.4g} Hz to {last:.3g} at {high:.4g} Hz"
@@ -268,7 +234,7 @@ class LossOverFrequency(IrreparableFault):
             extent = f"by a factor of {ends[1] / ends[0]:.3g} from {low:.4g} to {high:.4g} Hz"
         stiffer = ""
         if self.causal and self.loss:
-            change = self.loss * np.ptp(self.loss_power.storage_change(np.array([low, high])))
+            change = self.loss * np.ptp(self.alteration.storage_change(np.array([low, high])))
             stiffer = f", and its stiffness rises by {100.0 * change:.2g} %"
         return (
             f"The loss factor of {self._group_text} {trend} with frequency: {extent}, as"
@@ -281,7 +247,7 @@ class LossOverFrequency(IrreparableFault):
         freq = self._table_lines
         relative = [
             float(f"{factor:.{LOSS_EXPONENT.table_digits}g}")
-            for factor in self.loss_power.loss_ratio(freq)
+            for factor in self.alteration.loss_ratio(freq)
         ]
         table = f"[{freq.tolist()}, {relative}]"
         named = list(self.groups) or [ALL]

@@ -24,6 +24,7 @@ class LowPass(Fault):
     kind: ClassVar[str] = "low-pass"
     unit: ClassVar[str] = "s"
     has_free_size: ClassVar[bool] = True
+    is_positive: ClassVar[bool] = True
 
     @classmethod
     def propose_faults(cls, evidence: Evidence) -> Iterable[Self]:
@@ -44,10 +45,6 @@ class LowPass(Fault):
         return find_channels(self.channels, frf).broadcast(
             -s / (1.0 + s * self.value), frf.values.shape
         )
-
-    def is_plausible(self) -> bool:
-        """Return whether the time constant is positive."""
-        return self.value > 0.0
 
     def statement(self) -> str:
         """Return a sentence with the corner frequency."""

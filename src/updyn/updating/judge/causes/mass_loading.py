@@ -28,6 +28,7 @@ class MassLoading(IrreparableFault):
     kind: ClassVar[str] = "mass-loading"
     unit: ClassVar[str] = "kg"
     has_free_size: ClassVar[bool] = True
+    is_positive: ClassVar[bool] = True
 
     @classmethod
     def propose_faults(cls, evidence: Evidence) -> Iterable[Self]:
@@ -63,10 +64,6 @@ class MassLoading(IrreparableFault):
         return divide_data(
             evidence.frf, np.broadcast_to(-log_correction, evidence.frf.values.shape)
         )
-
-    def is_plausible(self) -> bool:
-        """Return whether the mass is positive."""
-        return self.value > 0.0
 
     def statement(self) -> str:
         """Return a sentence with the mass."""

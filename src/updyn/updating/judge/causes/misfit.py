@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any, Self
 
 import numpy as np
@@ -14,7 +14,7 @@ from updyn.updating.judge.causes.settings import CAUSE_MISFIT
 from updyn.updating.judge.settings import SIGNIFICANCE
 from updyn.updating.problem.noise import level_by_unit
 
-__all__ = ["WeightedData", "compute_log_misfit", "count_values"]
+__all__ = ["WeightedData", "compute_log_misfit", "count_values", "remove_weight"]
 
 _Complex = NDArray[np.complex128]
 
@@ -99,6 +99,13 @@ def count_values(frf: FRF) -> int:
     return 2 * int(
         np.count_nonzero(np.abs(frf.values) > SIGNIFICANCE.stds * _compute_deviation(frf))
     )
+
+
+def remove_weight(frf: FRF, mask: NDArray[np.bool_]) -> FRF:
+    """Return the data in which some values have no weight; the mask may omit the lines."""
+    assert frf.variance is not None
+    large = CAUSE_MISFIT.weightless_variance * float(np.abs(frf.values).max()) ** 2
+    return replace(frf, variance=np.where(mask, large, frf.variance))
 
 
 def _compute_deviation(frf: FRF) -> NDArray[np.float64]:

@@ -11,33 +11,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.frf import FRF
-from updyn.updating.judge.causes.altered import AlteredPart
+from updyn.updating.judge.causes.altering import AlteringFault
 from updyn.updating.judge.causes.element import AddedElement, MeasuredDofs
 from updyn.updating.judge.causes.evidence import Evidence
-from updyn.updating.judge.causes.fault import Fault, IrreparableFault, divide_data, divide_odds
+from updyn.updating.judge.causes.fault import Fault, divide_data
 from updyn.updating.judge.causes.screening import select_elements
 from updyn.updating.judge.causes.settings import MISSING_ELEMENT
-from updyn.updating.problem.problem import FRFPart
 
 __all__ = ["MissingElement", "list_directed_places"]
 
 
 @dataclass(frozen=True, slots=True)
-class MissingElement(IrreparableFault):
+class MissingElement(AlteringFault):
     """An element of size `value` at `channels` that the model lacks.
 
-    It acts between two DOFs, or, unless `between`, between each DOF and the ground. The `n_places`
-    that were tested share the odds of the kind.
+    It acts between two DOFs, or, unless `between`, between each DOF and the ground.
     """
 
     between: bool = False
-    n_places: int = 1
 
-    has_free_size: ClassVar[bool] = True
-    is_additive: ClassVar[bool] = True
-    has_constant_size: ClassVar[bool] = True
-    alters_model: ClassVar[bool] = True
-    odds: ClassVar[float] = 1e-2
+    is_positive: ClassVar[bool] = True
     #: Matrix of a group to which it contributes.
     quantity: ClassVar[str]
     #: Noun in a sentence.
@@ -63,7 +56,7 @@ class MissingElement(IrreparableFault):
             AddedElement(cls.quantity, *at, 0.0, cls.loss) for at in cls.list_places(evidence.frf)
         ]
         best = select_elements(evidence, every, most)
-        return [cls(one.labels, one.value, one.between, len(every)) for one in best]
+        return [cls(one.labels, one.value, one.between, n_places=len(every)) for one in best]
 
     def list_other_places(self, evidence: Evidence) -> Iterable[Fault]:
         """Return the elements at other places that explain most, to first order."""
@@ -74,30 +67,17 @@ class MissingElement(IrreparableFault):
         return [one for one in found if one.channels != self.channels]
 
     @property
-    def prior(self) -> float:
-        """Prior odds that the model lacks the element at this place."""
-        return divide_odds(self.odds, self.n_places)
-
-    @property
-    def element(self) -> AddedElement:
+    def alteration(self) -> AddedElement:
         """The element that the model lacks."""
         return AddedElement(self.quantity, self.channels, self.between, self.value, self.loss)
 
     def slope(self, evidence: Evidence) -> NDArray[np.complex128]:
         """Return the derivative of the model's ln H by the size of the element."""
-        return evidence.receptances.slope(self.element)
+        return evidence.receptances.slope(self.alteration)
 
     def repair_with_model(self, evidence: Evidence) -> FRF:
         """Return the data divided by H with the element over the model's H."""
-        return divide_data(evidence.frf, evidence.receptances.log_change(self.element))
-
-    def correct_part(self, part: FRFPart, x: NDArray[np.float64]) -> FRFPart:
-        """Return the part whose model has the element."""
-        return AlteredPart.of(part, self.element) if self.is_plausible() else part
-
-    def is_plausible(self) -> bool:
-        """Return whether its size is positive."""
-        return self.value > 0.0
+        return divide_data(evidence.frf, evidence.receptances.log_change(self.alteration))
 
     @property
     def size_text(self) -> str:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import ClassVar, Self
 
 import numpy as np
 
 from updyn.frf import FRF, QUANTITIES
-from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.fault import IrreparableFault
 
 __all__ = ["UNITS_OF_MODELS", "ModelUnit"]
@@ -30,7 +29,10 @@ UNITS_OF_MODELS: tuple[tuple[str, float, str], ...] = (
 
 @dataclass(frozen=True, slots=True)
 class ModelUnit(IrreparableFault):
-    """All stiffnesses or masses of the model have to be multiplied by `value`, due to `mistake`."""
+    """All stiffnesses or masses of the model have to be multiplied by `value`, due to `mistake`.
+
+    Units are tried only if model and data have nothing in common.
+    """
 
     quantity: str = "stiffness"
     mistake: str = ""
@@ -38,11 +40,6 @@ class ModelUnit(IrreparableFault):
     kind: ClassVar[str] = "model-unit"
     concerns_model: ClassVar[bool] = True
     odds: ClassVar[float] = 1e-2
-
-    @classmethod
-    def propose_faults(cls, evidence: Evidence) -> Iterable[Self]:
-        """Return an empty tuple: units are tried only if model and data have nothing in common."""
-        return ()
 
     @classmethod
     def list_mistakes(cls) -> Iterator[Self]:

@@ -19,7 +19,8 @@ from updyn.updating.judge.causes.fault import (
     list_channels,
     remove_channels,
 )
-from updyn.updating.judge.causes.settings import CAUSE_MISFIT, CHANNEL_FAULT
+from updyn.updating.judge.causes.misfit import remove_weight
+from updyn.updating.judge.causes.settings import CHANNEL_FAULT
 from updyn.updating.problem.problem import FRFPart
 
 __all__ = ["OtherTest"]
@@ -59,9 +60,7 @@ class OtherTest(Fault):
 
     def mask_channels(self, frf: FRF) -> FRF:
         """Return the data in which the sensor has no weight."""
-        assert frf.variance is not None
-        lost = CAUSE_MISFIT.weightless_variance * float(np.abs(frf.values).max()) ** 2
-        return replace(frf, variance=np.where(self._channel_mask(frf), lost, frf.variance))
+        return remove_weight(frf, self._channel_mask(frf))
 
     def search_size(self, evidence: Evidence) -> Self:
         """Return the fault with the shift that fits the data best at a point."""

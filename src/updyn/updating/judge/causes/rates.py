@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from updyn import sensitivity
 from updyn.dynamics.affine import AffineSystem
 from updyn.sensitivity import Unknowns
-from updyn.updating.judge.causes.altered import Alteration, AlteredPart, replace_system
+from updyn.updating.judge.causes.altered import AlteredPart, SystemAlteration, replace_system
 from updyn.updating.problem.parameters import Parameter
-from updyn.updating.problem.problem import FRFPart, LineBlock
+from updyn.updating.problem.problem import FRFPart
 
 __all__ = [
     "ALL",
@@ -34,17 +34,12 @@ MATRICES = {"stiffness_damping": "stiffness", "mass_damping": "mass"}
 
 
 @dataclass(frozen=True, slots=True)
-class RayleighIncrement(Alteration):
+class RayleighIncrement(SystemAlteration):
     """Increase of ``"stiffness_damping"`` (s) or ``"mass_damping"`` (1/s) of one group or `ALL`."""
 
     group: str
     quantity: str
     value: float = 0.0
-
-    @property
-    def cache_key(self) -> str:
-        """Key that distinguishes it from all others."""
-        return repr(self)
 
     @classmethod
     def from_name(cls, name: str, value: float = 0.0) -> Self:
@@ -72,10 +67,6 @@ class RayleighIncrement(Alteration):
         rate[Unknowns.find(system, self.make_unknowns(system)).at] += self.value
         larger = replace(system, start=replace(system.start, rate=rate))
         return replace(part, solver=replace_system(part, larger))
-
-    def block(self, part: FRFPart, x: _Real, lines: slice, *, derivatives: bool) -> LineBlock:
-        """Return the altered model and the data of a part at a block of lines."""
-        return self.alter_part(part).block(x, lines, derivatives=derivatives)
 
 
 def list_fixed_coefficients(part: FRFPart) -> list[str]:

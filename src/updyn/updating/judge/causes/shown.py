@@ -5,10 +5,9 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import ClassVar, Self
+from typing import ClassVar
 
 from updyn.frf import FRF
-from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.fault import IrreparableFault
 from updyn.updating.problem.problem import FRFPart
 
@@ -36,11 +35,6 @@ class DataFault(IrreparableFault):
     __slots__ = ()
 
     is_symptom: ClassVar[bool] = False
-
-    @classmethod
-    def propose_faults(cls, evidence: Evidence) -> Iterable[Self]:
-        """Return an empty tuple: the model is not used."""
-        return ()
 
     @classmethod
     @abstractmethod

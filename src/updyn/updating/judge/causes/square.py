@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
 from updyn.frf import FRF
-from updyn.updating.judge.causes.settings import CAUSE_MISFIT
+from updyn.updating.judge.causes.misfit import remove_weight
 from updyn.updating.problem.noise.neighbours import estimate_scatter
 
 __all__ = ["CollocatedFrfs"]
@@ -55,10 +55,7 @@ class CollocatedFrfs:
 
     def mask_pairs(self, frf: FRF, pairs: Iterable[tuple[int, int]]) -> FRF:
         """Return the data with no weight on some pairs of response and force, as positions."""
-        assert frf.variance is not None
-        variance = frf.variance.copy()
+        mask = np.zeros(frf.values.shape[1:], dtype=np.bool_)
         for i, j in pairs:
-            variance[:, self.rows[i], self.columns[j]] = (
-                CAUSE_MISFIT.weightless_variance * np.abs(frf.values).max() ** 2
-            )
-        return replace(frf, variance=variance)
+            mask[self.rows[i], self.columns[j]] = True
+        return remove_weight(frf, mask)

@@ -30,6 +30,7 @@ class Suspension(IrreparableFault):
     concerns_model: ClassVar[bool] = True
     unit: ClassVar[str] = "Hz"
     has_free_size: ClassVar[bool] = True
+    is_positive: ClassVar[bool] = True
     odds: ClassVar[float] = 2e-3
     imitated_kinds: ClassVar[tuple[str, ...]] = ("missing-mode",)
 
@@ -65,10 +66,6 @@ class Suspension(IrreparableFault):
     def repair_with_model(self, evidence: Evidence) -> FRF:
         """Return the data divided by the model's H of K + (2 pi value)^2 M over that of K."""
         return divide_data(evidence.frf, evidence.log_ratio_on_suspension(self.value))
-
-    def is_plausible(self) -> bool:
-        """Return whether the frequency is positive."""
-        return self.value > 0.0
 
     def statement(self) -> str:
         """Return a sentence with the frequency of the suspension."""

@@ -30,6 +30,7 @@ class WindowDamping(Fault):
     has_free_size: ClassVar[bool] = True
     is_additive: ClassVar[bool] = True
     has_constant_size: ClassVar[bool] = True
+    is_positive: ClassVar[bool] = True
     distinguishing_test: ClassVar[str] = (
         "The settings of the analyser, or a record without a window, would distinguish them."
     )
@@ -62,11 +63,7 @@ class WindowDamping(Fault):
         quantities distinguish a window from it.
         """
         n_places = count_viscous_places(part)
-        return (ProportionalDamping((f"{ALL}.mass_damping",), 2.0 * self.value, n_places),)
-
-    def is_plausible(self) -> bool:
-        """Return whether the damping is positive."""
-        return self.value > 0.0
+        return (ProportionalDamping((f"{ALL}.mass_damping",), 2.0 * self.value, n_places=n_places),)
 
     @property
     def remedy(self) -> str:

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.fault import IrreparableFault, divide_odds
 from updyn.updating.judge.causes.other_model import CompiledVariant
 from updyn.updating.problem.problem import FRFPart
@@ -23,6 +21,7 @@ class WrongAxes(IrreparableFault):
     """The beams of the groups in `channels` have exchanged section axes in the model.
 
     `compiled_variant` has the correct axes; the `n_places` variants share the odds of the kind.
+    `select_variants` selects these faults.
     """
 
     compiled_variant: CompiledVariant | None = field(default=None, compare=False, repr=False)
@@ -31,11 +30,6 @@ class WrongAxes(IrreparableFault):
     kind: ClassVar[str] = "wrong-axes"
     alters_model: ClassVar[bool] = True
     odds: ClassVar[float] = 1e-2
-
-    @classmethod
-    def propose_faults(cls, evidence: Evidence) -> Iterable[Self]:
-        """Return an empty tuple: `select_variants` selects these faults."""
-        return ()
 
     @property
     def prior(self) -> float:

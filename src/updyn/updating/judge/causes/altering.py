@@ -1,0 +1,54 @@
+"""Base class of the faults whose trial alters the model: something that the model lacks."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.frf import FRF
+from updyn.updating.judge.causes.altered import Alteration, AlteredPart, compute_log_ratio
+from updyn.updating.judge.causes.evidence import Evidence
+from updyn.updating.judge.causes.fault import IrreparableFault, divide_data, divide_odds
+from updyn.updating.problem.problem import FRFPart
+
+__all__ = ["AlteringFault"]
+
+
+@dataclass(frozen=True, slots=True)
+class AlteringFault(IrreparableFault):
+    """Something of size `value` that the model lacks.
+
+    The `n_places` that were tested share the odds of the kind.
+    """
+
+    n_places: int = field(default=1, kw_only=True)
+
+    has_free_size: ClassVar[bool] = True
+    is_additive: ClassVar[bool] = True
+    has_constant_size: ClassVar[bool] = True
+    alters_model: ClassVar[bool] = True
+    odds: ClassVar[float] = 1e-2
+
+    @property
+    @abstractmethod
+    def alteration(self) -> Alteration:
+        """The change of the model."""
+
+    @property
+    def prior(self) -> float:
+        """Prior odds that the model lacks it at this place."""
+        return divide_odds(self.odds, self.n_places)
+
+    def repair_with_model(self, evidence: Evidence) -> FRF:
+        """Return the data divided by H of the altered model over the model's H."""
+        return divide_data(
+            evidence.frf, compute_log_ratio(evidence.part, self.alteration, evidence.x)
+        )
+
+    def correct_part(self, part: FRFPart, x: NDArray[np.float64]) -> FRFPart:
+        """Return the part with the altered model."""
+        return AlteredPart.of(part, self.alteration) if self.is_plausible() else part
