@@ -1,0 +1,50 @@
+"""Thresholds of limit cycles: a case just inside and just outside of each."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from updyn.control.nonlinear.elements import Backlash, CoulombFriction
+from updyn.control.nonlinear.settled import judge_end
+
+
+def end_of(time, z):
+    """Classify a series whose last contact is at its end."""
+    return judge_end(time, z, time[-1:], half=0.0)
+
+
+@pytest.mark.parametrize(("growth", "verdict"), [(1.0e-3, "limit cycle"), (1.5e-3, "grows")])
+def test_amplitudes_within_a_hundredth_are_a_limit_cycle(growth, verdict):
+    """The last nine periods of 25 differ by 0.8 or by 1.2 %."""
+    t = np.linspace(0.0, 25.0, 25001)
+    assert end_of(t, (1.0 + growth * t) * np.sin(2 * np.pi * t)).verdict == verdict
+
+
+@pytest.mark.parametrize(
+    ("duration", "verdict", "periods"), [(15.5, "limit cycle", 5), (12.5, "not settled", 0)]
+)
+def test_five_periods_in_the_last_two_fifths_are_a_limit_cycle(duration, verdict, periods):
+    t = np.linspace(0.0, duration, 20001)
+    found = end_of(t, np.sin(2 * np.pi * t))
+    assert (found.verdict, found.periods) == (verdict, periods)
+
+
+@pytest.mark.parametrize(("size", "verdict"), [(0.35, "decays"), (0.45, "not settled")])
+def test_an_oscillation_has_decayed_below_a_fifth(size, verdict):
+    """Ranges of the quarters of the end, `size`, as a share of the whole range of 2."""
+    t = np.linspace(0.0, 10.0, 10001)
+    end = size * np.cos(0.5 * np.pi * (t - 6.0)) * (1.0 - 1e-3 * (t - 6.0))
+    assert end_of(t, np.where(t < 6.0, np.sin(2 * np.pi * t), end)).verdict == verdict
+
+
+def test_backlash_is_doubtful_below_two_half_gaps():
+    law = Backlash(stiffness=1.0, gap=2.0)
+    assert "1.9 half gaps" in law.doubt(1.9, 0.0)
+    assert law.doubt(2.1, 0.9) == ""
+
+
+def test_friction_is_doubtful_above_three_tenths_of_a_third_harmonic():
+    law = CoulombFriction(1.0)
+    assert "0.31 of a third harmonic" in law.doubt(1.0, 0.31)
+    assert law.doubt(1.0, 0.29) == ""
