@@ -27,6 +27,7 @@ from updyn.cli.sections import (
     describe_job,
     join_sections,
 )
+from updyn.cli.settings import WAITING
 from updyn.cli.terminal import (
     DONE,
     NOT_DETERMINED,
@@ -655,8 +656,6 @@ def _select_kinds(
     return chosen or kinds, stated
 
 
-#: Longest wait for the answer of a Dask scheduler, in s.
-_PATIENCE_S = 10
 _HOST_AND_PORT = re.compile(r".+:[0-9]{1,5}")
 
 
@@ -716,7 +715,7 @@ def _connect_client(address: str) -> Client:
     try:
         # Not the default client: xarray would request a lock from the scheduler, which may have
         # ended, before it writes a file.
-        return Client(address, timeout=_PATIENCE_S, set_as_default=False)
+        return Client(address, timeout=WAITING.scheduler_time, set_as_default=False)
     except (OSError, ValueError) as error:  # TimeoutError is one of these
         raise OptionError(
             f"--cluster {address!r}: no scheduler answers ({' '.join(str(error).split())}); `dask"

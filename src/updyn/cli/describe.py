@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from updyn.cli.settings import DESCRIPTION
 from updyn.dofs import DIRECTIONS, DofSet
 from updyn.dynamics.modes import modes
 from updyn.errors import ModelError, SolverError
@@ -37,13 +38,6 @@ __all__ = [
     "describe_parameters",
     "describe_records",
 ]
-
-#: Largest model, in DOFs, whose natural frequencies are computed.
-_MODES_UP_TO = 20_000
-#: Number of natural frequencies.
-_MODES = 8
-#: Largest number of DOFs that are named.
-_LABELS = 12
 
 
 def describe_model(model: Model) -> str:
@@ -253,8 +247,8 @@ def _format_combination(direction: Mapping[str, float]) -> str:
 
 def _format_dofs(dofs: DofSet) -> str:
     """Return the first DOFs, and the last of more, as text."""
-    text = ", ".join(dofs[:_LABELS].labels)
-    if len(dofs) > _LABELS:
+    text = ", ".join(dofs[: DESCRIPTION.listed_items].labels)
+    if len(dofs) > DESCRIPTION.listed_items:
         text += f", ... {dofs[-1]}"
     return text
 
@@ -314,12 +308,11 @@ def _format_largest(matrix: Matrix | None) -> str:
 
 def _natural_frequencies(model: Model) -> str:
     """Return the first natural frequencies as text, or the reason why they are not available."""
-    if model.n_dofs > _MODES_UP_TO:
-        return (
-            f"Natural frequencies: not computed for more than {_MODES_UP_TO} DOFs; see updyn.modes"
-        )
+    if model.n_dofs > DESCRIPTION.most_mode_dofs:
+        most = DESCRIPTION.most_mode_dofs
+        return f"Natural frequencies: not computed for more than {most} DOFs; see updyn.modes"
     try:
-        found = modes(model, min(_MODES, model.n_dofs))
+        found = modes(model, min(DESCRIPTION.natural_frequencies, model.n_dofs))
     except (ModelError, SolverError) as error:
         return f"Natural frequencies: {error}"
     return "Natural frequencies (Hz): " + ", ".join(f"{f:.5g}" for f in found.frequency)

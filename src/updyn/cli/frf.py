@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from updyn.cli.describe import describe_frf
 from updyn.cli.new_file import check_free, write_new
+from updyn.cli.settings import DESCRIPTION
 from updyn.cli.terminal import DONE, print_text
 from updyn.errors import JobError, key_path
 from updyn.frf import FRF
@@ -25,11 +26,6 @@ from updyn.job.records_table import RecordsTable
 from updyn.text_table import text_table
 
 __all__ = ["describe_recorded", "frf"]
-
-#: Rows of the coherence table, lowest coherence first.
-_ROWS = 20
-#: Lines with a coherence below this limit are counted.
-_LOW = 0.9
 
 
 def frf(
@@ -134,10 +130,10 @@ def _coherence_table(frf: FRF) -> str:
         return [
             f"{np.median(column):.3f}",
             f"{column[lowest]:.3f} at {frf.freq[lowest]:g} Hz",
-            f"{100.0 * np.mean(column < _LOW):.1f} %",
+            f"{100.0 * np.mean(column < DESCRIPTION.low_coherence):.1f} %",
         ]
 
-    header = ("median coherence", "lowest", f"lines below {_LOW:g}")
+    header = ("median coherence", "lowest", f"lines below {DESCRIPTION.low_coherence:g}")
     return _pair_table(frf, frf.coherence, 1.0, header, cells, "of higher median coherence")
 
 
@@ -157,11 +153,11 @@ def _pair_table(
     flat = values.reshape(len(frf.freq), -1)
     order = np.argsort(sign * np.median(flat, axis=0), kind="stable")
     rows = []
-    for at in order[:_ROWS].tolist():
+    for at in order[: DESCRIPTION.table_rows].tolist():
         response, reference = divmod(at, len(frf.references))
         pair = [str(frf.responses[response]), str(frf.references[reference])]
         rows.append([*pair, *cells(flat[:, at])])
     table = text_table(("response", "reference", *header), rows, left=(0, 1))
-    if len(order) > _ROWS:
-        table += f"\n... {len(order) - _ROWS} more pairs, {rest}"
+    if len(order) > DESCRIPTION.table_rows:
+        table += f"\n... {len(order) - DESCRIPTION.table_rows} more pairs, {rest}"
     return table

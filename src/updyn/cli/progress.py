@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import TYPE_CHECKING
 
+from updyn.cli.settings import WAITING
 from updyn.cli.signals import LastResort, watch_signals
 from updyn.cli.terminal import print_note
 from updyn.progress import ProgressBar, RunStage
@@ -23,8 +24,6 @@ __all__ = ["ProgressDisplay", "show_progress"]
 _STOPPING = "Stopping after this step; the results so far will be written."
 _AGAIN = "Ctrl-C again to leave at once."
 _LEAVING = "Leaving at once."
-#: Delay of the answer to Ctrl-C while its handler has not run, in s.
-_ANSWER = 0.2
 
 
 class ProgressDisplay(ProgressBar):
@@ -62,7 +61,7 @@ class ProgressDisplay(ProgressBar):
         self._answered += 1
         if self._answered == 1:
             # After this, a second signal is a second call of the handler.
-            self._handled.wait(_ANSWER)
+            self._handled.wait(WAITING.answer_time)
             print_note(self._stopping, "yellow", self.console)
         elif self._answered == 2:
             print_note(_LEAVING, "yellow", self.console)

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from updyn.cli.describe import describe_identifiability, describe_parameters
+from updyn.cli.settings import DESCRIPTION
 from updyn.correlation.figures import SHORT_NAMES, agreement_table, figure_text
 from updyn.text_table import text_table
 
@@ -273,10 +274,6 @@ def describe_job(ready: Prepared) -> str:
     return "\n".join(texts)
 
 
-#: Largest number of groups and held-out responses that are named.
-_MAX_NAMES = 6
-
-
 def _describe_model(test: PreparedTest) -> str:
     groups = test.model.groups
     return f"model: {test.model.n_dofs} DOFs, {len(groups)} groups: {_join_names(groups)}"
@@ -333,5 +330,6 @@ def _describe_fitted_modes(fitted: int, measured: int, held: Any) -> str:
 
 def _join_names(names: Iterable[str]) -> str:
     listed = list(names)
-    more = f" and {len(listed) - _MAX_NAMES} more" if len(listed) > _MAX_NAMES else ""
-    return ", ".join(listed[:_MAX_NAMES]) + more
+    most = DESCRIPTION.listed_items
+    more = f" and {len(listed) - most} more" if len(listed) > most else ""
+    return ", ".join(listed[:most]) + more

@@ -12,17 +12,12 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import Any
 
+from updyn.cli.settings import WAITING
 from updyn.cli.terminal import STOPPED, TERMINATED, print_note
 
 __all__ = ["STOP_SIGNALS", "LastResort", "end_on_signal", "stop_code", "watch_signals"]
 
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)
-#: Time for the process to end by itself, in s: a running factorisation cannot be interrupted.
-_GRACE = 3.0
-#: Delay of the answer to a signal while its handler has not run, in s.
-_ANSWER = 0.2
-#: Delay before a lost signal is sent again, in s, longer than a destructor or callback.
-_AGAIN = 0.02
 _LEAVING = "Leaving at once."
 #: The latest signal received, for the exit code of an orderly stop.
 _latest = [int(signal.SIGINT)]
@@ -96,7 +91,7 @@ def _resend_lost_signals() -> Iterator[None]:
         if not issubclass(lost.exc_type, KeyboardInterrupt):
             before(lost)
             return
-        timers.append(threading.Timer(_AGAIN, _send, (_latest[0],)))
+        timers.append(threading.Timer(WAITING.resend_time, _send, (_latest[0],)))
         timers[-1].daemon = True
         timers[-1].start()
 
@@ -110,7 +105,7 @@ def _resend_lost_signals() -> Iterator[None]:
 
 
 class LastResort:
-    """Ends the process if it does not end by itself within `_GRACE`."""
+    """Ends the process if it does not end by itself within a grace period."""
 
     def __init__(self) -> None:
         self._timer: threading.Timer | None = None
@@ -118,7 +113,7 @@ class LastResort:
     def begin(self, number: int) -> None:
         """End the process after the grace period, with the exit code of a signal."""
         if self._timer is None:
-            self._timer = threading.Timer(_GRACE, _end, (stop_code(number),))
+            self._timer = threading.Timer(WAITING.grace_time, _end, (stop_code(number),))
             self._timer.daemon = True
             self._timer.start()
 
@@ -150,7 +145,7 @@ def end_on_signal() -> Iterator[None]:
 
     def answer(number: int) -> None:
         last.begin(number)
-        if not handled.wait(_ANSWER):
+        if not handled.wait(WAITING.answer_time):
             print_note(_LEAVING, "yellow")
 
     try:

@@ -12,16 +12,15 @@ from pathlib import Path
 from typing import Any
 
 from updyn.cli.reading import FileKind
+from updyn.cli.settings import DESCRIPTION
 from updyn.errors import FormatError
 from updyn.outputs.manifest import FORMAT, Manifest, file_digest
 from updyn.text_table import text_table
 
 __all__ = ["WRITTEN"]
 
-_START = 4096  # bytes used to identify a file
 _TITLE = re.compile(r"<title>([^<]*)</title>")
 _JOURNAL = "updyn journal "
-_KEYS = 8  # keys that a message lists
 
 Content = Mapping[str, Any]
 
@@ -147,7 +146,8 @@ def _describe_json(content: Content, path: Path) -> str:
 
 
 def _format_keys(keys: Sequence[str]) -> str:
-    return ", ".join(map(repr, keys[:_KEYS])) + (", ..." if len(keys) > _KEYS else "")
+    most = DESCRIPTION.listed_items
+    return ", ".join(map(repr, keys[:most])) + (", ..." if len(keys) > most else "")
 
 
 def _read_json(path: Path) -> Any:
@@ -186,7 +186,7 @@ def _describe_journal(path: Path) -> str:
 def _read_start(path: Path) -> str:
     """Return the first characters of a file."""
     with path.open("rb") as file:
-        return file.read(_START).decode("utf-8", errors="replace")
+        return file.read(DESCRIPTION.start_bytes).decode("utf-8", errors="replace")
 
 
 def _find_describer(path: Path) -> Callable[[Path], str] | None:

@@ -19,6 +19,7 @@ from updyn.job.folder import check_out, default_out
 from updyn.job.job_table import JobTable
 from updyn.job.prepare import read_measurement
 from updyn.job.schema import Job
+from updyn.job.settings import MODE_PICK
 from updyn.modal import ModeSet, identify_modes
 from updyn.modal.identify import identify_with_picks
 from updyn.outputs.switch import open_folder, replace_files
@@ -27,12 +28,6 @@ __all__ = ["MODES", "MODES_FILES", "ModesTable", "modes_job"]
 
 #: Files that ``updyn modes`` writes.
 MODES_FILES = ("modes.html", "modes.unv")
-#: Largest relative difference between a picked frequency and the mode nearest to it.
-_NEAR = 0.02
-#: Largest relative difference between a picked frequency and a stable pole that was clicked, and
-#: the smallest distance between that pole and a mode, as a share of the mode's half-power
-#: bandwidth.
-_CLICKED, _OF_MODE = 2e-6, 0.25
 
 
 def _parse_picks(given: Any) -> Any:
@@ -163,12 +158,14 @@ def _find_pole(found: ModeSet, frequency: float) -> float | None:
     if len(peaks):
         peak = _find_nearest(peaks, frequency)
         mode = _find_nearest(found.frequency, frequency)
-        if abs(peak - frequency) <= min(_NEAR * frequency, abs(mode - frequency)):
+        if abs(peak - frequency) <= min(MODE_PICK.mode_distance * frequency, abs(mode - frequency)):
             return peak
     stable = diagram.frequency[diagram.stable]
-    clicked = stable[np.abs(stable / frequency - 1.0) < _CLICKED]
+    clicked = stable[np.abs(stable / frequency - 1.0) < MODE_PICK.clicked_distance]
     width = found.frequency * found.loss_factor
-    if not len(clicked) or (np.abs(found.frequency - clicked[0]) < _OF_MODE * width).any():
+    if not len(clicked):
+        return None
+    if (np.abs(found.frequency - clicked[0]) < MODE_PICK.separate_distance * width).any():
         return None
     return float(clicked[0])
 
@@ -176,11 +173,11 @@ def _find_pole(found: ModeSet, frequency: float) -> float | None:
 def _find_mode(found: ModeSet, frequency: float) -> float:
     """Return the frequency of the mode nearest to a pick."""
     at = _find_nearest(found.frequency, frequency)
-    if abs(at - frequency) <= _NEAR * frequency:
+    if abs(at - frequency) <= MODE_PICK.mode_distance * frequency:
         return at
     text = (
-        f"no mode is found within {100 * _NEAR:g} % of {frequency:g} Hz; the nearest is at"
-        f" {at:.6g} Hz"
+        f"no mode is found within {100 * MODE_PICK.mode_distance:g} % of {frequency:g} Hz; the"
+        f" nearest is at {at:.6g} Hz"
     )
     diagram = found.diagram
     if diagram is not None and diagram.stable.any():

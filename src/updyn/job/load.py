@@ -19,6 +19,7 @@ from updyn.job.files import check_encodable
 from updyn.job.job_table import JOB_TABLES
 from updyn.job.records_table import RecordsJob, RecordsTable
 from updyn.job.schema import NO_TEST, NO_UPDATE, Job, MethodTable, ModelTable, Table
+from updyn.job.settings import JOB_MESSAGE
 from updyn.job.toml_lines import Place, line_of, read_toml
 from updyn.updating.fit.methods import METHODS, make_method, options_of
 from updyn.updating.fit.regularisation import check_regularise
@@ -32,8 +33,6 @@ _NAME = re.compile(r"[\w-][\w -]*(?<! )")
 #: Message of `tomllib` for a table that is declared twice.
 _DUPLICATE = re.compile(r"Cannot declare (\(.+\)) twice")
 _PLACE = re.compile(r" \(at (?:line (\d+), column (\d+)|end of document)\)$")
-#: Longest value that a message repeats, in characters.
-_MAX_VALUE_LENGTH = 40
 #: Expected value, by error type of pydantic.
 _EXPECTED = {
     "bool_type": "expected true or false",
@@ -380,7 +379,7 @@ def _format_error(item: Any, place: Place, keys: Iterable[str]) -> str:
         return f"{context['error']}{_format_location(place)}"
     shown = _format_place(place)
     value = str(given).lower() if isinstance(given, bool) else repr(given)  # as in the file
-    if len(value) <= _MAX_VALUE_LENGTH:
+    if len(value) <= JOB_MESSAGE.longest_value:
         shown += f" = {value}"
     if kind == "literal_error":
         choices = [c.strip("' ") for c in context["expected"].replace(" or ", ",").split(",")]

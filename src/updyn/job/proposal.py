@@ -27,6 +27,7 @@ from updyn.job.schema import (
     Table,
     TestTable,
 )
+from updyn.job.settings import PROPOSAL
 from updyn.matching import Matching, match
 from updyn.matching.result import MatchError
 from updyn.model import Model
@@ -36,15 +37,6 @@ from updyn.updating.judge.counterparts import Counterparts, find_counterparts
 
 __all__ = ["Inputs", "describe_inputs", "job_text", "read_inputs"]
 
-#: Largest number of sensors listed in a comment.
-_SENSORS = 24
-#: Smallest number of responses for which one is held out.
-_HOLD_OUT_FROM = 4
-#: From this number of lines on, only the most informative ones are proposed; and their number.
-_MANY_LINES, _CHOSEN_LINES = 200, 100
-#: Proposed bounds of stiffness, mass and damping factors, and of loss factors.
-_BOUNDS = {"stiffness": (0.2, 5.0), "mass": (0.5, 2.0), "viscous": (0.01, 100.0)}
-_MOST_LOSS, _START_LOSS = 0.3, 0.01
 _WIDTH = 100
 
 
@@ -300,7 +292,7 @@ def _format_test(inputs: Inputs, out: Path) -> list[str]:
     labels = [str(dof) for dof in frf.responses]
     if inputs.unmatched:
         labels = [label for label in labels if label.lstrip("+-") not in inputs.unmatched] or labels
-    if len(labels) <= _SENSORS:
+    if len(labels) <= PROPOSAL.listed_sensors:
         lines.append(_format_key(TestTable, "responses", labels, off=True))
     in_common = _describe_counterparts(inputs)
     if in_common:
@@ -312,7 +304,7 @@ def _format_match(inputs: Inputs, out: Path) -> list[str]:
     matching = inputs.matching
     if matching is not None:
         rows = str(matching).splitlines()
-        shown = rows[: _SENSORS + 3]
+        shown = rows[: PROPOSAL.listed_sensors + 3]
         lines = _wrap_comment("Sensors and forces", "\n".join(shown))
         if inputs.match_error:
             lines += _wrap_comment("Not by label", inputs.match_error)
@@ -339,23 +331,24 @@ def _format_parameters(inputs: Inputs) -> list[str]:
     lines: list[str] = []
     if elastic:
         loss = [group.loss_factor for group in elastic]
-        most = max(_MOST_LOSS, 2.0 * max(loss))
+        most = max(PROPOSAL.largest_loss_factor, 2.0 * max(loss))
         lines += [
             f"# The unknowns: {inputs.n_unknowns}, stiffness and loss factor of"
             f" {len(elastic)} groups.",
             "# Fewer are better determined: name the groups that can be wrong, such as",
             f"# groups = [{_format_value(next(iter(inputs.model.groups)))}].",
-            *_format_unknown(every, "stiffness", _BOUNDS["stiffness"]),
+            *_format_unknown(every, "stiffness", PROPOSAL.stiffness_bounds),
             "",
             *_format_unknown(every, "loss_factor", (0.0, most)),
         ]
         if max(loss) == 0.0:
-            lines.append(f"start = {_START_LOSS}  # the model has no structural damping")
+            start = PROPOSAL.start_loss_factor
+            lines.append(f"start = {start}  # the model has no structural damping")
     if any(group.viscous is not None for group in groups):
-        lines += ["", *_format_unknown(every, "viscous", _BOUNDS["viscous"], off=True)]
+        lines += ["", *_format_unknown(every, "viscous", PROPOSAL.viscous_bounds, off=True)]
     if any(group.mass is not None for group in groups):
         lines += ["", "# Masses are mostly known better than stiffnesses; free those that are not."]
-        lines += _format_unknown(every, "mass", _BOUNDS["mass"], off=bool(elastic))
+        lines += _format_unknown(every, "mass", PROPOSAL.mass_bounds, off=bool(elastic))
         lines.append(_format_key(ParameterTable, "prior_std", 0.1, off=True))
     return lines
 
@@ -369,8 +362,8 @@ def _format_method(inputs: Inputs) -> list[str]:
         known = "taken from the variance in the file"
     n = len(frf.freq)
     lines = ["[method]", 'name = "maximum-likelihood"']
-    chosen = f"d-optimal:{min(_CHOSEN_LINES, n)}"
-    lines.append(_format_key(MethodTable, "lines", chosen, off=n < _MANY_LINES))
+    chosen = f"d-optimal:{min(PROPOSAL.chosen_lines, n)}"
+    lines.append(_format_key(MethodTable, "lines", chosen, off=n < PROPOSAL.many_lines))
     lines.append(f"# The noise is {known}.")
     lines.append(_format_key(MethodTable, "noise", {"relative": 0.02, "floor": 0.001}, off=True))
     held = _choose_validation_set(inputs)
@@ -392,7 +385,7 @@ def _list_known_responses(inputs: Inputs) -> list[str]:
 
 def _choose_validation_set(inputs: Inputs) -> list[str]:
     """Return the model's label of a response to hold out that is not a drive point."""
-    if inputs.matching is None or len(inputs.frf.responses) < _HOLD_OUT_FROM:
+    if inputs.matching is None or len(inputs.frf.responses) < PROPOSAL.hold_out_from:
         return []
     frf = inputs.matching.frf
     driven = {str(dof).lstrip("+-") for dof in frf.references}

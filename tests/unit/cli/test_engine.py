@@ -8,8 +8,10 @@ from pathlib import Path
 import pytest
 
 import updyn
+from overriding import override
 from updyn.cli import main
 from updyn.cli.commands import open_engine
+from updyn.cli.settings import WAITING
 from updyn.engines import KINDS, Engine, Serial
 from updyn.errors import OptionError
 
@@ -104,7 +106,7 @@ def test_an_engine_of_another_package(
 
 def test_no_scheduler_at_the_address(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("distributed")
-    monkeypatch.setattr("updyn.cli.commands._PATIENCE_S", 0.2)
+    override(monkeypatch, WAITING, scheduler_time=0.2)
     message = r"no scheduler answers .*`dask scheduler` starts"
     with pytest.raises(OptionError, match=message), open_engine(None, "tcp://127.0.0.1:1"):
         pass

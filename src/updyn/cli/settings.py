@@ -1,0 +1,45 @@
+"""Numbers that decide what commands print and how long they wait."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class DescriptionSettings:
+    """Limits of what commands print."""
+
+    #: [items] Number of names, keys or DOFs that a line lists. Why: chosen for one line of text.
+    listed_items: int = 8
+    #: [DOFs] Largest model whose natural frequencies are computed. Why: an effort limit of a few
+    #: seconds.
+    most_mode_dofs: int = 20_000
+    #: [modes] Number of natural frequencies. Why: chosen for one line of text.
+    natural_frequencies: int = 8
+    #: [rows] Rows of a table of pairs of DOFs, the worst first. Why: chosen for one screen.
+    table_rows: int = 20
+    #: [1] Lines with a coherence below this limit are counted. Why: a common limit in modal
+    #: testing.
+    low_coherence: float = 0.9
+    #: [bytes] Start of a file that identifies it. Why: longer than the headers of all formats.
+    start_bytes: int = 4096
+
+
+@dataclass(frozen=True)
+class WaitingSettings:
+    """Times that commands wait."""
+
+    #: [s] Longest wait for the answer of a Dask scheduler. Why: a rule of thumb for networks.
+    scheduler_time: float = 10.0
+    #: [s] Time for the process to end by itself after a second signal. Why: a running factorisation
+    #: cannot be interrupted.
+    grace_time: float = 3.0
+    #: [s] Delay of the answer to a signal while its handler has not run. Why: short enough to seem
+    #: immediate.
+    answer_time: float = 0.2
+    #: [s] Delay before a lost signal is sent again. Why: longer than a destructor or callback.
+    resend_time: float = 0.02
+
+
+DESCRIPTION = DescriptionSettings()
+WAITING = WaitingSettings()
