@@ -435,7 +435,7 @@ def _step(times: NDArray[np.float64], axis: _LVMAxis) -> float:
     span = float(times[0, -1] - times[0, 0])
     if abs(span - steps * axis.step) <= MEASURED_FILE.time_rounding * axis.step:
         return axis.step
-    return span / steps
+    return float(span / steps)
 
 
 def _is_continuous(
