@@ -98,9 +98,10 @@ class _Pivoting:
                 known = f"only to ±{1.0 / self.size[i]:.2g}"
             return f"it hardly affects the data: even alone it would be known {known}"
         length = float(np.linalg.norm(self.rest[:, i]))
-        gamma = collinearity_index(
-            np.linalg.svd(normalise_columns(self.R[:, [*self.order, i]]), compute_uv=False)
-        )
+        columns = normalise_columns(self.R[:, [*self.order, i]])
+        gamma = float("inf")
+        if columns.shape[1] <= columns.shape[0]:
+            gamma = collinearity_index(np.linalg.svd(columns, compute_uv=False))
         if gamma > limit:
             return (
                 f"its effect is explained by {self.name_explanations(i)} (collinearity index"

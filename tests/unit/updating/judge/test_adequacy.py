@@ -9,9 +9,12 @@ from scipy.stats import chi2, combine_pvalues, f, false_discovery_control
 from updyn.updating.judge.adequacy import (
     Suspect,
     _combine_p_values,
+    _find_isolated_lines,
+    _find_noisy_sensors,
     add_suspects,
     adjust_p_values,
     assess_residual,
+    can_be_sensor_noise,
     clip_outliers,
     divide_into_bands,
     serial_correlation_p_values,
@@ -430,3 +433,60 @@ def test_many_resonances_and_few_lines():
     assert sum(k.stop - k.start for k in many) == 2000
     assert divide_into_bands(np.zeros(3)) == [slice(0, 3)]
     assert divide_into_bands(np.zeros(1)) == [slice(0, 1)]
+
+
+# -- thresholds ----------------------------------------------------------------------------------
+@pytest.mark.parametrize(("factor", "is_overstated"), [(1.9, False), (2.1, True)])
+def test_noise_is_overstated_from_twice_its_size(factor, is_overstated):
+    e = noise(3) / factor
+    e *= np.sqrt(
+        2.0 * e.size / np.sum(np.abs(noise(3)) ** 2)
+    )  # a reduced chi-square of 1 / factor^2
+    assert ("larger than the residual" in look(e).verdict) is is_overstated
+
+
+@pytest.mark.parametrize(("std", "noisy"), [(1.45, []), (1.55, ["4:Z"])])
+def test_a_sensor_is_noisy_from_one_and_a_half_times_the_median(std, noisy):
+    found = _find_noisy_sensors(np.array([1.0, 0.9, 1.1, std]), RESPONSES)
+    assert [one.response for one in found] == noisy
+
+
+@pytest.mark.parametrize(("misfit", "is_noise"), [(0.28, True), (0.32, False)])
+def test_a_misfit_above_three_tenths_of_the_response_is_no_noise(misfit, is_noise):
+    e, whitened_H = noise(4)[:, :1, :1], H[:, :1, :1] / np.abs(H[:, :1, :1])
+    whitened_H = whitened_H * np.abs(e).sum() / (misfit * N_F)
+    assert can_be_sensor_noise(H[:, :1, :1], whitened_H, e, FREQ) is is_noise
+
+
+@pytest.mark.parametrize(("times", "is_isolated"), [(2.8, False), (3.2, True)])
+def test_a_line_is_isolated_from_three_times_the_misfit_of_its_neighbours(times, is_isolated):
+    e = np.ones((N_F, 1, 1), dtype=complex)
+    e[30] = times
+    assert (_find_isolated_lines(e, FREQ) == (FREQ[30],)) is is_isolated
+
+
+@pytest.mark.parametrize(("number", "is_isolated"), [(3, True), (4, False)])
+def test_at_most_a_twentieth_of_the_lines_is_isolated(number, is_isolated):
+    e = np.ones((N_F, 1, 1), dtype=complex)
+    e[10 : 10 + 10 * number : 10] = 20.0
+    assert (len(_find_isolated_lines(e, FREQ)) == number) is is_isolated
+
+
+@pytest.mark.parametrize(("relative", "outcome"), [(0.9e-7, "exact"), (1.1e-7, "noise")])
+def test_a_fit_is_exact_below_a_ten_millionth(relative, outcome):
+    assert look(noise(1), relative=relative).outcome == outcome
+
+
+@pytest.mark.parametrize(("number", "is_tested"), [(4, False), (5, True)])
+def test_serial_correlation_is_tested_from_five_values(number, is_tested):
+    values = np.full((N_F, 1), np.nan, dtype=complex)
+    values[10 : 10 + number] = 1.0
+    assert bool(serial_correlation_p_values(values)[0] < 1.0) is is_tested
+
+
+def test_bands_have_at_least_eight_lines_and_number_at_most_twenty_four():
+    lines = np.arange(2400.0)
+    of_seven, of_nine = (-np.abs(np.sin(np.pi * lines[: 20 * n] / n)) for n in (7, 9))
+    assert min(k.stop - k.start for k in divide_into_bands(-of_seven)) >= 8
+    assert len(divide_into_bands(-of_nine)) == 20
+    assert len(divide_into_bands(np.abs(np.sin(np.pi * lines / 20)))) == 24

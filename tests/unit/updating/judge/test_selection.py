@@ -300,3 +300,23 @@ def test_limits_that_cannot_be(series, measured):
         updyn.select(series, measured, unknowns, max_collinearity=0.5)
     with pytest.raises(OptionError, match=r"threshold = 1.0: expected a cosine between 0 and 1"):
         updyn.cluster(series, measured, unknowns, 1.0)
+
+
+# -- thresholds ------------------------------------------------------------------------------------
+@pytest.mark.parametrize(("index", "is_kept"), [(14.0, True), (16.0, False)])
+def test_by_default_unknowns_are_separable_up_to_an_index_of_15(index, is_kept):
+    cosine = 1.0 - 1.0 / index**2  # two unit columns have the index 1 / sqrt(1 - cosine)
+    A = 1e4 * np.array([[1.0, cosine], [0.0, np.sqrt(1.0 - cosine**2)]])
+    assert (len(select_columns(A, names(2))[0]) == 2) is is_kept
+
+
+@pytest.mark.parametrize(("weight", "named"), [(0.18, "p0"), (0.22, "p0, p1")])
+def test_an_explanation_is_named_from_a_fifth_of_the_largest(weight, named):
+    A = np.array([[1e4, 0.0, 5e3], [0.0, 1e4, 5e3 * weight], [0.0, 0.0, 10.0]])
+    _, left_out = select_columns(A, names(3))
+    assert left_out[2].startswith(f"its effect is explained by {named} (")
+
+
+def test_no_more_unknowns_are_separable_than_there_are_values():
+    _, left_out = select_columns(1e4 * np.array([[1.0, 0.0, 0.5], [0.0, 1.0, 0.5]]), names(3))
+    assert left_out == {2: "its effect is explained by p0, p1 (collinearity index inf)"}

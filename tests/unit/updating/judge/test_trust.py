@@ -8,6 +8,7 @@ from updyn.updating.judge.badge import choose_badge
 from updyn.updating.judge.causes.finding import Finding
 from updyn.updating.judge.claim import Claim
 from updyn.updating.judge.distant import DistantUnknown
+from updyn.updating.judge.modal_trust import claim_modes_plausible, claim_modes_predicted
 from updyn.updating.judge.trust import PARTS, judge_result
 
 GOOD = {
@@ -270,3 +271,104 @@ def test_a_single_unknown_is_written_as_one():
     assert judged(rank=(1, 1))["determined"].why == "The data determine the one unknown."
     assert judged(rank=(0, 1))["determined"].why == "The data determine 0 of 1 unknown."
     assert judged()["determined"].why == "The data determine all 8 unknowns."
+
+
+# -- thresholds ------------------------------------------------------------------------------------
+@pytest.mark.parametrize(
+    ("changes", "holds"),
+    [
+        # Half of the values are off by half of their level.
+        ({"misfit": 0.45}, True),
+        ({"misfit": 0.55}, False),
+        # The residual is not noise, and half of the values are off by 5 %.
+        ({"misfit": 0.045, "structural": True}, True),
+        ({"misfit": 0.055, "structural": True}, None),
+        # At least two, and more than half, of the stiffnesses and masses at a bound.
+        ({"at_bound": (("a",), 1)}, True),
+        ({"at_bound": (("a", "b"), 4)}, True),
+        ({"at_bound": (("a", "b"), 3)}, False),
+        # The residual rose by more than a tenth, to above a tenth of the level.
+        ({"correlation": [{"before": figures(0.5), "after": figures(0.54)}]}, True),
+        ({"correlation": [{"before": figures(0.5), "after": figures(0.56)}]}, False),
+        ({"correlation": [{"before": figures(0.05), "after": figures(0.095)}]}, True),
+        ({"correlation": [{"before": figures(0.05), "after": figures(0.105)}]}, False),
+        # The residual of a model with zero response.
+        ({"correlation": [{"before": figures(2.0), "after": figures(0.95)}]}, True),
+        ({"correlation": [{"before": figures(2.0), "after": figures(1.05)}]}, False),
+    ],
+)
+def test_thresholds_of_a_plausible_result(changes, holds):
+    assert judged(**changes)["plausible"].holds is holds
+
+
+@pytest.mark.parametrize(("misfit", "is_rounding"), [(0.9e-8, True), (1.1e-8, False)])
+def test_only_rounding_remains_below_a_hundred_millionth(misfit, is_rounding):
+    found = judged(misfit=misfit)
+    assert found.plausible.why.startswith("The model reproduces the data") == is_rounding
+    assert ("could gain" in found.converged.why) != is_rounding
+
+
+@pytest.mark.parametrize(
+    ("given", "holds"),
+    [
+        # Without a prediction: a quarter of the level; or a tenth and three times the fitted data.
+        ((0.24, None, None, 0.2), True),
+        ((0.26, None, None, 0.2), False),
+        ((0.14, None, None, 0.05), True),
+        ((0.16, None, None, 0.05), False),
+        ((0.095, None, None, 0.01), True),
+        ((0.105, None, None, 0.01), False),
+        # Twice the predicted standard deviation.
+        ((0.3, 0.2, 1.9), True),
+        ((0.3, 0.2, 2.1), False),
+        # A prediction of half of the level.
+        ((0.4, 0.45, 1.0), True),
+        ((0.4, 0.55, 1.0), None),
+    ],
+)
+def test_thresholds_of_predicted_data(given, holds):
+    (found,) = predicted(*given)
+    if given[1] is None:
+        found["validation"]["after"] = figures(given[0])
+    assert judged(correlation=[found])["validated"].holds is holds
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "holds"),
+    [
+        # Half of the measured modes have a counterpart.
+        ((5, 2.0), (5, 2.0), True),
+        ((4, 2.0), (4, 2.0), False),
+        # An rms error of 10 % is that of the next mode.
+        ((9, 9.5), (9, 9.5), True),
+        ((9, 10.5), (9, 10.5), False),
+        # A rise by a tenth, to above 1 %.
+        ((9, 0.5), (9, 0.95), True),
+        ((9, 0.5), (9, 1.05), False),
+        ((9, 2.0), (9, 2.15), True),
+        ((9, 2.0), (9, 2.25), False),
+    ],
+)
+def test_thresholds_of_plausible_modes(before, after, holds):
+    assert claim_modes_plausible(modal_figures(*before), modal_figures(*after)).holds is holds
+
+
+@pytest.mark.parametrize(
+    ("held_error", "fitted_error", "holds"),
+    [(2.9, 0.1, True), (3.1, 0.1, False), (6.0, 2.1, True), (6.0, 1.9, False)],
+)
+def test_thresholds_of_predicted_modes(held_error, fitted_error, holds):
+    """Held-out frequencies off by 3 %, and by three times the error of the fitted ones."""
+    validation = {"after": modal_figures(10, held_error)}
+    found = {"after": modal_figures(10, fitted_error), "validation": validation}
+    assert claim_modes_predicted(found).holds is holds
+
+
+def modal_figures(paired, error):
+    """Return the figures of ten measured modes."""
+    return {
+        "modes_paired": float(paired),
+        "modes_measured": 10.0,
+        "mac_min": 0.9,
+        "frequency_error_rms": error,
+    }

@@ -244,3 +244,60 @@ def test_a_bound_that_noise_alone_presses_against_is_not_news(chain12):
     unknowns = updyn.parameters(true, stiffness="all", loss_factor="part3")
     result = updyn.update(true, frf, unknowns, starts=0)
     assert "bound" not in result.message
+
+
+# -- thresholds ------------------------------------------------------------------------------------
+@pytest.mark.parametrize(("std", "is_named"), [(0.28, False), (0.32, True)])
+def test_a_standard_deviation_of_three_tenths_is_weak(std, is_named):
+    assert ("Weakly determined" in say(np.diag([1000.0, 1.0 / std]))[1]) is is_named
+
+
+@pytest.mark.parametrize(
+    ("misfit", "noise", "text"),
+    [
+        (0.0, {"correlation_length": 2.8}, ""),
+        (0.0, {"correlation_length": 3.2}, "serially correlated"),
+        (0.0, {"chi_square": 1.9}, ""),
+        (0.0, {"chi_square": 2.1}, "what the noise explains"),
+        (0.28, {"kind": "estimated"}, ""),
+        (0.32, {"kind": "estimated"}, "half of the values are off"),
+    ],
+)
+def test_thresholds_of_a_misfit_that_is_mentioned(misfit, noise, text):
+    message = say(SURE, misfit=misfit, **noise)[1]
+    assert text in message
+    assert (message == say(SURE)[1]) == (not text)
+
+
+@pytest.mark.parametrize(
+    ("end", "is_decreasing"),
+    [
+        # A tenth of a standard deviation remains.
+        ((0.09, 0.5, 0.5), False),
+        ((0.11, 0.5, 0.5), True),
+        # A step removes 5 % of the misfit.
+        ((9.0, 0.045, 0.0), False),
+        ((9.0, 0.055, 0.0), True),
+        # The last steps gained a tenth of what remains.
+        ((9.0, 0.0, 0.09), False),
+        ((9.0, 0.0, 0.11), True),
+    ],
+)
+def test_thresholds_of_a_misfit_that_still_decreases(end, is_decreasing):
+    assert ("still falling" in cut(*end)[1]) is is_decreasing
+
+
+@pytest.mark.parametrize(("share", "is_explained"), [(0.45, False), (0.55, True)])
+def test_one_quantity_explains_a_residual_from_half_of_it(share, is_explained):
+    rng = np.random.default_rng(0)
+    e = np.cumsum(rng.standard_normal((60, 1, 1)), axis=0) + 0j
+    found = assess_residual(
+        e, np.ones_like(e), np.arange(1.0, 61.0), ["1:X"], ["1:X"], n_unknowns=0, absolute=True
+    )
+    found = add_suspects(found, [Suspect("c", "mass", share, 0.2, 0.5, True)])
+    assert ("No single quantity explains it" in found.verdict) is not is_explained
+    fit = Fit(np.zeros(2), "converged", SURE)
+    remedy = compose_verdict(
+        fit, analyse_identifiability(SURE, NAMES), NAMES, "advice", adequacy={"": found}
+    )[2]
+    assert ("Free c.mass" in remedy) is is_explained

@@ -8,9 +8,9 @@ import pytest
 import updyn
 from updyn.dynamics.modes import Modes
 from updyn.updating.judge.claim import Claim
-from updyn.updating.judge.modal_table import ModalTable
+from updyn.updating.judge.modal_table import ModalRow, ModalTable, ModeEntry
 from updyn.updating.judge.trust import Trust
-from updyn.updating.judge.worsened import find_worsened_modes, judge_modes
+from updyn.updating.judge.worsened import _compare_row, find_worsened_modes, judge_modes
 
 SHAPES = np.array([[1.0, 1.0, 1.0], [2.0, 0.5, -1.0], [3.0, -1.5, 0.5]])
 MEASURED = np.array([10.0, 30.0, 60.0])
@@ -83,3 +83,13 @@ def test_the_frequency_of_a_poor_pair_is_not_judged():
     turned[:, 0] += SHAPES[:, 1]
     found = find_worsened_modes(table([2.0, 0.0, 0.0], [5.0, 0.0, 0.0], turned))
     assert all("MAC" in one.statement for one in found)
+
+
+@pytest.mark.parametrize(
+    ("first", "last", "is_named"),
+    [(0.8, 0.76, False), (0.8, 0.74, True), (1.0, 0.91, False), (1.0, 0.89, True)],
+)
+def test_a_mac_is_named_from_a_loss_of_a_twentieth_to_below_nine_tenths(first, last, is_named):
+    test = ModeEntry(0, 10.0, 0.02)
+    start, updated = (ModeEntry(0, 10.0, 0.02, 0.0, mac) for mac in (first, last))
+    assert bool(_compare_row(ModalRow(test, start, updated))) is is_named
