@@ -97,3 +97,20 @@ def test_unknowns_that_differ_by_more_than_three_standard_deviations_are_listed(
 def test_answers_within_the_standard_deviations_are_no_others():
     near, far = other(a=1.2), other(a=1.4)
     assert select_distinct(VALUES, STD, [near, far]) == (far,)
+
+
+# -- thresholds ------------------------------------------------------------------------------------
+@pytest.mark.parametrize(("value", "named"), [(1.29, []), (1.31, ["a"])])
+def test_answers_differ_from_three_standard_deviations(value, named):
+    found = find_differences({"a": 1.0}, {"a": 0.1}, [Alternative({"a": value}, 1.0)])
+    assert [name for name, _ in found] == named
+
+
+@pytest.mark.parametrize(("difference", "sensor"), [(0.09, ""), (0.11, "1:X")])
+def test_a_sensor_distinguishes_answers_from_a_tenth(monkeypatch, difference, sensor):
+    monkeypatch.setattr(
+        "updyn.updating.judge.alternatives._find_largest_difference",
+        lambda *about: (difference, "1:X"),
+    )
+    problem, fit = fitted(beam(3e4, 3e4), ["3:X"], (Rival(np.log([0.7, 1.5]), 0.5),))
+    assert find_alternatives(problem, fit)[0].sensor == sensor

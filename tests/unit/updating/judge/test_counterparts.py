@@ -5,7 +5,14 @@ import pytest
 import scipy.linalg
 
 import updyn
-from updyn.updating.judge.counterparts import Counterparts, find_counterparts
+from updyn.updating.judge.counterparts import (
+    Counterparts,
+    _limit_size,
+    _needs_identification,
+    _pairs_most,
+    _sensor_subsets,
+    find_counterparts,
+)
 from updyn.updating.judge.settings import COUNTERPARTS
 
 #: DOFs of the structures, and of the sensors.
@@ -260,3 +267,56 @@ def test_a_result_without_modes_is_not_known():
     nothing = Counterparts(0, 0, (), "why", known=False)
     assert not nothing.none
     assert not nothing.few
+
+
+# -- thresholds ------------------------------------------------------------------------------------
+def counted(n_measured, n_paired, by_chance=0.0):
+    """Return a number of pairs at five sensors."""
+    return Counterparts(n_measured, n_paired, (), "", known=True, n_sensors=5, by_chance=by_chance)
+
+
+@pytest.mark.parametrize(("by_chance", "few"), [(0.045, False), (0.055, True)])
+def test_one_pair_of_one_mode_is_no_chance_below_5_percent(by_chance, few):
+    assert counted(1, 1, by_chance).few is few
+
+
+@pytest.mark.parametrize(("n_paired", "most"), [(29, False), (31, True)])
+def test_three_quarters_of_the_modes_are_most(n_paired, most):
+    assert _pairs_most(counted(40, n_paired)) is most
+
+
+@pytest.mark.parametrize(("n_paired", "is_needed"), [(23, True), (25, False)])
+def test_modes_are_identified_if_less_than_three_fifths_of_the_peaks_are_paired(
+    n_paired, is_needed
+):
+    assert _needs_identification(counted(40, n_paired)) is is_needed
+
+
+@pytest.mark.parametrize(("n_sensors", "n_subsets"), [(12, 66), (13, 12)])
+def test_all_pairs_of_up_to_twelve_sensors_are_left_out(n_sensors, n_subsets):
+    assert len(_sensor_subsets(n_sensors, 2, ((3,), counted(9, 5)))) == n_subsets
+
+
+def test_modes_are_identified_from_at_most_sixty_thousand_values():
+    labels = [f"{i}:Z" for i in range(1, 21)]
+    frf = updyn.FRF(
+        np.arange(1.0, 1001.0), np.ones((1000, 20, 5)), labels, labels[:5], "accelerance"
+    )
+    assert _limit_size(frf).values.shape == (1000, 20, 3)
+
+
+@pytest.mark.parametrize(("n_lines", "is_refused"), [(7, True), (8, False)])
+def test_fewer_than_eight_lines_show_no_resonance(n_lines, is_refused):
+    K, M = parts(np.random.default_rng(1))
+    frf = measured(K, M)
+    found = find_counterparts(model(K, M), frf.select(lines=frf.freq[:n_lines]))
+    assert ("lines do not show resonances" in found.statement) is is_refused
+
+
+@pytest.mark.parametrize(("n_sensors", "compared"), [(2, 0), (3, 3)])
+def test_shapes_are_compared_at_three_sensors(n_sensors, compared):
+    K, M = parts(np.random.default_rng(1))
+    frequency, shapes = modes(K, M)
+    labels = [f"{i + 1}:Z" for i in SENSORS[:n_sensors]]
+    test = updyn.ModeSet(frequency[:4], shapes[SENSORS[:n_sensors], :4], labels)
+    assert find_counterparts(model(K, M), test).n_sensors == compared

@@ -1,12 +1,14 @@
 """Rounding in the model's answer: found where an analytic answer says that it is there, and nowhere else."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 import updyn
 from updyn.frf import FRF
 from updyn.model import Group, Model
-from updyn.updating.judge.rounding import find_worst_rounding
+from updyn.updating.judge.rounding import _n_checked_lines, find_worst_rounding
 from updyn.updating.problem.problem import FRFPart
 
 FREQ = np.linspace(0.02, 0.2, 15)
@@ -91,3 +93,40 @@ def test_a_fit_says_so_instead_of_blaming_the_model():
     assert "cannot explain" not in result.message
     assert "Leave out such channels" in result.remedy
     assert result.adequacy is None
+
+
+# -- thresholds ------------------------------------------------------------------------------------
+@pytest.mark.parametrize(
+    ("n_dofs", "n_lines", "n_checked"),
+    [
+        (390, 30, 3),
+        (410, 30, 1),
+        (410, 39, 1),
+        (410, 41, 2),
+        (410, 900, 3),
+        (19_000, 900, 3),
+        (21_000, 900, 1),
+    ],
+)
+def test_fewer_lines_of_large_models_are_checked(n_dofs, n_lines, n_checked):
+    system = SimpleNamespace(n=n_dofs)
+    part = SimpleNamespace(solver=SimpleNamespace(system=system), n_lines=n_lines)
+    assert _n_checked_lines(part) == n_checked
+
+
+@pytest.mark.parametrize(
+    ("share", "misfit", "is_reported"),
+    [(0.9e-6, 0.0, False), (1.1e-6, 0.0, True), (0.009, 0.1, False), (0.011, 0.1, True)],
+)
+def test_rounding_is_reported_from_a_millionth_and_a_tenth_of_the_misfit(
+    monkeypatch, share, misfit, is_reported
+):
+    monkeypatch.setattr(
+        "updyn.updating.judge.rounding._relative_rounding",
+        lambda part, x, freq: np.full((len(freq), 2, 1), share),
+    )
+    model = stiff_pair(10.0)
+    exact = updyn.response(model, FREQ, ["1:X", "2:X"], ["2:X"])
+    frf = FRF(FREQ, exact.values * (1.0 + misfit), exact.responses, exact.references, "receptance")
+    part = FRFPart.build(model, frf, updyn.parameters(model, stiffness=["soft"]))
+    assert (find_worst_rounding([part], np.zeros(1)) is not None) is is_reported
