@@ -7,6 +7,7 @@ import re
 import pytest
 
 from pages import ROOT
+from updyn.web.settings import WEB_LIMIT
 
 pytest.importorskip("nicegui")
 
@@ -21,6 +22,4 @@ def test_every_page_is_described():
 
 
 def test_limits():
-    from updyn.web.workspace import MOST_UPLOAD
-
-    assert f"at most {MOST_UPLOAD // 2**20} MB" in TEXT
+    assert f"at most {WEB_LIMIT.upload_bytes // 2**20} MB" in TEXT

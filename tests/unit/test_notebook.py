@@ -11,13 +11,14 @@ import numpy as np
 import pytest
 
 import updyn
+from overriding import override
 from plants_by_hand import oscillator
 from report_case import chain, measured, realistic
 from servo_cases import two_masses
 from updyn import notebook
 from updyn.geometry import Geometry
+from updyn.settings import NOTEBOOK
 from updyn.style import PAPER
-from updyn.viewer import notebook as in_notebooks
 
 HOSTILE = '<script>alert("1")</script> & <img src=x onerror=y>'
 
@@ -245,7 +246,7 @@ def test_a_model_with_a_geometry_is_shown_in_the_viewer():
 
 
 def test_a_very_large_model_keeps_its_still_picture(monkeypatch):
-    monkeypatch.setattr(in_notebooks, "_MOST_NODES", 2)
+    override(monkeypatch, NOTEBOOK, viewer_nodes=2)
     page = placed(chain(n=3), 3)._repr_html_()
     assert "<svg" in page
     assert "<iframe" not in page

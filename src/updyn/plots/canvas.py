@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from updyn import style
 from updyn.errors import OptionError, suggest
+from updyn.settings import FIGURES
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -43,10 +44,6 @@ WhichAxes = Any
 LEVELS = ("log", "dB", "linear")
 #: Pixels per inch of a figure on screen.
 _DPI = 100
-#: Largest number of cells of a map whose values are printed.
-_PRINTED_CELLS = 150
-#: Largest number of legend entries; with more, there is no legend.
-_LEGEND_ENTRIES = 12
 #: Width in px of a legend letter and of the line sample with its margins.
 _LETTER, _HANDLE = 6.6, 42.0
 
@@ -251,7 +248,7 @@ def legend_above(axes: Axes, title: str = "") -> None:
     labels = list(map(str, axes.get_legend_handles_labels()[1]))
     if not labels:
         return
-    if len(labels) > _LEGEND_ENTRIES:
+    if len(labels) > FIGURES.legend_entries:
         axes.set_title(f"{len(labels)} curves: {title}" if title else f"{len(labels)} curves")
         return
     width = axes.get_window_extent().width
@@ -327,7 +324,7 @@ def heat_map(
     room = axes.get_window_extent().width / _LETTER
     if max(map(len, columns)) + 2 > room / len(columns):
         axes.tick_params(axis="x", rotation=90)
-    if values.size <= _PRINTED_CELLS:
+    if values.size <= FIGURES.printed_cells:
         _print_values(axes, values)
     bar = found.figure.colorbar(mesh, ax=axes, shrink=0.9, aspect=25)
     bar.set_label(title)

@@ -21,6 +21,7 @@ from updyn.plots.canvas import (
     phase_axis,
 )
 from updyn.report.plots import wrapped_phase
+from updyn.settings import FIGURES
 from updyn.style import DASHES, PAPER, STATES, category, state
 
 if TYPE_CHECKING:
@@ -29,8 +30,6 @@ if TYPE_CHECKING:
 
 __all__ = ["frf", "overlay"]
 
-#: Largest number of channels of an overlay, and of measured lines drawn as points.
-_MOST_CHANNELS, _MOST_POINTS = 16, 200
 #: Line styles of the models of an update; other computed curves use `DASHES`.
 _DASHES = {"start": ":", "updated": "-"}
 _FREQUENCY = "frequency (Hz)"
@@ -218,9 +217,10 @@ def overlay(
     pairs = [
         (i, j) for i in range(len(measured.responses)) for j in range(len(measured.references))
     ]
-    if len(pairs) > _MOST_CHANNELS:
+    if len(pairs) > FIGURES.overlay_channels:
         raise DataError(
-            f"plots.overlay: {len(pairs)} channels, expected at most {_MOST_CHANNELS}; choose some,"
+            f"plots.overlay: {len(pairs)} channels, expected at most"
+            f" {FIGURES.overlay_channels}; choose some,"
             f' for instance frf["{measured.responses[0]}", "{measured.references[0]}"]'
         )
     if len(pairs) == 1:
@@ -308,7 +308,7 @@ def _levels(
 def _measured_look(n_lines: int) -> dict[str, Any]:
     """Return the line properties of measured data: points, or a wide line if there are many."""
     colour = PAPER[STATES["measured"]]
-    if n_lines <= _MOST_POINTS:
+    if n_lines <= FIGURES.measured_points:
         return {"color": colour, "linestyle": "none", "marker": "o", "markersize": 3.6}
     return {"color": colour, "linewidth": 2.8}
 

@@ -14,13 +14,11 @@ from updyn.correlation import correlate, csf, fdac
 from updyn.correlation.figures import ONE_AT_BEST, figure_text
 from updyn.correlation.frfs import nonzero_lines
 from updyn.frf import FRF
-from updyn.report.channels import MOST_POINTS
 from updyn.report.data import ReportData
 from updyn.report.formats import figure_of_agreement, number, percentage, unit, validation_words
 from updyn.report.plots import (
     DIVERGING,
     MODEL_COLOURS,
-    PRINTED_CELLS,
     SEQUENTIAL,
     Figure,
     categories,
@@ -33,6 +31,8 @@ from updyn.report.plots import (
     rows_height,
 )
 from updyn.report.section import PageContent, ReportSection
+from updyn.report.settings import REPORT_LIST, REPORT_SIZE
+from updyn.settings import FIGURES
 from updyn.updating.result import UpdateResult
 
 __all__ = [
@@ -48,10 +48,7 @@ __all__ = [
 ]
 
 
-#: Largest number of lines in an FDAC map, and its height in pixels.
-_LINES, _MAP_HEIGHT = 120, 420
-#: Smallest number of channels for a meaningful FDAC, and smallest FDAC of a matching pair of lines.
-_CHANNELS, _RIDGE = 3, 0.8
+_MAP_HEIGHT = 420
 
 
 def correlation_maps(data: ReportData) -> dict[str, Figure]:
@@ -104,7 +101,7 @@ def _correlation_map(
     }
     if correlation.size == 1:
         trace["showscale"] = False
-    if correlation.size <= PRINTED_CELLS:
+    if correlation.size <= FIGURES.printed_cells:
         trace["text"] = [escape_labels(map(figure_of_agreement, values)) for values in correlation]
         trace["texttemplate"] = "%{text}"
     return {
@@ -149,7 +146,7 @@ def _plot_by_line(
         traces.append(
             {
                 "type": "scatter",
-                "mode": "lines+markers" if data.freq.size <= MOST_POINTS else "lines",
+                "mode": "lines+markers" if data.freq.size <= FIGURES.measured_points else "lines",
                 "marker": {"size": 5, "color": MODEL_COLOURS[name]},
                 "name": name,
                 "x": x,
@@ -173,7 +170,7 @@ def fdac_maps(data: ReportData) -> dict[str, Figure]:
     """Return FDAC maps before and after the update, by name of the figure."""
     made = {}
     lines = _thin_lines(data)
-    if len(data.responses) * len(data.references) >= _CHANNELS and len(lines) > 1:
+    if len(data.responses) * len(data.references) >= REPORT_LIST.fdac_channels and len(lines) > 1:
         for when, values in (("before", data.before), ("after", data.after)):
             if values is not None:
                 found = fdac(data.measured[lines], values[lines])
@@ -184,10 +181,10 @@ def fdac_maps(data: ReportData) -> dict[str, Figure]:
 def _thin_lines(data: ReportData) -> NDArray[np.intp]:
     """Return all compared lines, or the line with the highest level in each of `_LINES` bins."""
     compared = np.arange(len(data.freq))[data.compared]
-    if len(compared) <= _LINES:
+    if len(compared) <= REPORT_SIZE.fdac_lines:
         return compared
     level = np.sum(np.abs(data.measured[compared]) ** 2, axis=(1, 2))
-    edges = np.linspace(0, len(compared), _LINES + 1).astype(int)
+    edges = np.linspace(0, len(compared), REPORT_SIZE.fdac_lines + 1).astype(int)
     kept = [low + int(np.argmax(level[low:high])) for low, high in pairwise(edges)]
     return np.asarray(compared[kept])
 
@@ -196,7 +193,7 @@ def _fdac_map(freq: NDArray[np.float64], found: NDArray[np.float64]) -> Figure:
     """Return an FDAC map, measured lines across, computed lines up, with ridge and diagonal."""
     x = encode_numbers(freq, packed=False)
     best = np.argmax(found, axis=0)
-    matching = found[best, np.arange(len(freq))] >= _RIDGE
+    matching = found[best, np.arange(len(freq))] >= REPORT_LIST.fdac_ridge
     ends = [float(freq[0]), float(freq[-1])]
     lines = "measured %{x:.5g} Hz, computed %{y:.5g} Hz"
     traces: list[dict[str, Any]] = [

@@ -20,13 +20,12 @@ from updyn.report.plots import (
     names_font,
 )
 from updyn.report.section import PageContent, ReportSection
+from updyn.report.settings import REPORT_LIST
 from updyn.updating.problem.parameters import Parameter
 from updyn.updating.result import UpdateResult
 
-__all__ = ["CHANGES", "MOST_ROWS", "changes_figure", "is_significant"]
+__all__ = ["CHANGES", "changes_figure", "is_significant"]
 
-#: Largest number of unknowns in the figure; those with the largest change are kept.
-MOST_ROWS = 40
 #: Limits of the axis, as ratios to the start; longer bars are clipped.
 _LEAST, _MOST = 0.02, 50.0
 #: Candidates for axis ticks, changes in percent.
@@ -94,7 +93,8 @@ class ChangesSection(ReportSection):
                 grown.append(f"{unknown_words(p.name)} now {_value_words(result, p)}")
             else:
                 still.append(unknown_words(p.name))
-        return {"grown": grown, "still": still, "left_out": max(len(percents) - MOST_ROWS, 0)}
+        left_out = max(len(percents) - REPORT_LIST.changed_unknowns, 0)
+        return {"grown": grown, "still": still, "left_out": left_out}
 
 
 CHANGES = ChangesSection()
@@ -134,14 +134,15 @@ class _ChangeRow:
 def _select_parameters(result: UpdateResult) -> list[Parameter]:
     """Return the unknowns to show, in order; of too many, those that changed most."""
     shown = [p for p in result.parameters if _has_percent(result, p)]
-    if len(shown) <= MOST_ROWS:
+    most = REPORT_LIST.changed_unknowns
+    if len(shown) <= most:
         return shown
 
     def size(p: Parameter) -> tuple[bool, float]:
         ratio = max(result.values[p.name] / p.start, _LEAST)
         return is_significant(result, p), abs(math.log(ratio))
 
-    kept = {p.name for p in sorted(shown, key=size, reverse=True)[:MOST_ROWS]}
+    kept = {p.name for p in sorted(shown, key=size, reverse=True)[:most]}
     return [p for p in shown if p.name in kept]
 
 

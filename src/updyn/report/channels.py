@@ -23,13 +23,10 @@ from updyn.report.plots import (
     wrapped_phase,
 )
 from updyn.report.section import PageContent, ReportSection
+from updyn.report.settings import REPORT_SIZE
+from updyn.settings import FIGURES
 
-__all__ = ["CHANNELS", "MOST_POINTS", "channel_curves", "worst_and_median"]
-
-#: Largest number of measured lines drawn as points; more lines are drawn as a curve.
-MOST_POINTS = 200
-#: Largest number of lines of a curve.
-_MOST_LINES = 3_000
+__all__ = ["CHANNELS", "channel_curves", "worst_and_median"]
 
 
 class ChannelsSection(ReportSection):
@@ -153,7 +150,7 @@ def _measured_trace(
 ) -> dict[str, Any]:
     """Return the trace of measured values: points, or a wide line if there are many."""
     style: dict[str, Any] = {"mode": "markers", "marker": {"color": "@measured", "size": 6}}
-    if x.size > MOST_POINTS:
+    if x.size > FIGURES.measured_points:
         style = {"mode": "lines", "line": {"color": "@measured", "width": 4}}
     return {
         "type": "scatter",
@@ -167,4 +164,5 @@ def _measured_trace(
 
 def _thin_curve(H: NDArray[np.complex128]) -> NDArray[np.intp]:
     """Return the lines of a curve to draw; of many lines, a selection that keeps every peak."""
-    return thin_indices(np.log(np.maximum(np.abs(H), np.finfo(np.float64).tiny)), _MOST_LINES)
+    level = np.log(np.maximum(np.abs(H), np.finfo(np.float64).tiny))
+    return thin_indices(level, REPORT_SIZE.curve_lines)

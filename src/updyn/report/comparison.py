@@ -16,7 +16,7 @@ from updyn import __version__
 from updyn.comparison import Comparison, Row
 from updyn.comparison.table import cells, columns, limits, reason
 from updyn.frf import FRF
-from updyn.report.data import EVALUATION_BUDGET, compute_frfs, fine_grid, keep_lines
+from updyn.report.data import compute_frfs, fine_grid, keep_lines
 from updyn.report.formats import decibels, extent, format_count, number, unit
 from updyn.report.page import assemble
 from updyn.report.plots import (
@@ -30,6 +30,7 @@ from updyn.report.plots import (
     log_step,
 )
 from updyn.report.section import PageContent, ReportSection
+from updyn.report.settings import REPORT_COMPUTATION
 from updyn.report.templates import render_template, write_page
 from updyn.style import OTHERS
 from updyn.updating.problem.data import Test
@@ -39,12 +40,6 @@ __all__ = ["Curves", "gather_curves", "is_geometric", "write_comparison"]
 
 #: The paper's method and its baseline, drawn in one figure.
 PAIR = ("equation-error", "reduced-frf")
-#: Largest and smallest number of lines at which the model curves are computed, depending on model
-#: size.
-_POINTS = 600
-_FEWEST_POINTS = 100
-#: Up to this number of measured lines, draw points: a curve would suggest data between the lines.
-_FEW = 150
 #: Height in pixels of the FRF figure of the pair, and of the figure of one method.
 _PAIR_HEIGHT = 440
 _PANEL_HEIGHT = 290
@@ -470,14 +465,17 @@ def _worst_channel(comparison: Comparison, notes: list[str]) -> tuple[float, Tes
 def _thin_data(test: Test) -> FRF:
     """Return the data without 0 Hz, thinned to a number of lines that is affordable to compute."""
     frf = test.frf.select(lines=test.frf.freq[test.frf.freq > 0])
-    limit = int(np.clip(EVALUATION_BUDGET // test.model.n_dofs, _FEWEST_POINTS, 1000))
+    affordable = REPORT_COMPUTATION.evaluation_budget // test.model.n_dofs
+    limit = int(np.clip(affordable, REPORT_COMPUTATION.least_lines, 1000))
     keep = keep_lines(frf.values, np.ones(len(frf.freq), dtype=np.bool_), limit)
     return frf.select(lines=frf.freq[keep])
 
 
 def _few_lines(lines: NDArray[np.float64], n_dofs: int) -> NDArray[np.float64]:
     """Return measured lines for the curves, including both ends; fewer lines for a larger model."""
-    most = int(np.clip(EVALUATION_BUDGET // (4 * n_dofs), _FEWEST_POINTS, _POINTS))
+    affordable = REPORT_COMPUTATION.evaluation_budget // (4 * n_dofs)
+    most = max(affordable, REPORT_COMPUTATION.least_lines)
+    most = min(most, REPORT_COMPUTATION.comparison_lines)
     at = np.linspace(0, len(lines) - 1, min(most, len(lines))).round().astype(np.intp)
     return lines[np.unique(at)]
 
@@ -583,7 +581,7 @@ def _measured_trace(curves: Curves) -> dict[str, Any]:
         "mode": "lines",
         "line": {"color": "@measured", "width": 3},
     }
-    if len(curves.lines) <= _FEW:
+    if len(curves.lines) <= REPORT_COMPUTATION.comparison_points:
         del trace["line"]
         trace["mode"] = "markers"
         trace["marker"] = {"color": "@measured", "size": 7, "symbol": "circle-open"}

@@ -24,6 +24,8 @@ from updyn.report.plots import (
     log_step,
 )
 from updyn.report.section import PageContent
+from updyn.report.settings import REPORT_LIST
+from updyn.settings import FIGURES
 from updyn.updating.fit.methods import METHODS
 from updyn.updating.fit.monitor import Iteration, count_iterations
 from updyn.updating.problem.parameters import Parameter
@@ -35,10 +37,6 @@ __all__ = ["CONVERGENCE", "cost_path", "value_paths"]
 _SEARCH = "fits from several starts"
 _APPROACH = "minimisation of the log error from the start"
 _OTHERS = "searches for other solutions that fit equally well"
-#: Largest number of unknowns named in a path figure; the others are drawn grey.
-_LEGEND_ENTRIES = 12
-#: Relative difference between parameter values that is invisible in the figures.
-_SAME = 1e-3
 #: Largest number of steps that are drawn with a marker each.
 _SINGLE_STEPS = 60
 #: Smallest relative range of a cost axis; below it, ticks would show rounding errors.
@@ -296,7 +294,7 @@ def value_paths(result: UpdateResult, chosen: Sequence[Parameter]) -> Figure | N
         path = np.array([step.values.get(p.name, np.nan) if step else np.nan for step in steps])
         paths[p.name] = path / p.start if p.is_factor else path
     ordered = sorted(paths, key=lambda name: -_find_span(paths[name]))
-    named = sorted(ordered[:_LEGEND_ENTRIES], key=list(paths).index)
+    named = sorted(ordered[: FIGURES.legend_entries], key=list(paths).index)
     traces = []
     for p in sorted(chosen, key=lambda p: p.name in named):  # draw named paths above the grey ones
         shown = escape_label(f"{p.group}: {quantity_words(p.quantity)}")
@@ -367,7 +365,7 @@ def _find_leading_fits(result: UpdateResult) -> list[_Fit]:
         while first > 0 and fits[first].continues(fits[first - 1]):
             first -= 1
         leading += fits[first : last + 1]
-        if distances[last] <= least + _SAME:
+        if distances[last] <= least + REPORT_LIST.invisible_change:
             break
     return leading
 

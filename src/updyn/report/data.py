@@ -14,33 +14,11 @@ from updyn.dynamics.resonance_lines import even_lines, resonance_lines
 from updyn.errors import UpdynError
 from updyn.frf import FRF
 from updyn.model import Model
+from updyn.report.settings import REPORT_COMPUTATION
 from updyn.report.start import Start
 from updyn.updating.result import UpdateResult, estimated_gains
 
-__all__ = [
-    "EVALUATION_BUDGET",
-    "ReportData",
-    "compute_frfs",
-    "fine_grid",
-    "gather",
-    "gather_start",
-    "keep_lines",
-]
-
-#: Lines x DOFs up to which the models are computed at every measured line: seconds to a few
-#: minutes.
-EVALUATION_BUDGET = 2_000_000
-#: The same after the user has stopped the run: about a second.
-_STOPPED_BUDGET = 50_000
-_MOST_LINES = 5_000
-_FEWEST_LINES = 100
-_LEAST_LINES = 8
-#: Numbers of additional lines for the curves of the models: evenly spaced ones, and at most so many
-#: near resonances; fewer for large models (budget in lines x DOFs). With a reduced model, which is
-#: cheap at any line, all additional lines are evenly spaced.
-_EVEN_LINES = 400
-_RESONANCE_LINES = 1_200
-_GRID_BUDGET = 500_000
+__all__ = ["ReportData", "compute_frfs", "fine_grid", "gather", "gather_start", "keep_lines"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -124,7 +102,8 @@ def gather(result: UpdateResult) -> ReportData:
     """Compute the start and the updated model and compare them with the data.
 
     The agreement is computed at the measured lines, the curves on a finer grid. Above
-    `EVALUATION_BUDGET` (lines x DOFs), lines are thinned with their peaks kept, with a note.
+    `REPORT_COMPUTATION.evaluation_budget` (lines x DOFs), lines are thinned with their peaks kept,
+    with a note.
     """
     gains = estimated_gains(result)
     made = _compute_data(
@@ -180,9 +159,10 @@ def _compute_data(
         notes.append("The line at 0 Hz is not drawn.")
     reduced = options.get("tier") == "reduced"
     per_line = 1 if reduced else start.n_dofs
-    limit = int(np.clip(EVALUATION_BUDGET // per_line, _FEWEST_LINES, _MOST_LINES))
+    limit = _limit_lines(per_line)
     if stopped:
-        limit = max(min(limit, _STOPPED_BUDGET // start.n_dofs), _LEAST_LINES)
+        limit = min(limit, REPORT_COMPUTATION.stopped_budget // start.n_dofs)
+        limit = max(limit, REPORT_COMPUTATION.least_stopped_lines)
     if keep.size > limit:
         chosen = keep_lines(frf.values[keep], used[keep], limit)
         notes.append(
@@ -197,7 +177,7 @@ def _compute_data(
     for grid in (fine, freq):
         failures: list[str] = []
         # Building and certifying a reduced model takes too long after a stop.
-        if stopped and (reduced or len(grid) * start.n_dofs > _STOPPED_BUDGET):
+        if stopped and (reduced or len(grid) * start.n_dofs > REPORT_COMPUTATION.stopped_budget):
             before_curve = after_curve = None
             failures.append(
                 "The models are not drawn: the run was stopped before they were computed."
@@ -247,6 +227,12 @@ def _compute_data(
     )
 
 
+def _limit_lines(per_line: int) -> int:
+    """Return the largest number of lines for a number of DOFs that are computed at each."""
+    affordable = REPORT_COMPUTATION.evaluation_budget // per_line
+    return min(max(affordable, REPORT_COMPUTATION.least_lines), REPORT_COMPUTATION.most_lines)
+
+
 def fine_grid(
     models: Sequence[Model], freq: NDArray[np.float64], *, reduced: bool
 ) -> NDArray[np.float64]:
@@ -258,10 +244,12 @@ def fine_grid(
         return freq
     low, high = float(freq[0]), float(freq[-1])
     if reduced:
-        return np.union1d(freq, even_lines(low, high, _EVEN_LINES + _RESONANCE_LINES))
-    affordable = max(_GRID_BUDGET // models[0].n_dofs, _FEWEST_LINES)
-    each = min(_RESONANCE_LINES, affordable) // len(models)
-    parts = [freq, even_lines(low, high, min(_EVEN_LINES, affordable // 4))]
+        n = REPORT_COMPUTATION.even_lines + REPORT_COMPUTATION.resonance_lines
+        return np.union1d(freq, even_lines(low, high, n))
+    affordable = REPORT_COMPUTATION.grid_budget // models[0].n_dofs
+    affordable = max(affordable, REPORT_COMPUTATION.least_lines)
+    each = min(REPORT_COMPUTATION.resonance_lines, affordable) // len(models)
+    parts = [freq, even_lines(low, high, min(REPORT_COMPUTATION.even_lines, affordable // 4))]
     for model in models:
         parts.append(resonance_lines(model, low, high, each))
     return np.unique(np.concatenate(parts))

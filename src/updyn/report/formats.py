@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from updyn.correlation.figures import FIGURE_NAMES
 from updyn.frf import FRF, unit
 from updyn.modal import ModeSet
+from updyn.report.settings import REPORT_LIST
 from updyn.text_table import format_count
 from updyn.updating.problem.parameters import Parameter
 from updyn.updating.result import UpdateResult
@@ -53,9 +54,6 @@ _QUANTITY_WORDS = {
     "calibration": "calibration factor",
     "force_calibration": "calibration factor of the force",
 }
-#: Largest number of terms of a combination, and of entries of a list, that are written.
-_WRITTEN_TERMS = 16
-_WRITTEN_ENTRIES = 20
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
@@ -142,11 +140,12 @@ def weighted_sum(direction: Mapping[str, float]) -> str:
 def _take_largest(direction: Mapping[str, float]) -> tuple[list[tuple[str, float]], str]:
     """Return the largest terms in descending order, and a text about the remaining terms."""
     ordered = sorted(direction.items(), key=lambda item: -abs(item[1]))
-    rest = ordered[_WRITTEN_TERMS:]
+    most = REPORT_LIST.written_terms
+    rest = ordered[most:]
     if not rest:
         return ordered, ""
     largest = number(abs(rest[0][1]), 3)
-    return ordered[:_WRITTEN_TERMS], f", and {len(rest)} more with weights up to {largest}"
+    return ordered[:most], f", and {len(rest)} more with weights up to {largest}"
 
 
 def change(parameter: Parameter, value: float) -> str:
@@ -268,8 +267,8 @@ def option_words(value: Any) -> str:
         if not isinstance(value, list):
             return option_words(value)
     if isinstance(value, list | tuple):
-        text = ", ".join(map(option_words, value[:_WRITTEN_ENTRIES]))
-        if len(value) > _WRITTEN_ENTRIES:
+        text = ", ".join(map(option_words, value[: REPORT_LIST.written_entries]))
+        if len(value) > REPORT_LIST.written_entries:
             text += f", ... ({len(value)} in all)"
         return text or "none"
     return str(value)

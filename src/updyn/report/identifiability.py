@@ -12,7 +12,6 @@ from updyn.report.formats import estimate, number, quantity_words
 from updyn.report.of_unknowns import ParameterSection, name_unknowns
 from updyn.report.plots import (
     DIVERGING,
-    PRINTED_CELLS,
     Figure,
     colour_bar,
     drop_missing,
@@ -24,6 +23,7 @@ from updyn.report.plots import (
 )
 from updyn.report.section import PageContent
 from updyn.report.start import Start
+from updyn.settings import FIGURES
 from updyn.updating.judge.alternatives import find_differences
 from updyn.updating.judge.identifiability import Identifiability
 from updyn.updating.problem.parameters import ParameterSet
@@ -230,7 +230,7 @@ def _signed_map(
         "hovertemplate": "%{y}<br>%{x}<br>%{z:.3f}<extra></extra>",
         "colorbar": colour_bar(what, (-1, -0.5, 0, 0.5, 1), height - 100),
     }
-    if matrix.size <= PRINTED_CELLS:
+    if matrix.size <= FIGURES.printed_cells:
         trace["text"] = [list(map(say, row)) for row in matrix]
         trace["texttemplate"] = "%{text}"
     axis: dict[str, Any] = {

@@ -22,12 +22,10 @@ from updyn.report.page import assemble
 from updyn.report.picker import IdentifiedModes, picker_data, picker_figure
 from updyn.report.plots import Figure
 from updyn.report.section import PageContent, ReportSection
+from updyn.report.settings import REPORT_LIST
 from updyn.report.templates import asset, render_template, write_page
 
 __all__ = ["write_modes_page"]
-
-#: Largest number of pairs of similar modes that are listed.
-_NAMED = 8
 
 
 def write_modes_page(
@@ -142,8 +140,8 @@ class ShapesSection(ReportSection):
         pairs = find_alike_pairs(modes)
         others = auto_mac(modes.shapes)[np.triu_indices(len(modes), 1)]
         return {
-            "pairs": [(pair, pair_in_words(pair)) for pair in pairs[:_NAMED]],
-            "n_more": max(len(pairs) - _NAMED, 0),
+            "pairs": [(pair, pair_in_words(pair)) for pair in pairs[: REPORT_LIST.listed_pairs]],
+            "n_more": max(len(pairs) - REPORT_LIST.listed_pairs, 0),
             "largest": f" The largest is {others.max():.2f}.",
         }
 

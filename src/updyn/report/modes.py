@@ -24,7 +24,6 @@ from updyn.report.formats import (
 from updyn.report.picture import VIEWS, camera
 from updyn.report.plots import (
     MODEL_COLOURS,
-    PRINTED_CELLS,
     SEQUENTIAL,
     Figure,
     colour_bar,
@@ -36,6 +35,8 @@ from updyn.report.plots import (
     rows_height,
 )
 from updyn.report.section import PageContent, ReportSection
+from updyn.report.settings import REPORT_LIST, REPORT_SIZE
+from updyn.settings import FIGURES
 from updyn.updating.judge.modal_table import ModalTable, ModeEntry
 
 __all__ = ["MODES", "comac_bars", "comac_maps", "modal_rows", "mode_map"]
@@ -44,16 +45,10 @@ __all__ = ["MODES", "comac_bars", "comac_maps", "modal_rows", "mode_map"]
 _MARKS = 30
 #: The same along the horizontal axis, which is 130 px wide in print.
 _MARKS_ACROSS = 10
-#: Number of table rows that are shown unfolded.
-SHOWN_ROWS = 20
-#: Largest number of sensors in the COMAC figure.
-MOST_SENSORS = 100
 #: Smallest and largest height in pixels of a MAC map.
 _HEIGHTS = 240, 560
 #: Height in pixels of a COMAC map, and the largest number of geometry lines drawn in it.
-_MAP_HEIGHT, _MOST_LINES = 380, 4_000
-#: Largest number of nodes that are labelled with their number.
-_NAMED = 40
+_MAP_HEIGHT = 380
 
 
 def mode_map(
@@ -93,7 +88,7 @@ def mode_map(
         "hoverinfo": "text",
         "colorbar": colour_bar(criterion, (0, 0.25, 0.5, 0.75, 1), height),
     }
-    if size.size <= PRINTED_CELLS:
+    if size.size <= FIGURES.printed_cells:
         trace["text"] = [[f"{v:.2f}" for v in row] for row in size]
         trace["texttemplate"] = "%{text}"
     return {
@@ -148,7 +143,8 @@ def _mode_axis(frequency: NDArray[np.float64], title: str, most: int) -> dict[st
 def comac_bars(table: ModalTable) -> Figure | None:
     """Return COMAC by sensor before and after the update; None without paired modes.
 
-    Of more than `MOST_SENSORS` sensors, those with the lowest COMAC in the last model are shown.
+    Of more than `REPORT_LIST.comac_sensors` sensors, those with the lowest COMAC in the last model
+    are shown.
     """
     found = {}
     for name, correlation in table.correlations.items():
@@ -159,7 +155,7 @@ def comac_bars(table: ModalTable) -> Figure | None:
     if not found:
         return None
     last, _ = next(reversed(found.values()))
-    shown = np.sort(np.argsort(last, kind="stable")[:MOST_SENSORS])
+    shown = np.sort(np.argsort(last, kind="stable")[: REPORT_LIST.comac_sensors])
     traces, names = [], escape_labels(sensors[i] for i in shown)
     symbols = {"start": "diamond-open", "updated": "circle"}
     for name, (values, n) in found.items():
@@ -204,8 +200,8 @@ def comac_maps(table: ModalTable, geometry: Geometry | None) -> dict[str, Figure
         return made
     flat = geometry.xyz @ camera(*VIEWS["front"])[:2].T
     ends = geometry.line_ends
-    if len(ends) > _MOST_LINES:
-        ends = ends[np.linspace(0, len(ends) - 1, _MOST_LINES).round().astype(np.intp)]
+    if len(ends) > REPORT_SIZE.map_lines:
+        ends = ends[np.linspace(0, len(ends) - 1, REPORT_SIZE.map_lines).round().astype(np.intp)]
     gap = np.full((len(ends), 1, 2), np.nan)
     lines = np.concatenate([flat[ends], gap], axis=1).reshape(-1, 2)
     place = {int(node): at for at, node in enumerate(geometry.nodes)}
@@ -240,7 +236,7 @@ def _comac_map(
     }
     sensors = {
         "type": "scatter",
-        "mode": "markers+text" if len(found) <= _NAMED else "markers",
+        "mode": "markers+text" if len(found) <= REPORT_LIST.labelled_nodes else "markers",
         "x": encode_numbers(at[order, 0]),
         "y": encode_numbers(at[order, 1]),
         "text": [nodes[i] for i in order],
@@ -380,8 +376,8 @@ class ModesSection(ReportSection):
             "verdict": _format_verdict(table) if table.known else "",
             "notes": (*_list_counterparts(content), *table.notes),
             "rows": rows,
-            "shown": SHOWN_ROWS,
-            "most_sensors": MOST_SENSORS,
+            "shown": REPORT_LIST.unfolded_rows,
+            "most_sensors": REPORT_LIST.comac_sensors,
             "n_sensors": len(table.test.dofs) if table.test is not None else 0,
             "reduction": _reduction_error(table),
             "alike": _find_least_separated(table),

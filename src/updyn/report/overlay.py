@@ -11,15 +11,10 @@ from updyn.report.data import ReportData, keep_lines
 from updyn.report.formats import unit
 from updyn.report.plots import encode_array, encode_numbers, escape_labels
 from updyn.report.section import PageContent, ReportSection
+from updyn.report.settings import REPORT_SIZE
 from updyn.report.templates import asset
 
-__all__ = ["ALL_CHANNELS", "DRAWING_BUDGET", "FRFS", "MEASURED_SHARE", "overlay"]
-
-#: Largest size in bytes of the FRFs on a page, before base64, and the fraction for measured data.
-#: 100 channels of 2,000 lines with coherence are complete in a page of less than 10 MB.
-DRAWING_BUDGET = 4_000_000
-MEASURED_SHARE = 0.62
-_FEWEST_LINES = 50
+__all__ = ["ALL_CHANNELS", "FRFS", "overlay"]
 
 
 class AllChannelsSection(ReportSection):
@@ -72,7 +67,7 @@ class OverlaySection(ReportSection):
     def context(self, content: PageContent) -> dict[str, Any]:
         """Return the selectable channels, the bands and the notes."""
         data = content.data
-        thinned = _choose_lines(data, DRAWING_BUDGET)[1]
+        thinned = _choose_lines(data, REPORT_SIZE.frf_bytes)[1]
         return {
             "responses": list(zip(data.responses, data.held_out, strict=True)),
             "references": data.references,
@@ -95,12 +90,15 @@ class OverlaySection(ReportSection):
 FRFS = OverlaySection()
 
 
-def overlay(data: ReportData, budget: int = DRAWING_BUDGET) -> tuple[dict[str, Any], str]:
+def overlay(data: ReportData, budget: int | None = None) -> tuple[dict[str, Any], str]:
     """Return the arrays of the FRF overlay, at most `budget` bytes, and a note if thinned.
+
+    The default budget is `REPORT_SIZE.frf_bytes`.
 
     Values are base64 of little-endian float32 by channel (response, then reference), real and
     imaginary parts interleaved. Lines are in Hz: ``freq`` of the data, ``grid`` of the models.
     """
+    budget = REPORT_SIZE.frf_bytes if budget is None else budget
     keep, note = _choose_lines(data, budget)
     curves = _choose_grid_lines(data, budget)
     payload: dict[str, Any] = {
@@ -132,9 +130,8 @@ def overlay(data: ReportData, budget: int = DRAWING_BUDGET) -> tuple[dict[str, A
 def _choose_lines(data: ReportData, budget: int) -> tuple[NDArray[np.intp], str]:
     """Return the lines that are drawn, and a note if lines are omitted."""
     line_bytes = _count_channels(data) * (8 + 4 * (data.coherence is not None))
-    keep = keep_lines(
-        data.measured, data.used, max(int(MEASURED_SHARE * budget) // line_bytes, _FEWEST_LINES)
-    )
+    most = int(REPORT_SIZE.measured_share * budget) // line_bytes
+    keep = keep_lines(data.measured, data.used, max(most, REPORT_SIZE.least_channel_lines))
     if keep.size == len(data.freq):
         return keep, ""
     note = (
@@ -149,8 +146,8 @@ def _choose_grid_lines(data: ReportData, budget: int) -> NDArray[np.intp]:
     curves = [values for values in (data.after_curve, data.before_curve) if values is not None]
     if not curves:
         return np.arange(0)
-    share = int((1.0 - MEASURED_SHARE) * budget)
-    most = max(share // (8 * len(curves) * _count_channels(data)), _FEWEST_LINES)
+    share = int((1.0 - REPORT_SIZE.measured_share) * budget)
+    most = max(share // (8 * len(curves) * _count_channels(data)), REPORT_SIZE.least_channel_lines)
     return keep_lines(curves[0], np.zeros(len(data.grid), dtype=np.bool_), most)
 
 

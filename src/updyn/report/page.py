@@ -65,7 +65,7 @@ def write_report(
     Notes
     -----
     A page takes 1.6 MB and, for each channel and line drawn, 32 bytes (38 with coherence). Beyond
-    `updyn.report.overlay.DRAWING_BUDGET`, lines are thinned and the page says so.
+    `REPORT_SIZE.frf_bytes`, lines are thinned and the page says so.
 
     Examples
     --------

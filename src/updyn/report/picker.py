@@ -18,8 +18,8 @@ from updyn.modal.settings import SYNTHESIS
 from updyn.modal.stabilisation import Diagram
 from updyn.modal.synthesis import band_of_modes, line_weights
 from updyn.report.formats import format_count
-from updyn.report.overlay import DRAWING_BUDGET
 from updyn.report.plots import Figure, encode_array, encode_numbers, escape_label
+from updyn.report.settings import REPORT_LIST, REPORT_SIZE
 
 __all__ = ["IdentifiedModes", "picker_data", "picker_figure"]
 
@@ -27,8 +27,6 @@ __all__ = ["IdentifiedModes", "picker_data", "picker_figure"]
 _DIAGRAM, _MAGNITUDE, _PHASE, _GAP = 0.46, 0.33, 0.13, 0.04
 #: Height of the figure in pixels.
 _HEIGHT = 660
-#: Largest number of singular values drawn.
-_CURVES = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +69,7 @@ class IdentifiedModes:
         those with the lowest FRAC are drawn. Channels that are zero at all lines are omitted.
         """
         nonzero = np.flatnonzero(self.frf.values.any(axis=0))
-        most = max(1, DRAWING_BUDGET // (8 * len(self.frf.freq)))
+        most = max(1, REPORT_SIZE.frf_bytes // (8 * len(self.frf.freq)))
         return np.sort(self._sort_by_agreement(nonzero)[:most])
 
     @property
@@ -106,7 +104,8 @@ def picker_figure(found: IdentifiedModes) -> Figure:
     diagram = found.modes.diagram
     highest = 2.0 if diagram is None else float(diagram.order.max(initial=0)) + 3.0
     traces = [_curve_trace("cmif-0", "y", "@measured", 1.3, "CMIF")]
-    traces += [_curve_trace(f"cmif-{k}", "y", "@measured", 0.7) for k in range(1, _CURVES)]
+    for k in range(1, REPORT_LIST.indicator_curves):
+        traces.append(_curve_trace(f"cmif-{k}", "y", "@measured", 0.7))
     traces += [] if diagram is None else _pole_traces(diagram)
     traces += [
         _marker_trace("mode", "mode", {"color": "@after", "size": 11, "symbol": "triangle-down"}),
@@ -230,8 +229,9 @@ def picker_data(found: IdentifiedModes) -> dict[str, Any]:
     (by drawn channel, real and imaginary parts interleaved) are base64 of little-endian floats.
     """
     frf, modes = found.frf, found.modes
-    indicator = np.zeros((len(frf.freq), min(found.indicator.values.shape[1], _CURVES)))
-    indicator[np.isin(frf.freq, found.indicator.freq)] = found.indicator.values[:, :_CURVES]
+    values = found.indicator.values[:, : REPORT_LIST.indicator_curves]
+    indicator = np.zeros((len(frf.freq), values.shape[1]))
+    indicator[np.isin(frf.freq, found.indicator.freq)] = values
     shown, n_references = found.channels, len(frf.references)
     channels = []
     for k in shown:

@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 
 from updyn.dofs import DIRECTIONS, DofSet
 from updyn.model import Model
+from updyn.report.settings import REPORT_SIZE
 from updyn.report.templates import render_template
+from updyn.settings import FIGURES
 from updyn.viewer.groups import groups_of_lines, nodes_of_groups
 
 __all__ = [
@@ -29,11 +31,7 @@ _WIDTH = 1130
 _HEIGHT = 660
 _MARGIN = 14.0
 _SIDE = 150.0
-#: Largest number of lines drawn, and the number above which they are drawn thin.
-_MOST_LINES = 8_000
 _DENSE = 3_000
-#: Largest number of nodes for which a group without lines is drawn as squares.
-_LUMPED = 4
 #: Length of an arrow in pixels; an arrow foreshortened below the fraction `_FLAT` becomes a dot.
 _ARROW = 0.055 * _HEIGHT
 _FLAT = 0.15
@@ -116,13 +114,14 @@ class PictureScene:
         notes: tuple[str, ...] = ()
         lines = model.geometry.line_ends
         group = groups_of_lines(model)
-        if len(lines) > _MOST_LINES:
-            kept = np.linspace(0, len(lines) - 1, _MOST_LINES).round().astype(np.intp)
-            notes = (f"{_MOST_LINES} of the {len(lines)} lines of the geometry are drawn.",)
+        most = REPORT_SIZE.structure_lines
+        if len(lines) > most:
+            kept = np.linspace(0, len(lines) - 1, most).round().astype(np.intp)
+            notes = (f"{most} of the {len(lines)} lines of the geometry are drawn.",)
             lines, group = lines[kept], group[kept]
         names, drawn = list(model.groups), set(group.tolist())
         bare = [i for i, name in enumerate(names) if name in parts and i not in drawn]
-        lumps = nodes_of_groups(model, np.array(bare, dtype=np.intp), _LUMPED)
+        lumps = nodes_of_groups(model, np.array(bare, dtype=np.intp), FIGURES.lumped_nodes)
         return cls(model.geometry.xyz, lines, group, lumps, names, parts, notes)
 
     def colour(self, group: int) -> str:

@@ -20,7 +20,6 @@ from updyn.style import colour_scale
 __all__ = [
     "DIVERGING",
     "MODEL_COLOURS",
-    "PRINTED_CELLS",
     "SEQUENTIAL",
     "Figure",
     "Panel",
@@ -62,8 +61,6 @@ MODEL_COLOURS = {name: f"@{style.STATES[name]}" for name in ("start", "updated")
 #: Colour scale from -1 to 1, orange below zero and blue above, and colour scale from 0 to 1.
 DIVERGING = colour_scale(style.DIVERGING)
 SEQUENTIAL = colour_scale(style.SEQUENTIAL)
-#: Largest number of cells of a heat map whose values are printed.
-PRINTED_CELLS = 150
 
 
 def drop_missing(made: Mapping[str, Figure | None]) -> dict[str, Figure]:

@@ -26,16 +26,10 @@ from updyn.report.plots import (
     rows_height,
 )
 from updyn.report.section import PageContent, ReportSection
+from updyn.report.settings import REPORT_LIST
 from updyn.updating.judge.adequacy import Adequacy, Misfit, Suspect
 
-__all__ = [
-    "MOST_ROWS",
-    "NOISE",
-    "RESIDUAL",
-    "misfit_map",
-    "residual_tile",
-    "shown_channels",
-]
+__all__ = ["NOISE", "RESIDUAL", "misfit_map", "residual_tile", "shown_channels"]
 
 #: Value and hint of the key figure, by the outcome of the residual test.
 _TILES = {
@@ -45,14 +39,10 @@ _TILES = {
     "exact": ("none", "the model fits the data exactly"),
     "untested": ("not tested", "too few measured numbers"),
 }
-#: Largest number of channels in the map; the channels with the largest misfit are kept.
-MOST_ROWS = 60
 #: Colour range of the misfit over the noise, and the ticks of the colour bar.
 _BOTTOM = 0.3
 _TOP = 10.0
 _TICKS = (0.5, 1.0, 2.0, 5.0, _TOP)
-#: Largest number of channels that an axis names, and that are drawn as large points.
-_NAMED_CHANNELS = 24
 _LARGE_POINTS = 60
 
 
@@ -140,9 +130,9 @@ def shown_channels(found: Adequacy) -> NDArray[np.intp]:
     """Return the (response, reference) positions of the channels in the map, shape (n, 2)."""
     worst = np.nan_to_num(found.misfit).max(axis=2)
     at = np.argwhere(np.isfinite(found.misfit).any(axis=2))
-    if len(at) > MOST_ROWS:
-        kept = np.sort(np.argsort(-worst[tuple(at.T)], kind="stable")[:MOST_ROWS])
-        at = at[kept]
+    if len(at) > REPORT_LIST.misfit_channels:
+        order = np.argsort(-worst[tuple(at.T)], kind="stable")
+        at = at[np.sort(order[: REPORT_LIST.misfit_channels])]
     return np.asarray(at, dtype=np.intp)
 
 
@@ -443,7 +433,7 @@ def residual_by_channel(data: ReportData) -> Figure | None:
         "range": [-0.6, len(names) - 0.4],
     }
     height = 340
-    if len(names) > _NAMED_CHANNELS:
+    if len(names) > REPORT_LIST.named_channels:
         axis = {
             "title": {"text": "channel number (names appear under the pointer)"},
             "zeroline": False,

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from updyn.dynamics.resonance_lines import even_lines, resonance_lines
 from updyn.errors import UpdynError
-from updyn.report.data import EVALUATION_BUDGET, keep_lines
+from updyn.report.data import keep_lines
 from updyn.report.formats import estimate, format_padded, number, quantity_words, unit
 from updyn.report.plots import (
     Figure,
@@ -23,6 +23,7 @@ from updyn.report.plots import (
     rows_height,
 )
 from updyn.report.section import PageContent, ReportSection
+from updyn.report.settings import REPORT_COMPUTATION
 from updyn.uncertainty.draws import Draws
 from updyn.uncertainty.prediction import Band, predict
 from updyn.uncertainty.profile import Profiles
@@ -30,11 +31,6 @@ from updyn.updating.result import JointResult, UpdateResult, estimated_gains
 
 __all__ = ["UNCERTAINTY", "band_figure", "find_intervals", "find_level", "intervals_figure"]
 
-#: Largest number of lines of the band, and number of draws from which it is computed.
-_LINES = 400
-_DRAWS = 200
-#: Lines x DOFs x solves above which the page has no band.
-_BAND_BUDGET = 20 * EVALUATION_BUDGET
 #: Intervals are clipped at this number of standard deviations.
 _MAX_DEVIATION = 8.0
 #: Distance of the two bars of an unknown from the middle of its row.
@@ -222,15 +218,16 @@ def band_figure(result: UpdateResult, found: Draws | Profiles) -> tuple[Figure, 
     frf = result.frf
     lines = frf.freq[frf.freq > 0]
     every = np.ones(len(lines), dtype=np.bool_)
-    lines = lines[keep_lines(frf.select(lines=lines).values, every, _LINES)]
+    lines = lines[keep_lines(frf.select(lines=lines).values, every, REPORT_COMPUTATION.band_lines)]
     source: UpdateResult | Draws = result
     solves = 3
     if isinstance(found, Draws) and len(found) > 1:
-        solves = min(len(found), _DRAWS)
+        solves = min(len(found), REPORT_COMPUTATION.band_draws)
         at = np.unique(np.linspace(0, len(found) - 1, solves).round().astype(np.intp))
         source = replace(found, chains=found.values[at][None], result=result)
+    most = REPORT_COMPUTATION.band_cost * REPORT_COMPUTATION.evaluation_budget
     for freq in (_add_resonance_lines(result, lines), lines):
-        if solves * len(freq) * result.model.n_dofs > _BAND_BUDGET:
+        if solves * len(freq) * result.model.n_dofs > most:
             continue
         try:
             band = predict(source, freq, frf.responses, frf.references, level=find_level(found))
@@ -251,7 +248,7 @@ def band_figure(result: UpdateResult, found: Draws | Profiles) -> tuple[Figure, 
 
 def _add_resonance_lines(result: UpdateResult, lines: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the lines together with further lines in Hz that resolve the peaks of the curves."""
-    room = _LINES - len(lines)
+    room = REPORT_COMPUTATION.band_lines - len(lines)
     if room < 2 or len(lines) < 2:
         return lines
     low, high = float(lines[0]), float(lines[-1])

@@ -19,12 +19,12 @@ import numpy as np
 from updyn.dofs import Dof, DofSet
 from updyn.errors import FormatError, UpdynWarning
 from updyn.modal.mode_set import ModeSet
+from updyn.store.settings import STORED_ARRAY
 
 __all__ = ["from_text", "plain", "plain_fields", "plain_records", "to_text"]
 
 _MODES = ("frequency", "shapes", "dofs", "loss_factor", "scaled", "quality", "source")
 _STD = ("std_frequency", "std_loss_factor", "std_shapes")
-_WIDEST = 4096  # bytes of an entry of an array
 
 
 def to_text(value: Any, what: str) -> str:
@@ -55,7 +55,7 @@ def _mark_value(value: Any, what: str) -> Any:
         return {"__dof__": str(value)}
     if isinstance(value, ModeSet):
         return {"__modes__": _mark_value(_fields(value, (*_MODES, *_STD)), what)}
-    is_kept = isinstance(value, np.ndarray) and value.dtype.itemsize <= _WIDEST
+    is_kept = isinstance(value, np.ndarray) and value.dtype.itemsize <= STORED_ARRAY.entry_bytes
     if is_kept and value.dtype.kind in "biufcU":
         items = _mark_value(value.ravel().tolist(), what)
         return {"__array__": items, "dtype": value.dtype.str, "shape": list(value.shape)}
@@ -88,7 +88,7 @@ _RESTORE: dict[str, Callable[[dict[str, Any]], Any]] = {
 def _dtype(stored: dict[str, Any]) -> np.dtype[Any]:
     """Return the type of a stored array; refuse long texts, which would be mostly padding."""
     dtype: np.dtype[Any] = np.dtype(stored["dtype"])
-    if dtype.itemsize > _WIDEST:
+    if dtype.itemsize > STORED_ARRAY.entry_bytes:
         raise ValueError(f"an array of {dtype}")
     return dtype
 

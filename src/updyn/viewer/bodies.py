@@ -12,6 +12,7 @@ from updyn.dofs import DIRECTIONS, Dof, DofSet
 from updyn.errors import InputError
 from updyn.geometry import Geometry
 from updyn.model import Model
+from updyn.settings import FIGURES
 from updyn.viewer.groups import (
     groups_of_faces,
     groups_of_lines,
@@ -26,8 +27,6 @@ __all__ = ["arrows_at", "entries_of", "model_body", "motions", "sensor_body"]
 _RIM = 16
 _SPOKE_EVERY = 4
 _DISC = 0.03
-#: Largest number of nodes for which a group without lines and faces is drawn as squares.
-_LUMPED = 4
 
 
 def model_body(model: Model, dofs: Iterable[str | Dof] = ()) -> Body:
@@ -155,7 +154,7 @@ def _is_visible(
 def _make_squares(
     model: Model, groups: NDArray[np.intp]
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    found = nodes_of_groups(model, groups, _LUMPED)
+    found = nodes_of_groups(model, groups, FIGURES.lumped_nodes)
     nodes = [np.empty(0, dtype=np.intp), *found.values()]
     of = [np.full(len(at), number, dtype=np.intp) for number, at in found.items()]
     return np.concatenate(nodes), np.concatenate([np.empty(0, dtype=np.intp), *of])

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from updyn.style import CATEGORIES, STATES
 from updyn.web.look import colour, text_style
+from updyn.web.settings import WEB_PAGE
 
 __all__ = [
     "SCALES",
@@ -33,8 +34,6 @@ _LOOKS: Mapping[str, dict[str, Any]] = {
     "start": {"width": 1.4, "type": "dotted"},
     "updated": {"width": 1.6},
 }
-#: Points of a curve beyond which it is thinned.
-_MOST_POINTS = 4000
 _GRID = {"left": 90, "right": 24, "top": 40, "bottom": 60}
 
 
@@ -46,13 +45,15 @@ def frf_chart(
     band: tuple[float, float] | None = None,
     excluded: Iterable[tuple[float, float]] = (),
     brush: bool = False,
-    points: int = _MOST_POINTS,
+    points: int | None = None,
 ) -> dict[str, Any]:
     """Return the magnitudes of FRFs over frequency in Hz, with at most `points` points a curve.
 
-    The first curve is measured; the names ``start`` and ``updated`` have fixed colours. `band` and
-    `excluded` (Hz) are shaded; with `brush`, a band is selected by dragging.
+    The default number is `WEB_PAGE.curve_points`. The first curve is measured; the names ``start``
+    and ``updated`` have fixed colours. `band` and `excluded` (Hz) are shaded; with `brush`, a band
+    is selected by dragging.
     """
+    points = WEB_PAGE.curve_points if points is None else points
     unit = _UNITS.get(quantity, "")
     colours = [STATES["measured"], *CATEGORIES]
     many = len(curves) > len(colours)
@@ -94,10 +95,11 @@ def frf_chart(
 
 def coherence_chart(freq: NDArray[np.float64], values: NDArray[Any]) -> dict[str, Any]:
     """Return the coherence of a channel over frequency in Hz; nan is unknown."""
+    known = np.asarray(values, dtype=float)
     line = {
         "type": "line",
         "name": "coherence",
-        "data": _make_points(freq, np.asarray(values, dtype=float), "linear", _MOST_POINTS),
+        "data": _make_points(freq, known, "linear", WEB_PAGE.curve_points),
         "showSymbol": False,
         "lineStyle": {"width": 1.2, **colour(STATES["measured"])},
         "itemStyle": colour(STATES["measured"]),

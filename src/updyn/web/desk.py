@@ -18,13 +18,11 @@ from typing import Any, TypeVar, cast
 from updyn.engines.interrupts import block_interrupts
 from updyn.errors import InputError, UpdynError, UpdynWarning
 from updyn.foreign.confinement import confine
+from updyn.web.settings import WEB_TASK
 
 __all__ = ["Desk"]
 
 T = TypeVar("T")
-
-#: How long the process may take to end when asked to, in s.
-_PATIENCE = 2.0
 
 
 class Desk:
@@ -97,7 +95,7 @@ class Desk:
     def _end(self) -> None:
         if self._process is not None:
             self._process.kill()
-            self._process.join(_PATIENCE)
+            self._process.join(WEB_TASK.kill_seconds)
             self._process = None
         if self._line is not None:
             self._line.close()

@@ -14,13 +14,10 @@ from tomlkit.exceptions import TOMLKitError
 
 from updyn.errors import InputError, JobError
 from updyn.io.atomic import write_bytes
+from updyn.web.settings import WEB_PAGE
 
 __all__ = ["JobDocument"]
 
-#: Edits that can be undone.
-_MOST_STEPS = 200
-#: Typing with shorter pauses than this, in s, is one edit.
-_PAUSE = 2.0
 _TYPING = "typing"
 
 
@@ -73,7 +70,7 @@ class JobDocument:
         """Replace the whole text as the named edit `what`."""
         if text == self.text:
             return
-        self._done = [*self._done, (what, self.text)][-_MOST_STEPS:]
+        self._done = [*self._done, (what, self.text)][-WEB_PAGE.undo_steps :]
         self._undone = []
         self._set(text)
 
@@ -82,7 +79,8 @@ class JobDocument:
         if text == self.text:  # the page repeats the text of an undo
             return
         now, done = time.monotonic(), self._done
-        goes_on = self.last_edit == _TYPING and now - self._typed < _PAUSE and self.is_changed
+        is_soon = now - self._typed < WEB_PAGE.typing_pause
+        goes_on = self.last_edit == _TYPING and is_soon and self.is_changed
         self.replace(_TYPING, text)
         self._typed = now
         if goes_on:

@@ -12,6 +12,7 @@ from tomlkit import TOMLDocument
 from tomlkit.items import AoT, Array, Comment, Item, Table, Whitespace
 
 from updyn.errors import InputError
+from updyn.web.settings import WEB_PAGE
 
 __all__ = [
     "add_repair",
@@ -39,7 +40,6 @@ _EXPECTED = {
     "numbers": "numbers and commas",
     "band": "two frequencies, the lower one first",
 }
-_LONGEST = 40
 
 
 def set_band(low: float, high: float, test: int = 0) -> Edit:
@@ -195,7 +195,8 @@ def as_value(kind: str, text: str, label: str) -> Any:
             case "texts":
                 return parts or None
     except ValueError as error:
-        given = text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
+        most = WEB_PAGE.quoted_characters
+        given = text if len(text) <= most else f"{text[:most]}..."
         raise InputError(f"{label}: {given!r}; expected {_EXPECTED[kind]}") from error
     return text
 

@@ -33,8 +33,6 @@ _RULES = {
     "referrer-policy": "no-referrer",
     "cross-origin-resource-policy": "same-origin",
 }
-#: Most digits of a length that is read as a number.
-_MOST_DIGITS = 18
 #: Status of WebSocket for a message against the rules (RFC 6455, section 7.4.1).
 _AGAINST_THE_RULES = 1008
 
@@ -80,7 +78,8 @@ class Guard:
         if not self._has_token(scope, headers):
             return 401, "The secret is missing: open the address that updyn serve printed."
         length = headers.get("content-length", "0")
-        readable = length.isdecimal() and len(length) <= _MOST_DIGITS
+        # A number of more digits is too large, and Python does not convert thousands of digits.
+        readable = length.isdecimal() and len(length) <= len(str(self._most_bytes))
         if not readable or int(length) > self._most_bytes:
             return self._too_large
         return None

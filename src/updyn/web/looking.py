@@ -25,6 +25,7 @@ from updyn.modal import ModeSet
 from updyn.model import Model
 from updyn.updating.problem.parameters import ParameterSet
 from updyn.viewer import model_scene, page
+from updyn.web.settings import WEB_PAGE
 
 __all__ = [
     "CHOICES",
@@ -49,8 +50,6 @@ T = TypeVar("T")
 
 #: Quantities of a group that are chosen by a click.
 CHOICES = ("stiffness", "mass", "loss_factor")
-#: Lines at which a page shows the model.
-_MOST_LINES = 400
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -345,7 +344,7 @@ def compute_curve(
     ready = _load_and_prepare(path, text)
     prepared_test = ready.tests[test]
     data: FRF = prepared_test.frf
-    freq = data.freq[:: max(1, len(data.freq) // _MOST_LINES)]
+    freq = data.freq[:: max(1, len(data.freq) // WEB_PAGE.model_lines)]
     model = _apply_values(ready, prepared_test.model, values)
     shown = model_response(
         model,

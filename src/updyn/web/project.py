@@ -17,21 +17,17 @@ from updyn.io.atomic import write_bytes
 from updyn.job.files import check_encodable, is_encodable
 from updyn.job.folder import HEADER, JOB_FILE, is_run_job
 from updyn.outputs.manifest import MANIFEST, Manifest, is_output
+from updyn.web.settings import WEB_LIMIT
 
 __all__ = ["Project", "RunFolder"]
 
-#: How deep jobs and results are looked for below the folder, and how many folders.
-_DEPTH, _MOST_FOLDERS = 4, 2000
 _NAME = re.compile(r"[^\W.][\w.+ -]*")
-#: Bytes of a name: file systems take 255, less what a temporary name adds.
-_MOST_BYTES = 200
 _RESULT = "result.json"
 _JOB, _JOURNAL = ".toml", ".journal"
 #: What no job names, and what changes while a run is under way.
 _NO_INPUT = (_JOB, _JOURNAL, MANIFEST)
 #: First line of the job file of a run, and the number of its characters that are read.
 _ORIGIN = re.compile(rf"# {HEADER} \S+ from (.+)")
-_LONGEST_LINE = 4096
 #: The command that writes inputs; the others write results.
 _OF_INPUTS = "demo"
 
@@ -148,7 +144,7 @@ class Project:
         file = self.plain_name(file if file.lower().endswith(_JOB) else file + _JOB)
         path = self.inside(Path(folder, file))
         parts = path.parent.relative_to(self.folder).parts
-        if len(parts) > _DEPTH or not all(map(_is_listed, parts)):
+        if len(parts) > WEB_LIMIT.folder_depth or not all(map(_is_listed, parts)):
             raise InputError(f"{name!r}: a job in this folder is not shown; choose another folder")
         if not path.parent.is_dir():
             raise InputError(f"{name!r}: no such folder {folder!r}; make it first")
@@ -158,9 +154,10 @@ class Project:
 
     def plain_name(self, name: str) -> str:
         """Return a file name; `InputError` if it is not plain, such as one with a folder."""
-        if not _NAME.fullmatch(name) or len(name.encode()) > _MOST_BYTES:
+        most = WEB_LIMIT.name_bytes
+        if not _NAME.fullmatch(name) or len(name.encode()) > most:
             raise InputError(
-                f"{name!r} cannot be the name of a file here: expected at most {_MOST_BYTES}"
+                f"{name!r} cannot be the name of a file here: expected at most {most}"
                 " letters, digits, blanks, dots and - _ +, a letter or digit first"
             )
         return name
@@ -184,10 +181,10 @@ class Project:
         Hidden files are omitted, and names that UTF-8 cannot encode, which no page can show.
         """
         for number, (folder, folders, names) in enumerate(os.walk(self.folder)):
-            if number >= _MOST_FOLDERS:
+            if number >= WEB_LIMIT.most_folders:
                 return
             path = Path(folder)
-            deep = len(path.relative_to(self.folder).parts) >= _DEPTH
+            deep = len(path.relative_to(self.folder).parts) >= WEB_LIMIT.folder_depth
             folders[:] = [] if deep else sorted(filter(_is_listed, folders))
             yield path, sorted(filter(_is_listed, names))
 
@@ -209,7 +206,7 @@ def _find_job(folder: Path) -> Path | None:
     """Return the job file of a run; None if that is not known."""
     try:
         with (folder / JOB_FILE).open(encoding="utf-8") as lines:
-            found = _ORIGIN.fullmatch(lines.readline(_LONGEST_LINE).rstrip("\n"))
+            found = _ORIGIN.fullmatch(lines.readline(WEB_LIMIT.line_characters).rstrip("\n"))
         return None if found is None else resolve_path(folder / found[1])
     except (OSError, UnicodeDecodeError, InputError):
         return None

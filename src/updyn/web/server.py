@@ -18,14 +18,12 @@ from nicegui import ui
 from updyn.errors import InputError
 from updyn.web.guard import Guard
 from updyn.web.pages import add_pages
+from updyn.web.settings import WEB_LIMIT
 from updyn.web.workspace import Workspace
 
 __all__ = ["bind", "serve"]
 
 _HOST = "127.0.0.1"
-#: Largest size of a message of a page, and of form data in addition to a file, in bytes.
-_MOST_MESSAGE = 4 * 2**20
-_BESIDE = 2**16
 
 
 def bind(port: int) -> socket.socket:
@@ -68,12 +66,13 @@ def serve(job: Path | None, folder: Path, *, port: int = 0, open_browser: bool =
     app = FastAPI(lifespan=lifespan, docs_url=None, redoc_url=None, openapi_url=None)
     add_pages(app, workspace)
     ui.run_with(app, title="updyn", dark=None, show_welcome_message=False)
-    guarded = Guard(app, port=port, token=token, most_bytes=workspace.most_upload + _BESIDE)
+    most_bytes = workspace.most_upload + WEB_LIMIT.form_bytes
+    guarded = Guard(app, port=port, token=token, most_bytes=most_bytes)
     config = uvicorn.Config(
         guarded,
         log_level="warning",
         lifespan="on",
-        ws_max_size=_MOST_MESSAGE,
+        ws_max_size=WEB_LIMIT.message_bytes,
         timeout_graceful_shutdown=2,
     )
     address = f"http://{_HOST}:{port}/?token={token}"

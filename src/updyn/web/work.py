@@ -19,15 +19,13 @@ from typing import TYPE_CHECKING, Any
 
 from updyn.errors import UpdynError, UpdynWarning
 from updyn.foreign.confinement import confine
+from updyn.web.settings import WEB_TASK
 from updyn.web.tasks import TASKS
 
 if TYPE_CHECKING:
     from updyn.updating.fit.monitor import Progress
 
 __all__ = ["main"]
-
-#: Shortest time between two lines of the same stage, in s.
-_MIN_INTERVAL = 0.1
 
 
 class _StopFlag:
@@ -56,7 +54,7 @@ class _Reporter:
         stage, step, at = self._last
         now = time.monotonic()
         is_new = (progress.stage, progress.iteration) != (stage, step)
-        if is_new or now - at >= _MIN_INTERVAL:
+        if is_new or now - at >= WEB_TASK.message_interval:
             self._last = progress.stage, progress.iteration, now
             write(
                 "progress",

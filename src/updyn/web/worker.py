@@ -14,16 +14,11 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from updyn.web.settings import WEB_TASK
 from updyn.web.tasks import TASKS
 
 __all__ = ["Worker"]
 
-#: Numbers of steps, notes and lines of stderr of a task that are kept for the pages.
-_MOST_STEPS, _MOST_NOTES, _MOST_LINES = 5000, 200, 50
-#: How long a stopped task may take to write its results, in s.
-_PATIENCE = 60.0
-#: How long the last lines on stderr may take to be read once the process has ended, in s.
-_LAST_LINES = 1.0
 #: A task takes one thread unless the environment says otherwise: the pages need a core, too.
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
@@ -42,14 +37,14 @@ class Worker:
     ) -> None:
         self.task, self.job, self.out = task, job, out
         self._folder, self._resume = folder, resume
-        self.steps: deque[Mapping[str, Any]] = deque(maxlen=_MOST_STEPS)
+        self.steps: deque[Mapping[str, Any]] = deque(maxlen=WEB_TASK.kept_steps)
         self.now: Mapping[str, Any] = {}
         self.values: Mapping[str, float] = {}
-        self.stages: deque[str] = deque(maxlen=_MOST_NOTES)
-        self.notes: deque[str] = deque(maxlen=_MOST_NOTES)
+        self.stages: deque[str] = deque(maxlen=WEB_TASK.kept_notes)
+        self.notes: deque[str] = deque(maxlen=WEB_TASK.kept_notes)
         self.state, self.message, self.status, self.version = "running", "", "", 0
         self._process: subprocess.Popen[str] | None = None
-        self._errors: deque[str] = deque(maxlen=_MOST_LINES)
+        self._errors: deque[str] = deque(maxlen=WEB_TASK.kept_error_lines)
 
     def start(self) -> None:
         """Begin the process."""
@@ -104,7 +99,7 @@ class Worker:
         if self.state == "running":  # a second time would end it without its results
             self.stop()
         try:
-            self._process.wait(_PATIENCE)
+            self._process.wait(WEB_TASK.stop_seconds)
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()
@@ -131,7 +126,7 @@ class Worker:
         assert self._process.stdin is not None
         with suppress(OSError):
             self._process.stdin.close()
-        error_reader.join(_LAST_LINES)
+        error_reader.join(WEB_TASK.last_lines_seconds)
         self._record_end(code)
 
     def _handle_event(self, event: Mapping[str, Any]) -> None:

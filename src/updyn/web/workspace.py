@@ -18,17 +18,13 @@ from updyn.web.faults import new_faults
 from updyn.web.form import Form
 from updyn.web.looking import JobView, propose_job, read_view
 from updyn.web.project import Project
+from updyn.web.settings import WEB_LIMIT, WEB_TASK
 from updyn.web.tasks import TASKS
 from updyn.web.worker import Worker
 
-__all__ = ["MOST_UPLOAD", "Workspace"]
+__all__ = ["Workspace"]
 
 T = TypeVar("T")
-
-#: Bytes of a file that is uploaded.
-MOST_UPLOAD = 256 * 2**20
-#: Longest time that a page waits for a job to be read or solved, in s.
-_SECONDS = 600.0
 
 
 class Workspace:
@@ -37,13 +33,13 @@ class Workspace:
     `workers` has the latest worker of each task; `theme` is "auto", "light" or "dark".
     """
 
-    def __init__(self, folder: Path, most_upload: int = MOST_UPLOAD) -> None:
+    def __init__(self, folder: Path, most_upload: int = WEB_LIMIT.upload_bytes) -> None:
         self.project = Project(folder)
         self.most_upload = most_upload
         self.document: JobDocument | None = None
         self.workers: dict[str, Worker] = {}
         self.theme = "auto"
-        self._desk = Desk(self.project.folder, _SECONDS, _memory_limit())
+        self._desk = Desk(self.project.folder, WEB_TASK.answer_seconds, _memory_limit())
         self._forms: dict[str, Form] = {}
         self._opened_paths: set[Path] = set()
         self._cached_view: tuple[Path, str, JobView] | None = None

@@ -10,8 +10,9 @@ import pytest
 
 from pages_read import Page, values
 from report_case import largest, realistic, smallest
-from updyn.report.changes import MOST_ROWS, changes_figure, is_significant
+from updyn.report.changes import changes_figure, is_significant
 from updyn.report.page import render
+from updyn.report.settings import REPORT_LIST
 from updyn.updating.problem.parameters import Parameter, ParameterSet
 
 
@@ -128,7 +129,7 @@ def test_what_starts_at_zero_is_told_in_words():
 
 def test_of_many_unknowns_those_that_changed_most_are_shown():
     result = largest(n_responses=60, n_lines=60)
-    shown = len(result.parameters) - MOST_ROWS
+    shown = len(result.parameters) - REPORT_LIST.changed_unknowns
     figure = changes_figure(result)
-    assert len(figure["layout"]["yaxis2"]["tickvals"]) == MOST_ROWS
+    assert len(figure["layout"]["yaxis2"]["tickvals"]) == REPORT_LIST.changed_unknowns
     assert f"The {shown} unknowns that changed least" in Page(render(result)).words

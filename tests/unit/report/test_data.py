@@ -10,6 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from overriding import override
 from pages_read import Page
 from pages_read import values as plotted
 from report_case import all_figures, chain, measured, realistic, smallest
@@ -33,11 +34,12 @@ from updyn.report.formats import (
 )
 from updyn.report.head import head
 from updyn.report.identifiability import correlations
-from updyn.report.overlay import MEASURED_SHARE, overlay
+from updyn.report.overlay import overlay
 from updyn.report.page import render
 from updyn.report.plots import encode_numbers, log_bars, log_range
 from updyn.report.provenance import data_checksum, model_checksum
 from updyn.report.section import PageContent
+from updyn.report.settings import REPORT_COMPUTATION, REPORT_SIZE
 from updyn.updating.problem.parameters import Parameter
 
 
@@ -152,7 +154,7 @@ def test_zero_hertz_is_left_out_and_said(result):
 
 
 def test_models_are_computed_at_fewer_lines_above_the_budget(result, monkeypatch):
-    monkeypatch.setattr(report_data, "EVALUATION_BUDGET", 12 * 200)
+    override(monkeypatch, REPORT_COMPUTATION, evaluation_budget=12 * 200)
     found = gather(result)
     assert len(found.freq) <= 200
     assert set(found.freq) <= set(result.frf.freq)
@@ -200,7 +202,7 @@ def test_overlay_arrays_hold_the_data_channel_by_channel(result, data):
         )
     assert drawn["everyLineUsed"] is False
     np.testing.assert_array_equal(data.freq[drawn["used"]], result.lines)
-    thin, note = overlay(data, budget=int(200 * 10 * 12 / MEASURED_SHARE))
+    thin, note = overlay(data, budget=int(200 * 10 * 12 / REPORT_SIZE.measured_share))
     kept = np.frombuffer(base64.b64decode(thin["freq"]), "<f8")
     assert len(kept) <= 200
     assert len(np.frombuffer(base64.b64decode(thin["grid"]), "<f8")) <= 200

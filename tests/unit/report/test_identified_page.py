@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 
 import updyn
+from overriding import override
 from pages_read import Page
 from updyn.demos import chain
 from updyn.modal.synthesis import line_weights
-from updyn.report import picker
 from updyn.report.identified import render
 from updyn.report.picker import IdentifiedModes, picker_data, picker_figure
+from updyn.report.settings import REPORT_SIZE
 
 
 @pytest.fixture(scope="module")
@@ -77,7 +78,7 @@ def test_the_first_channel_is_the_one_that_agrees_least(frf, modes):
 
 
 def test_of_too_many_channels_those_that_agree_least_are_drawn(frf, modes, monkeypatch):
-    monkeypatch.setattr(picker, "DRAWING_BUDGET", 8 * 60 * 3)
+    override(monkeypatch, REPORT_SIZE, frf_bytes=8 * 60 * 3)
     found = IdentifiedModes(modes, frf, [None] * 6)
     data = picker_data(found)
     least = np.sort(np.argsort(found.frac.ravel())[:3])

@@ -8,15 +8,17 @@ import numpy as np
 import pytest
 
 import updyn
+from overriding import override
 from pages_read import Page, attributes, dump
 from report_case import realistic
 from updyn.report import modes
 from updyn.report.formats import figure_of_agreement, percentage
-from updyn.report.modes import MODES, SHOWN_ROWS, comac_bars, comac_maps, modal_rows
+from updyn.report.modes import MODES, comac_bars, comac_maps, modal_rows
 from updyn.report.page import render
 from updyn.report.picture import VIEWS, camera
 from updyn.report.plots import SEQUENTIAL
 from updyn.report.section import PageContent
+from updyn.report.settings import REPORT_LIST
 from updyn.updating.judge.modal_table import ModalTable
 
 
@@ -121,11 +123,11 @@ def test_many_modes_are_folded_away(result, monkeypatch):
     test = table.test
     many = type(test)(test.frequency[at], test.loss_factor[at], test.shapes[:, at], test.dofs)
     with_many = dataclasses.replace(result, modes=ModalTable(many, table.start, table.updated))
-    assert f"<summary>{36 - SHOWN_ROWS} further modes<" in render(with_many)
+    assert f"<summary>{36 - REPORT_LIST.unfolded_rows} further modes<" in render(with_many)
     axes = modes.mode_map(np.eye(36), many, many, ("test", "test"), "AutoMAC")["layout"]
     assert axes["xaxis"]["tickvals"] == list(range(0, 36, 4))
     assert axes["yaxis"]["tickvals"] == list(range(0, 36, 2))
-    monkeypatch.setattr(modes, "SHOWN_ROWS", 35)
+    override(monkeypatch, REPORT_LIST, unfolded_rows=35)
     assert "<summary>1 further mode<" in render(with_many)
 
 
@@ -151,7 +153,7 @@ def test_agreement_in_words_is_no_rounding(result):
 
 
 def test_of_many_sensors_those_that_agree_least_are_drawn(result, monkeypatch):
-    monkeypatch.setattr(modes, "MOST_SENSORS", 3)
+    override(monkeypatch, REPORT_LIST, comac_sensors=3)
     found = result.modes.correlations["updated"]
     start, updated = comac_bars(result.modes)["data"]
     lowest = np.sort(np.argsort(found.comac())[:3])

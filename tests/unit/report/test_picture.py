@@ -10,11 +10,13 @@ import numpy as np
 import pytest
 
 import updyn
+from overriding import override
 from report_case import realistic, smallest
 from updyn.geometry import Geometry
 from updyn.model import Group, Model
 from updyn.report.page import render
 from updyn.report.picture import spread_heights
+from updyn.report.settings import REPORT_SIZE
 from updyn.report.structure import STEPS, group_changes, group_remarks, structure_of
 from updyn.updating.result import JointResult
 from updyn.viewer.groups import groups_of_lines, nodes_of_groups
@@ -224,6 +226,6 @@ def test_labels_keep_apart_and_inside() -> None:
 
 
 def test_a_large_geometry_is_thinned_and_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("updyn.report.picture._MOST_LINES", 3)
+    override(monkeypatch, REPORT_SIZE, structure_lines=3)
     page = structure_of([fitted(square(), {"first.stiffness": 1.1})])
     assert "3 of the 5 lines of the geometry are drawn." in page

@@ -11,7 +11,8 @@ import pytest
 from pages_read import Page
 from report_case import left_over, realistic
 from updyn.report.page import render
-from updyn.report.residual import MOST_ROWS, misfit_map, shown_channels
+from updyn.report.residual import misfit_map, shown_channels
+from updyn.report.settings import REPORT_LIST
 from updyn.updating.judge.adequacy import assess_residual
 from updyn.updating.result import JointResult
 
@@ -99,11 +100,13 @@ def test_noise_is_called_noise_and_its_size_is_relative_where_it_was_estimated()
 def test_of_many_channels_the_worst_are_shown():
     many = noise((20, 50, 2))
     at = shown_channels(many)
-    assert len(at) == MOST_ROWS
+    assert len(at) == REPORT_LIST.misfit_channels
     shown = many.misfit[tuple(at.T)].max(axis=1)
     rest = np.setdiff1d(np.arange(100), at[:, 0] * 2 + at[:, 1])
     assert many.misfit.reshape(100, -1)[rest].max(axis=1).max() <= shown.min()
-    assert f"The {MOST_ROWS} worst of 100 channels are shown." in words(adequacy=many)
+    assert f"The {REPORT_LIST.misfit_channels} worst of 100 channels are shown." in words(
+        adequacy=many
+    )
 
 
 def test_channels_without_data_are_left_out():

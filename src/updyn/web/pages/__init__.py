@@ -16,6 +16,7 @@ from updyn.web.looking import render_structure
 from updyn.web.pages import job, measurement, model, results, running, start, unknowns
 from updyn.web.pages.frame import add_frame
 from updyn.web.pages.task import task_page
+from updyn.web.settings import WEB_PAGE
 from updyn.web.workspace import Workspace
 
 __all__ = ["PAGES", "add_pages"]
@@ -33,7 +34,6 @@ PAGES: Mapping[str, tuple[str, Callable[[Workspace], Any]]] = {
     "/results": ("Results", results.show),
     "/plant": ("Plant", task_page("plant")),
 }
-_MOST_MODES = 100
 #: A written page may run its own script only, and cannot send requests to this server.
 _SANDBOX = "sandbox allow-scripts allow-downloads allow-popups allow-modals"
 
@@ -45,7 +45,7 @@ def add_pages(app: FastAPI, workspace: Workspace) -> None:
         ui.page(place, title=f"{name} – updyn")(add_frame(workspace, places, place, fill))
 
     @app.get("/embedded/structure")
-    def serve_structure(modes: int = Query(0, ge=0, le=_MOST_MODES)) -> HTMLResponse:
+    def serve_structure(modes: int = Query(0, ge=0, le=WEB_PAGE.most_modes)) -> HTMLResponse:
         try:
             content = workspace.ask(render_structure, modes)
         except UpdynError as error:

@@ -12,14 +12,13 @@ from updyn.errors import UpdynError
 from updyn.style import PAPER
 from updyn.web.document import JobDocument
 from updyn.web.look import HEAD, THEMES
+from updyn.web.settings import WEB_PAGE
 from updyn.web.workspace import Workspace
 
 __all__ = ["add_frame", "complain", "embed_page", "redraw", "run_slow", "show_errors", "watch"]
 
 T = TypeVar("T")
 
-#: Interval at which a page checks for changes, in s.
-_PERIOD = 0.5
 _DARK = {"auto": None, "light": False, "dark": True}
 
 
@@ -129,7 +128,7 @@ def watch(version: Callable[[], object], refresh: Callable[[], Any]) -> None:
             last = now
             refresh()
 
-    ui.timer(_PERIOD, check)
+    ui.timer(WEB_PAGE.refresh_interval, check)
 
 
 def redraw(chart: ui.echart, options: Mapping[str, Any]) -> None:

@@ -12,6 +12,7 @@ from updyn.web.charts import SCALES, coherence_chart, edges, frf_chart, unused_b
 from updyn.web.looking import FindingRow, ModalView, TestView, count_counterparts, find_faults
 from updyn.web.pages.frame import redraw, run_slow, show_errors, watch
 from updyn.web.pages.job import has_no_job, show_view_errors
+from updyn.web.settings import WEB_PAGE
 from updyn.web.workspace import Workspace
 
 __all__ = ["show"]
@@ -22,8 +23,6 @@ _MODES = [
     {"name": "frequency", "label": "frequency (Hz)", "field": "frequency"},
     {"name": "damping", "label": "loss factor (1)", "field": "damping"},
 ]
-#: Largest number of channels drawn at once, and number of points of each.
-_MOST_CHANNELS, _FEW_POINTS = 200, 600
 #: Scripts that send the frequency of a click, if the pointer moved by at most 3 px.
 _ON_PRESS = "(e) => { window.updynPressed = e.offsetX; }"
 _ON_CLICK = """(e) => {
@@ -157,7 +156,7 @@ class _Measurement:
             for row in rows
             for column in columns
         }
-        names = list(curves)[:_MOST_CHANNELS]
+        names = list(curves)[: WEB_PAGE.most_channels]
         used = test.freq[test.used]
         return frf_chart(
             test.quantity,
@@ -166,7 +165,7 @@ class _Measurement:
             band=(float(used[0]), float(used[-1])) if len(used) else None,
             excluded=unused_bands(test.freq, test.used),
             brush=True,
-            **({} if len(names) == 1 else {"points": _FEW_POINTS}),
+            **({} if len(names) == 1 else {"points": WEB_PAGE.shared_points}),
         )
 
     def _show_coherence(self) -> None:

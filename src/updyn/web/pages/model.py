@@ -17,12 +17,11 @@ from updyn.web.looking import ModalView, TestView
 from updyn.web.pages.frame import embed_page, run_slow, show_errors, watch
 from updyn.web.pages.job import has_no_job, show_view_errors
 from updyn.web.pages.picks import listen_for_picks
+from updyn.web.settings import WEB_PAGE
 from updyn.web.workspace import Workspace
 
 __all__ = ["show"]
 
-#: Number of modes shown on request.
-_MODES = 12
 _DIRECTIONS = ("X", "Y", "Z", "RX", "RY", "RZ")
 _COLUMNS = [
     {"name": "sensor", "label": "sensor or force", "field": "sensor", "align": "left"},
@@ -43,7 +42,7 @@ async def show(workspace: Workspace) -> None:
 
     async def animate() -> None:
         nonlocal modes
-        modes = _MODES
+        modes = WEB_PAGE.shown_modes
         await content.refresh()
 
     @ui.refreshable
@@ -62,7 +61,7 @@ async def show(workspace: Workspace) -> None:
             else:
                 ui.label("The model has no node positions, so it cannot be drawn.")
             if view.has_picture and not modes:
-                label = f"Show the {_MODES} lowest modes of the start"
+                label = f"Show the {WEB_PAGE.shown_modes} lowest modes of the start"
                 ui.button(label, on_click=animate).props("outline no-caps")
         for test in tests:
             ui.label(f"Sensors and forces {test.name}").classes("text-lg")

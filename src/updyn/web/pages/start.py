@@ -10,12 +10,11 @@ from updyn.demos import DEMOS
 from updyn.errors import UpdynError
 from updyn.frf import QUANTITIES
 from updyn.web.pages.frame import complain, show_errors
+from updyn.web.settings import WEB_PAGE
 from updyn.web.workspace import Workspace
 
 __all__ = ["show"]
 
-#: Largest number of files in the list.
-_MOST_FILES = 200
 _UNKNOWN = "as in the file"
 
 
@@ -152,9 +151,9 @@ def _show_files(workspace: Workspace, on_added: Callable[[], object]) -> None:
     def show_files() -> None:
         with ui.column().classes("gap-0"):
             found = workspace.project.inputs()
-            for path in found[:_MOST_FILES]:
+            for path in found[: WEB_PAGE.listed_files]:
                 ui.label(workspace.project.name_of(path)).classes("text-sm")
-            if len(found) > _MOST_FILES:
-                ui.label(f"and {len(found) - _MOST_FILES} more").classes("text-sm")
+            if len(found) > WEB_PAGE.listed_files:
+                ui.label(f"and {len(found) - WEB_PAGE.listed_files} more").classes("text-sm")
 
     show_files()

@@ -1,0 +1,129 @@
+"""Numbers that decide how much a report computes, draws and lists."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class ReportComputationSettings:
+    """Lines at which a report computes the models."""
+
+    #: [lines x DOFs] Largest number at which the models are computed at every measured line. Why:
+    #: seconds to a few minutes.
+    evaluation_budget: int = 2_000_000
+    #: [lines x DOFs] The same after the user has stopped the run. Why: about a second.
+    stopped_budget: int = 50_000
+    #: [lines] Largest number of measured lines. Why: more than a figure has pixels.
+    most_lines: int = 5_000
+    #: [lines] Smallest number of measured lines, also for large models. Why: fewer do not show the
+    #: curves.
+    least_lines: int = 100
+    #: [lines] Smallest number of measured lines after a stop. Why: the user waits.
+    least_stopped_lines: int = 8
+    #: [lines] Additional lines for the curves of the models, evenly spaced. Why: about half the
+    #: pixels of a figure.
+    even_lines: int = 400
+    #: [lines] Largest number of additional lines near resonances. Why: 75 resonances with 16 lines
+    #: each.
+    resonance_lines: int = 1_200
+    #: [lines x DOFs] Largest number for all additional lines. Why: a quarter of the time of the
+    #: measured lines.
+    grid_budget: int = 500_000
+    #: [lines] Lines of the band of uncertainty. Why: each is computed for every draw.
+    band_lines: int = 400
+    #: [draws] Draws from which the band is computed. Why: quantiles of 5 % from ten draws.
+    band_draws: int = 200
+    #: [1] Lines x DOFs x solves of the band, as a multiple of the budget of the models, above which
+    #: the page has no band. Why: some minutes.
+    band_cost: int = 20
+    #: [lines] Lines of the curves on a page of comparison. Why: about the pixels of a figure.
+    comparison_lines: int = 600
+    #: [lines] Measured lines on a page of comparison up to which points are drawn. Why: a curve
+    #: would suggest data between the lines.
+    comparison_points: int = 150
+
+
+@dataclass(frozen=True)
+class ReportSizeSettings:
+    """Size of a page in the browser."""
+
+    #: [bytes] Largest size of the FRFs on a page, before base64. Why: 100 channels of 2,000 lines
+    #: with coherence are complete in a page of less than 10 MB.
+    frf_bytes: int = 4_000_000
+    #: [1] Share of it for the measured data. Why: they have coherence in addition to the values;
+    #: the models have more lines.
+    measured_share: float = 0.62
+    #: [lines] Smallest number of lines of a channel. Why: fewer do not show a curve.
+    least_channel_lines: int = 50
+    #: [lines] Largest number of lines of a curve of selected channels. Why: more than a figure has
+    #: pixels.
+    curve_lines: int = 3_000
+    #: [lines] Lines of an FDAC map. Why: about three pixels each.
+    fdac_lines: int = 120
+    #: [numbers] Largest number of displacements of modes. Why: 1.6 MB.
+    mode_displacements: int = 600_000
+    #: [modes] Smallest number of modes with shapes. Why: the lowest modes are shown also of large
+    #: models.
+    least_modes: int = 4
+    #: [numbers] Largest number of values of operating shapes. Why: a third of the size of the mode
+    #: shapes.
+    operating_values: int = 200_000
+    #: [lines] Smallest number of lines with operating shapes. Why: fewer would miss resonances.
+    least_operating_lines: int = 40
+    #: [references] Largest number of forces with operating shapes. Why: a limit of size; tests have
+    #: fewer.
+    operating_references: int = 8
+    #: [lines] Largest number of drawn lines of a structure. Why: the time of the browser for a
+    #: picture.
+    structure_lines: int = 8_000
+    #: [lines] Largest number of drawn lines of a geometry in a COMAC map. Why: half of those of a
+    #: larger picture.
+    map_lines: int = 4_000
+
+
+@dataclass(frozen=True)
+class ReportListSettings:
+    """How many items lists, tables and figures show."""
+
+    #: [unknowns] Unknowns in the figure of changes; those with the largest change are kept. Why:
+    #: the figure fits on a printed page.
+    changed_unknowns: int = 40
+    #: [channels] Channels in the map of misfits; those with the largest misfit are kept. Why: the
+    #: map fits on a printed page.
+    misfit_channels: int = 60
+    #: [sensors] Sensors in the COMAC figure; those with the lowest COMAC are kept. Why: more labels
+    #: would overlap.
+    comac_sensors: int = 100
+    #: [nodes] Nodes in a COMAC map up to which they have their number. Why: more labels would
+    #: overlap.
+    labelled_nodes: int = 40
+    #: [channels] Channels that an axis names. Why: more labels would overlap.
+    named_channels: int = 24
+    #: [rows] Rows of the table of modes that are shown unfolded. Why: a screen.
+    unfolded_rows: int = 20
+    #: [terms] Terms of a combination of unknowns that are written. Why: a few lines of text.
+    written_terms: int = 16
+    #: [entries] Entries of a list of options that are written. Why: a few lines of text.
+    written_entries: int = 20
+    #: [pairs] Pairs of similar modes that are listed. Why: a short list; the number of the others
+    #: follows.
+    listed_pairs: int = 8
+    #: [curves] Singular values of the CMIF that are drawn. Why: more lie in the noise.
+    indicator_curves: int = 4
+    #: [channels] Smallest number of channels for an FDAC map. Why: with one or two channels, shapes
+    #: of different lines are alike.
+    fdac_channels: int = 3
+    #: [1] Smallest FDAC of a matching pair of lines. Why: a common limit of MAC for the same mode.
+    fdac_ridge: float = 0.8
+    #: [1] Relative difference of parameter values that is invisible in the figures of convergence.
+    #: Why: less than a pixel.
+    invisible_change: float = 1e-3
+    #: [1] Relative difference between the frequencies of one mode from two computations. Why: the
+    #: accuracy of iterative eigensolvers; modes closer than this are combined.
+    same_frequency: float = 1e-6
+
+
+REPORT_COMPUTATION = ReportComputationSettings()
+REPORT_SIZE = ReportSizeSettings()
+REPORT_LIST = ReportListSettings()

@@ -1,0 +1,87 @@
+"""Numbers that decide what the web app shows, accepts and waits for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class WebPageSettings:
+    """Content of pages."""
+
+    #: [points] Points of a curve; of more, peaks are kept. Why: more than a screen has pixels.
+    curve_points: int = 4000
+    #: [points] Points of each of several curves. Why: 200 curves are drawn within a second.
+    shared_points: int = 600
+    #: [channels] Channels that are drawn at once. Why: the time of the browser.
+    most_channels: int = 200
+    #: [lines] Lines at which the model is computed while unknowns are moved. Why: a fraction of a
+    #: second.
+    model_lines: int = 400
+    #: [modes] Modes of the start that are shown on request. Why: some seconds for a large model.
+    shown_modes: int = 12
+    #: [modes] Modes that the address of a structure may request. Why: a limit of effort.
+    most_modes: int = 100
+    #: [files] Files in the list of the start page. Why: a page of readable length.
+    listed_files: int = 200
+    #: [characters] Part of a wrong entry that a message quotes. Why: the message stays in one line.
+    quoted_characters: int = 40
+    #: [s] Interval at which a page checks for changes. Why: a user notices no delay.
+    refresh_interval: float = 0.5
+    #: [edits] Edits that can be undone. Why: the text of each is in memory.
+    undo_steps: int = 200
+    #: [s] Pause in typing that begins another edit. Why: about a sentence at a time.
+    typing_pause: float = 2.0
+
+
+@dataclass(frozen=True)
+class WebLimitSettings:
+    """Limits of requests and of the folder of a project."""
+
+    #: [bytes] Largest uploaded file. Why: it is in memory while it is received.
+    upload_bytes: int = 256 * 2**20
+    #: [bytes] Form data in addition to an uploaded file. Why: headers and names.
+    form_bytes: int = 2**16
+    #: [bytes] Largest message of a page. Why: a job file with its edits.
+    message_bytes: int = 4 * 2**20
+    #: [levels] Depth of folders in which jobs and results are searched. Why: a limit of effort.
+    folder_depth: int = 4
+    #: [folders] Folders in which jobs and results are searched. Why: a limit of effort.
+    most_folders: int = 2000
+    #: [bytes] Largest name of a file. Why: file systems accept 255, less the part that a temporary
+    #: name adds.
+    name_bytes: int = 200
+    #: [characters] Largest first line of a job file that is read. Why: a path has 4096 bytes at
+    #: most on Linux.
+    line_characters: int = 4096
+
+
+@dataclass(frozen=True)
+class WebTaskSettings:
+    """Processes behind the pages."""
+
+    #: [s] Longest time that a page waits until a job is read or solved. Why: reading a large model
+    #: takes minutes.
+    answer_seconds: float = 600.0
+    #: [s] Time in which a killed process ends. Why: the system needs far less.
+    kill_seconds: float = 2.0
+    #: [s] Time in which a stopped task may write its results. Why: a report of a large model takes
+    #: a minute.
+    stop_seconds: float = 60.0
+    #: [s] Time in which the last lines on stderr are read after the end. Why: they are in a pipe
+    #: already.
+    last_lines_seconds: float = 1.0
+    #: [s] Shortest time between two messages of the same step. Why: ten a second look continuous.
+    message_interval: float = 0.1
+    #: [steps] Steps of a task that are kept for the pages. Why: a limit of memory, above any usual
+    #: fit.
+    kept_steps: int = 5000
+    #: [notes] Notes of a task that are kept. Why: a limit of memory.
+    kept_notes: int = 200
+    #: [lines] Lines on stderr of a task that are kept. Why: a traceback.
+    kept_error_lines: int = 50
+
+
+WEB_PAGE = WebPageSettings()
+WEB_LIMIT = WebLimitSettings()
+WEB_TASK = WebTaskSettings()
