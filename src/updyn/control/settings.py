@@ -94,8 +94,8 @@ class CausalBoundSettings:
     #: [1] Ratio of the points of the circle to the size of the section of the Hankel matrix; a
     #: larger one lowers the bound. Why: effort.
     points_per_row: int = 32
-    #: [1] Lower end of a band that starts at 0, as a share of its upper end, for the scale of the
-    #: circle. Why: a rule of thumb.
+    #: [1] Smallest lower end of a band, as a share of its upper end, for the scale of the circle.
+    #: Why: a rule of thumb; a band may start at 0.
     least_low_share: float = 1e-3
     #: [1] Relative accuracy of the bound. Why: it is stated with three digits.
     accuracy: float = 1e-3

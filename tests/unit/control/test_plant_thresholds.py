@@ -98,7 +98,7 @@ def test_the_circle_resolves_the_margin():
     narrow, wide = Circle.of((1.0, 2.0)), Circle.of((1.0, 1e4))
     assert narrow.margin == pytest.approx(0.03)
     assert wide.n == 2**16
-    assert wide.margin == pytest.approx(TWO_PI * 24 * (1.0 + 1e4) / (2.0 * 1e2) / 2**16)
+    assert wide.margin == pytest.approx(TWO_PI * 24 * 1001.0 / (2.0 * np.sqrt(1e3)) / 2**16)
     assert Circle.of((0.0, 1e3)).scale == pytest.approx(np.sqrt(1e3))
 
 

@@ -266,7 +266,7 @@ def _roots(
             np.isfinite([a, b, c]).all()
             and a * b > 0
             and b * c > 0
-            and abs(b) < min(abs(a), abs(c), HARMONIC_BALANCE.tangency_phase)
+            and abs(b) < min(abs(a), abs(c))
         ):
             roots += _tangent_roots(at, omega[i - 1], omega[i + 1], float(np.sign(b)))
     return sorted(set(roots))

@@ -12,9 +12,6 @@ class HarmonicBalanceSettings:
     #: [lines] Lines over the band at which the phase is scanned for roots, in addition to those
     #: around poles; more find cycles closer together. Why: a rule of thumb.
     scan_lines: int = 3000
-    #: [rad] Largest phase difference at which two roots between lines are searched. Why: a rule of
-    #: thumb; the search costs one minimisation.
-    tangency_phase: float = 0.1
     #: [steps] Bisections that invert a describing function. Why: 2^-52 is the rounding of a double.
     bisections: int = 52
     #: [1] Smallest ratio of half gap to amplitude; larger amplitudes are not predicted. Why: the
