@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import ClassVar
 
 import numpy as np
@@ -11,7 +12,7 @@ import pytest
 
 import updyn
 from updyn.comparison import Fewest
-from updyn.comparison.fewest import errors_against, list_counts
+from updyn.comparison.fewest import distance_from_estimate, errors_against, list_counts
 from updyn.comparison.table import NOT_APPLICABLE
 from updyn.demos.gear_train import measure, starting_model, true_model, true_values
 from updyn.errors import DataError, DofError, OptionError, ParameterError
@@ -424,6 +425,13 @@ def test_numbers_of_lines_to_try():
     assert list_counts(40, 4, 18) == [3, 4, 5, 6, 8, 10, 15, 20, 30, 40]
     assert list_counts(4, 1, 2) == [1, 2, 3, 4]
     assert list_counts(2, 1, 18) == [2]
+
+
+@pytest.mark.parametrize(("off", "distance"), [(0.03, 1.0), (0.06, 2.0)])
+def test_unknowns_are_recovered_within_three_standard_deviations(unknowns, off, distance):
+    (name,) = unknowns.names[:1]
+    result = SimpleNamespace(parameters=unknowns[:1], values={name: 1.0}, std={name: 0.01})
+    assert distance_from_estimate(result, 1e-3)({name: 1.0 + off}) == pytest.approx(distance)
 
 
 def test_errors(unknowns):

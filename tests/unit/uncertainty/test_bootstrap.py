@@ -160,3 +160,16 @@ def test_what_is_not_understood_is_refused(fit, drawn) -> None:
         drawn.intervals(2)
     with pytest.raises(OptionError, match=r"no draws of 'top\.stifness'; did you mean"):
         drawn["top.stifness"]
+
+
+@pytest.mark.parametrize(("n", "reliable"), [(21, True), (19, False)])
+def test_draws_are_reliable_up_to_a_twentieth_of_failed_refits(fit, monkeypatch, n, reliable):
+    plain, calls = MaximumLikelihood.fit, iter(range(100))
+
+    def fail_once(self, *about):
+        if next(calls) == 0:
+            raise SolverError("singular at 3 Hz")
+        return plain(self, *about)
+
+    monkeypatch.setattr(MaximumLikelihood, "fit", fail_once)
+    assert updyn.bootstrap(fit, n).converged is reliable

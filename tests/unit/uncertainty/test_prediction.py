@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ import pytest
 import updyn
 from uncertain_cases import in_series, noisy, one_spring, springs
 from updyn.errors import DataError, DofError, OptionError
+from updyn.uncertainty.prediction import _select_draws
 
 LINES = np.linspace(1.0, 9.0, 30)
 
@@ -159,3 +161,12 @@ def test_what_cannot_be_predicted_is_refused(result) -> None:
     band = updyn.predict(result, *ask)
     with pytest.raises(DataError, match="the band is about receptance"):
         band.covers(updyn.response(two_masses(), *ask, quantity="mobility"))
+
+
+@pytest.mark.parametrize(("n_draws", "n_selected"), [(900, 900), (1000, 1000), (2000, 1000)])
+def test_bands_are_made_of_at_most_a_thousand_draws(n_draws, n_selected) -> None:
+    part = SimpleNamespace(coordinates=SimpleNamespace(to_x=lambda values: values))
+    draws = SimpleNamespace(values=np.arange(2.0 * n_draws).reshape(n_draws, 2))
+    selected = _select_draws(draws, part)
+    assert len(selected) == n_selected
+    assert selected[[0, -1], 0].tolist() == [0.0, 2.0 * n_draws - 2.0]

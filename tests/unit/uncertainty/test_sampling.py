@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import builtins
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from updyn.errors import OptionError
 pytest.importorskip("emcee")
 pytest.importorskip("arviz_stats")
 
-from updyn.uncertainty.sampling import compute_diagnostics
+from updyn.uncertainty.sampling import _SamplingRun, compute_diagnostics
 
 
 @pytest.fixture(scope="module")
@@ -184,3 +185,27 @@ def test_what_is_not_understood_is_refused(sure) -> None:
     with pytest.raises(OptionError, match="about another update"):
         draws.of(one_spring())
     assert draws.of(sure).result is sure
+
+
+@pytest.mark.parametrize(
+    ("r_hat", "effective", "n", "problem"),
+    [
+        (1.009, 410.0, 1000, ""),
+        (1.011, 410.0, 1000, "independent ensembles disagree on a"),
+        (1.009, 390.0, 1000, "Too few effective draws of a"),
+        (1.009, 390.0, 380, ""),
+    ],
+)
+def test_draws_are_used_from_400_and_an_r_hat_of_1_01(r_hat, effective, n, problem) -> None:
+    run = SimpleNamespace(
+        n=n,
+        counter=SimpleNamespace(stopped=False),
+        evaluations=0,
+        max_evaluations=1,
+        reduction={},
+    )
+    numbers = {"r_hat": r_hat, "ess_bulk": effective, "ess_tail": effective}
+    diagnostics = {name: np.array([value]) for name, value in numbers.items()}
+    found = _SamplingRun._problems(run, diagnostics, ["a"])
+    assert len(found) == bool(problem)
+    assert problem in " ".join(found)

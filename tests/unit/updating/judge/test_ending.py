@@ -5,6 +5,8 @@ import re
 import numpy as np
 
 import updyn
+from updyn.updating.fit.monitor import Iteration
+from updyn.updating.judge.ending import _recent_decrease
 
 
 def test_where_a_correlated_residual_widens_deviations_a_fit_with_priors_is_still_at_its_minimum(
@@ -22,3 +24,13 @@ def test_where_a_correlated_residual_widens_deviations_a_fit_with_priors_is_stil
     assert result.noise["inflation"] > 1.5
     left = re.search(r"could gain (\S+) standard", result.trust.converged.why)
     assert float(left[1]) < 0.1
+
+
+# -- thresholds ------------------------------------------------------------------------------------
+def test_the_recent_decrease_is_that_of_ten_steps_of_the_last_stage():
+    def make_history(stage, n):
+        return [Iteration(stage, i, 100.0 - i, 0.1, 1.0, accepted=True) for i in range(n)]
+
+    assert _recent_decrease([*make_history("log", 30), *make_history("output", 30)]) == 10.0
+    assert _recent_decrease([*make_history("log", 30), *make_history("output", 6)]) == 5.0
+    assert _recent_decrease([]) == 0.0
