@@ -1,0 +1,135 @@
+"""Thresholds of servos: a case just inside and just outside of each."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from updyn.control.servo import grid
+from updyn.control.servo.stability import count_drifting, count_growing
+from updyn.control.servo.state_space import StateSpace, balance, bilinear
+from updyn.control.servo.time_response import schedule_intervals, step_figures
+from updyn.errors import DataError
+
+NO_ROOTS = np.zeros(0, dtype=complex)
+
+
+# -- poles ----------------------------------------------------------------------------------------
+def test_a_pole_is_at_zero_below_a_hundred_thousandth_of_the_crossover():
+    poles = 20.0 * np.array([0.9e-5, 1.1e-5j, -1.0])
+    assert count_drifting(poles, 20.0) == 1
+
+
+def test_a_pole_is_unstable_above_a_billionth_of_its_modulus():
+    assert count_growing(np.array([0.9e-9 + 1j, 0.9e-9 - 1j]), 1.0) == 0
+    assert count_growing(np.array([1.1e-9 + 1j, 1.1e-9 - 1j]), 1.0) == 2
+
+
+def test_scales_of_states_are_limited():
+    """Weakly coupled states would have scales of 2^50 and 2^-50."""
+    A = np.array([[0.0, 1e-30], [1e30, 0.0]])
+    np.testing.assert_array_equal(np.sort(np.log2(balance(A)[1])), [-40.0, 40.0])
+
+
+# -- lines ----------------------------------------------------------------------------------------
+def test_lines_of_a_loop_are_eighty_per_decade():
+    assert len(grid.frequencies(NO_ROOTS, 1.0, 100.0)) == 162
+
+
+def test_lines_around_a_resonance_reach_25_half_widths():
+    w = grid.frequencies(np.array([-0.01 + 10j]), 9.0, 11.0)
+    assert np.isclose(w[:, None], [9.75, 9.9985, 10.0, 10.25], rtol=0.0, atol=1e-12).any(0).all()
+    w = grid.frequencies(np.array([10j]), 9.0, 11.0)
+    assert (
+        np.isclose(w[:, None], 10.0 * (1.0 + np.array([-25e-7, 0.15e-7])), rtol=1e-12).any(0).all()
+    )
+
+
+def test_dead_time_has_a_line_for_each_seven_tenths_of_a_radian():
+    w = grid.frequencies(NO_ROOTS, 1.0, 2.0, delay=100.0)
+    assert np.diff(w).max() <= 0.7 / 100.0 + 1e-12
+    assert len(w) >= 142
+    grid.frequencies(NO_ROOTS, 1.0, 2.0, delay=0.35 * 59_000)
+    with pytest.raises(DataError, match="dead time"):
+        grid.frequencies(NO_ROOTS, 1.0, 2.0, delay=0.35 * 61_000)
+
+
+@pytest.mark.parametrize(("turn", "lines"), [(0.69, 2), (0.71, 3)])
+def test_lines_are_added_where_the_phase_turns(turn, lines):
+    w, _ = grid.resolve(lambda s: np.exp(-s), np.array([1.0, 1.0 + turn]))
+    assert len(w) == lines
+
+
+@pytest.mark.parametrize(("size", "number"), [(0.9e8, 1), (1.1e8, 0), (1.1e-8, 1), (0.9e-8, 0)])
+def test_a_phase_crossing_at_an_infinite_gain_is_none(size, number):
+    def loop(s):
+        return -size * (1.0 + 1j * (np.asarray(s).imag - 1.0))
+
+    w = np.array([0.5, 1.5])
+    assert len(grid.crossings_of_phase(loop, w, loop(1j * w))) == number
+
+
+# -- step response --------------------------------------------------------------------------------
+@pytest.mark.parametrize(("end", "settles"), [(1.019, True), (1.021, False)])
+def test_a_response_settles_within_two_per_cent(end, settles):
+    time = np.linspace(0.0, 1.0, 11)
+    figures = step_figures(time, end * time, np.full(11, end), 1.0, reference=True)
+    assert (figures.settling_time is not None) == settles
+
+
+@pytest.mark.parametrize(("final", "rises"), [(0.011, True), (0.009, False)])
+def test_a_response_returns_below_a_hundredth_of_its_peak(final, rises):
+    time = np.linspace(0.0, 1.0, 101)
+    value, slope = np.sin(np.pi * time), np.pi * np.cos(np.pi * time)
+    figures = step_figures(time, value, slope, final, reference=True)
+    assert (figures.overshoot is not None) == rises
+
+
+def lags(*rates, shares=None):
+    """Return first-order lags in parallel with gains of a step response."""
+    rates = np.array(rates)
+    shares = np.ones(len(rates)) if shares is None else np.array(shares)
+    return StateSpace(
+        np.diag(-rates), np.ones((len(rates), 1)), (rates * shares)[None], np.zeros((1, 1))
+    )
+
+
+def test_a_record_ends_when_the_slowest_mode_has_settled_to_a_fifth_of_a_per_cent():
+    ((n, dt),) = schedule_intervals(lags(1.0), 0, 0)
+    assert n == 1000
+    assert n * dt == pytest.approx(np.log(500.0))
+
+
+def test_intervals_resolve_the_fastest_mode():
+    (n, dt), _ = schedule_intervals(lags(1.0, 1e4), 0, 0)
+    assert dt == pytest.approx(1.0 / 12e4)
+    assert n * dt == pytest.approx(np.log(1000.0) / 1e4, rel=0.02)
+
+
+@pytest.mark.parametrize(("share", "parts"), [(1.1e-3, 2), (0.9e-3, 1)])
+def test_a_mode_contributes_from_a_thousandth(share, parts):
+    """Rates whose intervals differ."""
+    assert len(schedule_intervals(lags(1.0, 1e4, shares=(1.0, share)), 0, 0)) == parts
+
+
+def test_a_record_has_at_most_20000_intervals():
+    parts = schedule_intervals(lags(1.0, 1e4), 0, 0, duration=1e4)
+    assert sum(n for n, _ in parts) <= 20_000
+    A = np.array([[0.0, 1.0], [-1.0, -2e-5]])
+    oscillator = StateSpace(A, np.array([[0.0], [1.0]]), np.array([[1.0, 0.0]]), np.zeros((1, 1)))
+    ((n, dt), *_) = schedule_intervals(oscillator, 0, 0)
+    assert (n, dt) == (20_000, pytest.approx(1.0 / 12.0))
+
+
+# -- discretisation -------------------------------------------------------------------------------
+def test_the_bilinear_substitution_is_that_of_s():
+    """G(2 (z - 1) / (dt (z + 1))) at points on the unit circle."""
+    rng = np.random.default_rng(0)
+    A, B, C, D = (rng.standard_normal(shape) for shape in ((3, 3), (3, 2), (2, 3), (2, 2)))
+    made, dt = bilinear(StateSpace(A, B, C, D), 0.1), 0.1
+    for z in np.exp(1j * np.array([0.3, 1.0, 2.0])):
+        s = 2.0 * (z - 1.0) / (dt * (z + 1.0))
+        exact = C @ np.linalg.solve(s * np.eye(3) - A, B) + D
+        found = made.C @ np.linalg.solve(z * np.eye(3) - made.A, made.B) + made.D
+        np.testing.assert_allclose(found, exact, rtol=1e-9)
+    assert bilinear(StateSpace.gain(3.0), dt).D == 3.0
