@@ -411,9 +411,9 @@ class Approximation:
                     one = A, B[:, [u]], C[[i]], D[[i]][:, [u]]
                     worst.append(violations(one, int(self.powers[i])))
                 new = np.concatenate(worst)
-                is_flexible = matrices[3][i, channels] >= -PASSIVITY.flexibility_rounding
-                gives_way = self.powers[i] != 0 or is_flexible.all()
-                if not len(new) and gives_way:
+                # The flexibility of a constrained fit is not negative, except for rounding.
+                is_constrained = self.powers[i] != 0 or at is not None
+                if not len(new) and (is_constrained or (matrices[3][i, channels] >= 0.0).all()):
                     break
                 about = np.multiply.outer(new, np.array([0.8, 0.95, 1.0, 1.05, 1.25])).ravel()
                 at = about if at is None else np.concatenate([at, about])

@@ -247,8 +247,6 @@ class PassivitySettings:
     #: [1] Smallest active part after a correction, as a share of the channel's magnitude. Why:
     #: larger than the least violation, so that a corrected line does not violate again.
     margin: float = 1e-6
-    #: [m/N] Residual flexibility above this negative value counts as 0. Why: rounding of 0.
-    flexibility_rounding: float = 1e-20
 
 
 @dataclass(frozen=True)

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from nonlinear_plants import one_inertia
 from updyn.control.nonlinear.elements import Backlash, CoulombFriction
 from updyn.control.nonlinear.settled import judge_end
+from updyn.control.nonlinear.simulate import simulate
+from updyn.errors import OptionError
 
 
 def end_of(time, z):
@@ -48,3 +53,17 @@ def test_friction_is_doubtful_above_three_tenths_of_a_third_harmonic():
     law = CoulombFriction(1.0)
     assert "0.31 of a third harmonic" in law.doubt(1.0, 0.31)
     assert law.doubt(1.0, 0.29) == ""
+
+
+def test_a_simulation_has_400_steps_or_40_in_a_period():
+    plant, law = one_inertia(), CoulombFriction(0.5)
+    slow = simulate(plant, None, law, 1.0, "drag", start=[0.0, 9.0])
+    assert len(slow.time) == 401
+    oscillator = replace(plant, A=np.array([[0.0, 1.0], [-((2 * np.pi) ** 2), 0.0]]))
+    run = simulate(oscillator, None, law, 20.0, "drag", start=[100.0, 0.0])
+    assert 0.99 < np.median(np.diff(run.time)) * 40.0 < 1.01
+
+
+def test_a_simulation_has_at_most_two_million_steps():
+    with pytest.raises(OptionError, match=r"2\.1e\+06 steps.*at most 2e\+06"):
+        simulate(one_inertia(), None, CoulombFriction(0.5), 2.1, "drag", step=1e-6)

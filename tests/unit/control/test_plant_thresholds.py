@@ -169,6 +169,17 @@ def test_a_delay_of_too_many_states_is_refused():
         sampled(plant, 0.01, delay=9.99)
 
 
+@pytest.mark.parametrize(("distance", "refused"), [(0.8e-9, True), (1.2e-9, False)])
+def test_a_pole_within_a_billionth_of_the_singularity_is_refused(distance, refused):
+    A = np.array([[200.0 * (1.0 + distance), 1.0], [0.0, -1.0]])
+    plant = replace(one_inertia(), A=A, band=(0.1, 10.0))
+    if refused:
+        with pytest.raises(OptionError, match="singular"):
+            sampled(plant, 0.01, "tustin")
+    else:
+        assert sampled(plant, 0.01, "tustin").dt == 0.01
+
+
 def test_twelve_natural_frequencies_are_listed():
     plant = one_inertia()
     for number, ends in ((12, "12"), (13, "...")):

@@ -60,14 +60,16 @@ def frequencies(features: _Complex, low: float, high: float, delay: float = 0.0)
 def resolve(loop: Loop, w: _Real) -> tuple[_Real, _Complex]:
     """Return lines between which the phase changes little, and the loop function at them."""
     w, values = _finite(w, loop(1j * w))
-    for _ in range(LOOP_LINES.halvings):
+    while True:
         turn = np.abs(np.angle(values[1:] / values[:-1]))
         wide = (turn > LOOP_LINES.largest_turn) & (np.diff(w) > 1e-13 * w[1:])
         if not wide.any() or len(w) > LOOP_LINES.most_lines:
-            break
+            return w, values
+        count = len(w)
         between = 0.5 * (w[:-1] + w[1:])[wide]
         w, values = _merge_lines(w, values, between, loop(1j * between))
-    return w, values
+        if len(w) == count:  # the loop function is 0 or infinite at the others
+            return w, values
 
 
 def add_extremes(loop: Loop, w: _Real, values: _Complex) -> tuple[_Real, _Complex]:

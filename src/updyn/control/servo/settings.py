@@ -21,9 +21,6 @@ class LoopLineSettings:
     #: [rad] Largest change of phase between neighbouring lines. Why: a crossing between two lines
     #: is certain to be found below pi / 2.
     largest_turn: float = 0.7
-    #: [steps] Largest number of halvings of an interval for it. Why: 2^-40 of an interval is near
-    #: the rounding of a frequency.
-    halvings: int = 40
     #: [lines] Number of lines above which no lines are added, and a dead time is refused. Why:
     #: effort.
     most_lines: int = 60_000
