@@ -1,4 +1,4 @@
-"""A million lines of one mass on a spring: sums over lines, with next to nothing for BLAS."""
+"""Two hundred thousand lines of one mass on a spring: sums over lines, with next to nothing for BLAS."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ import updyn
 from updyn.model import Group, Model
 
 
-def test_a_million_lines():
+def test_many_lines():
     """H = 1 / (k (1 + i eta) - omega^2 m); the deviation falls with the root of the number."""
     start = Model.from_groups({"p1": Group([[1e4]], [[1.0]], 0.02)}, ["1:X"])
-    lines = np.linspace(1.0, 40.0, 1_000_000)
+    lines = np.linspace(1.0, 40.0, 200_000)
     clean = updyn.response(start.scaled({"p1": {"stiffness": 1.3}}), lines, ["1:X"], ["1:X"])
     omega2 = (2.0 * np.pi * lines) ** 2
     assert np.abs(clean.values[:, 0, 0] * (1.3e4 * (1.0 + 0.02j) - omega2) - 1.0).max() < 1e-12
