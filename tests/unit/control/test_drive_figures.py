@@ -202,6 +202,13 @@ def test_a_ratio_that_contradicts_the_model():
         drive_figures(model, "1:RZ", "3:RZ", ratio=-48)
 
 
+def test_a_stated_ratio_may_be_off_by_a_thousandth():
+    model = drivetrain(two_mass())
+    assert_allclose(drive_figures(model, "1:RZ", "3:RZ", ratio=-50 * 1.0009).ratio, -50)
+    with pytest.raises(ModelError, match="times as fast"):
+        drive_figures(model, "1:RZ", "3:RZ", ratio=-50 * 1.0011)
+
+
 def test_a_second_drive_that_is_free_changes_no_stiffness():
     """Two trains on one structure: with one at rest the stiffness matrix stays singular."""
     both = updyn.Model.from_groups(

@@ -6,12 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy.linalg
 
 import updyn
 from nonlinear_plants import one_inertia
 from updyn.control.antiresonances import antiresonance_shifts, find_antiresonances, find_dips
 from updyn.control.causal import Circle
 from updyn.control.files.description import describe_plant
+from updyn.control.job.plant_result import resolving_lines
 from updyn.control.lines import dense_lines
 from updyn.control.ports import as_ports
 from updyn.control.sampled import sampled
@@ -100,6 +102,30 @@ def test_the_circle_resolves_the_margin():
     assert wide.n == 2**16
     assert wide.margin == pytest.approx(TWO_PI * 24 * 1001.0 / (2.0 * np.sqrt(1e3)) / 2**16)
     assert Circle.of((0.0, 1e3)).scale == pytest.approx(np.sqrt(1e3))
+
+
+def oscillators(frequencies, damping):
+    """Return a plant with modes in parallel."""
+    plant, omega = one_inertia(), TWO_PI * np.asarray(frequencies)
+    A = scipy.linalg.block_diag(*([[0.0, 1.0], [-(w**2), -2.0 * damping * w]] for w in omega))
+    n = len(A)
+    B, C = np.zeros((n, 2)), np.zeros((2, n))
+    return replace(plant, A=A, B=B, C=C, band=(1.0, 100.0))
+
+
+def test_lines_of_a_comparison_reach_six_half_widths_from_a_mode():
+    lines = resolving_lines(oscillators([10.0], 1e-4))
+    near = lines[np.abs(lines - 10.0) < 0.0065]
+    np.testing.assert_allclose(near[[0, -1]], [9.994, 10.006], rtol=1e-9)
+    assert len(near) == 13
+    assert 550 < len(lines) <= 2 * 300 + 13
+
+
+def test_eighty_modes_have_lines_around_them():
+    frequencies = np.linspace(2.0, 99.0, 81) + 0.0123
+    lines = resolving_lines(oscillators(frequencies, 1e-5))
+    has_lines = [bool((np.abs(lines - f) < 3e-4 * f).sum() >= 10) for f in frequencies]
+    assert sum(has_lines) == 80
 
 
 # -- target and poles -----------------------------------------------------------------------------
