@@ -27,7 +27,8 @@ from updyn.updating.fit.settings import (
 )
 from updyn.updating.judge.settings import EXPERIMENT_ADVICE
 from updyn.updating.problem import noise, residuals
-from updyn.updating.problem.noise import estimated, neighbours
+from updyn.updating.problem.noise import estimated
+from updyn.updating.problem.noise.settings import LINE_SCATTER
 from updyn.updating.problem.settings import LINE_DESIGN, SEARCH_DATA
 
 TEXT = " ".join((ROOT / "docs" / "method.md").read_text(encoding="utf-8").split())
@@ -86,9 +87,9 @@ def gear_train(omega: list[float]) -> updyn.UpdateResult:
 def test_the_floor_of_lines_is_described() -> None:
     text = " ".join((ROOT / "docs" / "noise.md").read_text(encoding="utf-8").split())
     assert f"by a factor of {estimated._SHRUNK:.3f}, which is divided out" in text
-    assert estimated._FEWEST_LINES == 20
+    assert LINE_SCATTER.least_lines == 20
     assert "fewer than twenty lines" in text
-    assert f"E|dH|^2 ~ sum over {neighbours.WINDOW} lines" in text
+    assert f"E|dH|^2 ~ sum over {LINE_SCATTER.window_lines} lines" in text
 
 
 def test_the_paper_determines_17_of_18() -> None:

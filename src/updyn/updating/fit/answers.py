@@ -272,7 +272,7 @@ def find_promising_points(
     Each unknown is moved alone, to its start and to either side, and parts of the structure are
     exchanged. At most `most` points are evaluated, most of them on few lines.
     """
-    problem = models.exact
+    problem, number = models.exact, FURTHER_ANSWERS.most_promising
     points = chain(exchange_groups(problem, answer.x), _move_each_unknown(problem, answer.x))
     tries = list({x.tobytes(): x for x in points}.values())[:most]
     screen = Screen.of(models.rough, answer.x, answer.noises, answer.residual)
@@ -283,17 +283,15 @@ def find_promising_points(
         tries = [
             x
             for lot in (near, far)
-            for x in screen.rank(
-                lot, [distance(answer, x) for x in lot], FURTHER_ANSWERS.most_promising
-            )
+            for x in screen.rank(lot, [distance(answer, x) for x in lot], number)
         ]
     else:
-        tries = screen.select_best(tries, FURTHER_ANSWERS.most_promising)
+        tries = screen.select_best(tries, number)
     worse = np.array([negative_log_likelihood(x) for x in tries]) - answer.negative_log_likelihood
     # Points are kept if they double the misfit at most.
-    most = max(problem.n_numbers / 2, FURTHER_ANSWERS.fair_rise)
-    promising = [i for i in np.argsort(worse) if worse[i] <= most]  # all with heavy tails
-    return [tries[i] for i in promising[: FURTHER_ANSWERS.most_promising]]
+    largest_rise = max(problem.n_numbers / 2, FURTHER_ANSWERS.fair_rise)
+    promising = [i for i in np.argsort(worse) if worse[i] <= largest_rise]  # all with heavy tails
+    return [tries[i] for i in promising[:number]]
 
 
 def _move_each_unknown(problem: Problem, x: _Vector) -> Iterator[_Vector]:

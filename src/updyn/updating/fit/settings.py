@@ -11,7 +11,7 @@ class TrustRegionSettings:
     """Numbers of a descent in a trust region."""
 
     #: [1] Largest component of a step that is rounding; a descent with longer steps goes on. Why:
-    #: a hundred times the square root of the unit roundoff, up to which a cost is flat about its
+    #: rounding; above the square root of the unit roundoff, within which a cost is flat about its
     #: minimum.
     step_rounding: float = 1e-6
     #: [1] Predicted decrease, as a share of the cost, below which a point is next to a minimum; a
@@ -31,19 +31,17 @@ class CurvatureSettings:
     """Numbers that decide when the learnt curvature replaces the Gauss-Newton model."""
 
     #: [1] Relative error with which the Gauss-Newton model may predict the gain of a step; beyond
-    #: it, the learnt curvature is considered. Why: a rule of thumb; trust regions shrink at the
-    #: same ratio.
+    #: it, the learnt curvature is considered. Why: a rule of thumb.
     prediction_error: float = 0.25
-    #: [1] Share of the cost that a step has to gain for the Gauss-Newton model to be kept,
-    #: whatever it predicted. Why: a rule of thumb after Fletcher & Xu (1987), who keep Gauss-Newton
-    #: steps while they lower the cost.
+    #: [1] Share of the cost that a step has to gain for the Gauss-Newton model to be kept, whatever
+    #: it predicted. Why: a rule of thumb; a criterion of the same form is that of Fletcher & Xu
+    #: (1987).
     large_decrease: float = 0.02
     #: [1] Longest step after which the learnt curvature is used. Why: farther from a minimum,
     #: Gauss-Newton steps reach the right one at least as often (benchmarks/basin.py).
     longest_step: float = 0.05
     #: [1] Share of the cost below which a predicted gain is rounding and shows nothing about the
-    #: model. Why: some thousand times the unit roundoff, the error of a cost summed over many
-    #: values.
+    #: model. Why: rounding of a cost summed over many values.
     rounding_share: float = 1e-12
     #: [1] Smallest cosine between a step and the missing change of the gradient for an update.
     #: Why: the usual safeguard of the symmetric rank-one update (Conn, Gould & Toint, 1991).
@@ -58,10 +56,10 @@ class DescentSettings:
     """Numbers of descents in sequence."""
 
     #: [descents] Largest number of times that the spread of a residual is estimated in turn with
-    #: the unknowns. Why: a limit of the effort; the spread usually settles in two or three.
+    #: the unknowns. Why: a limit of the effort.
     most_scales: int = 8
     #: [descents] Largest number of times that undetermined combinations are pulled back towards the
-    #: start. Why: a limit of the effort; the combinations turn little after the first.
+    #: start. Why: a limit of the effort.
     most_pulls: int = 4
     #: [1] Cost for each value up to which a residual is rounding, so that a pull may raise it to
     #: that. Why: the square of 1e-10, a relative error some digits above the unit roundoff.
@@ -79,8 +77,8 @@ class CheckpointSettings:
     """Numbers of a file of evaluations."""
 
     #: [s] Interval between calls of fsync; a loss of power costs the evaluations since the last.
-    #: Why: fsync takes some ten milliseconds on a disk, evaluations may take one; the end of the
-    #: process loses nothing at any interval.
+    #: Why: a rule of thumb; an evaluation may take less time than fsync, and the end of the process
+    #: loses nothing.
     sync_interval_s: float = 1.0
 
 
@@ -120,8 +118,8 @@ class AcceptanceSettings:
     """Numbers that decide whether the end of a try of a search is the answer."""
 
     #: [1] Relative difference of costs, or square of the change of the residual as a share of the
-    #: cost, up to which two ends are in one basin. Why: a rule of thumb; ends of one basin differ
-    #: by the tolerance of a try.
+    #: cost, up to which two ends are in one basin. Why: a rule of thumb, above the tolerance of a
+    #: try.
     same_basin_share: float = 1e-3
     #: [1] Largest serial correlation of a residual that may be noise. Why: a rule of thumb, between
     #: noise (0) and errors of the model (near 1 on dense lines).
@@ -130,7 +128,7 @@ class AcceptanceSettings:
     #: is plausible without another that agrees. Why: a rule of thumb.
     certain_correlation: float = 0.1
     #: [1] Ratio of a log error to the expected one of the noise up to which noise explains it. Why:
-    #: a rule of thumb; allows for a noise level that is known to 20 %.
+    #: a rule of thumb; allows for a noise level that is too small by a fifth.
     explained_ratio: float = 1.5
     #: [1] Log misfit (rms) above which a residual is not noise. Why: a rule of thumb; 30 % of every
     #: value is more than usual noise.
@@ -156,11 +154,11 @@ ACCEPTANCE = AcceptanceSettings()
 class AnswerResidualSettings:
     """Numbers that decide whether a residual is more than noise."""
 
-    #: [lines] Least number of lines for a judgement of the serial correlation. Why: with fewer, the
-    #: correlation of noise exceeds its limits too often.
+    #: [lines] Least number of lines for a judgement of the serial correlation. Why: a rule of
+    #: thumb; with fewer, that of noise is often large.
     least_lines: int = 8
     #: [1] Serial correlation above which the residual of an answer is more than noise. Why: a rule
-    #: of thumb; four standard deviations of that of noise on 400 values.
+    #: of thumb.
     largest_correlation: float = 0.2
     #: [1] Probability below which noise of known size does not explain the size of a residual; it
     #: is divided among the tests. Why: chi-square or F test at the level of 0.1 %.
@@ -184,10 +182,11 @@ class AnswerSettings:
     #: a normal distribution.
     distinct_stds: float = 3.0
     #: [1] Spread of factors about their start, in the logarithm, that decides between answers that
-    #: fit equally well and over which further answers are searched for. Why: a factor of e covers
-    #: the usual errors of a model.
+    #: fit equally well and over which further answers are searched for. Why: a rule of thumb: a
+    #: factor of e.
     log_spread: float = 1.0
-    #: [1] The same for loss factors. Why: a loss factor above 0.3 is rare even in rubber.
+    #: [1] The same for loss factors. Why: a rule of thumb, well above the loss factors of metal
+    #: structures.
     loss_spread: float = 0.3
 
 
@@ -281,7 +280,7 @@ class SearchSettings:
     #: try; the end is refined on all lines.
     few_lines: int = 32
     #: [values] Least number of measured numbers for each unknown on the few lines. Why: a rule of
-    #: thumb; with fewer, the few lines have minima that all lines lack.
+    #: thumb; fewer hardly determine the unknowns.
     numbers_per_unknown: int = 4
     #: [tries] Largest number of tries that a user may request. Why: the starts of all tries are
     #: drawn together.
@@ -291,8 +290,8 @@ class SearchSettings:
     #: [1] Ratio of the steps of the continued best try to those of a try. Why: a limit of the
     #: effort.
     continued_ratio: int = 5
-    #: [1] Relative decrease of the cost at which a try ends. Why: 0.01 standard deviations on some
-    #: hundred lines; a fit follows.
+    #: [1] Relative decrease of the cost at which a try ends. Why: about 0.01 standard deviations; a
+    #: fit follows.
     negligible_decrease: float = 1e-5
     #: [tries] Number of tries without a plausible end after which a fault of the data is
     #: considered. Why: the first tries with all levels of loss factors have then failed.
@@ -321,9 +320,9 @@ class TryStartSettings:
     #: some of the answers that it misses (damping equalisation).
     loss_levels: tuple[float, ...] = (0.3, 0.1, 1.0)
     #: [1] Distances from an end, in turn, at which tries near it start, in logarithms of factors.
-    #: Why: minima occur in groups, some ten percent apart.
+    #: Why: a rule of thumb; minima occur in groups.
     nearby_logs: tuple[float, ...] = (0.1, 0.2)
-    #: [1] The same for loss factors. Why: the usual size of a loss factor.
+    #: [1] The same for loss factors. Why: a rule of thumb.
     nearby_loss: float = 0.02
     #: [tries] Period of those tries near an end that begin with one unknown put back to its start.
     #: Why: a rule of thumb.
@@ -331,8 +330,8 @@ class TryStartSettings:
     #: [1] Share of the lines, drawn at random, on which every other try that begins in an end
     #: descends first. Why: a wrong minimum on all lines is seldom one on a third of them.
     random_share: float = 1.0 / 3.0
-    #: [1] Share of the lines, a contiguous band, on which the others descend first. Why: as for
-    #: the random lines; a band has fewer resonances to assign.
+    #: [1] Share of the lines, a contiguous band, on which the others descend first. Why: as for the
+    #: random lines.
     band_share: float = 0.5
     #: [1] Ratio to the number of tries of the search, of tries near an end that found none better
     #: after which they stop. Why: a limit of the effort.
@@ -349,8 +348,8 @@ class ReducedTierSettings:
     #: [DOFs] Size above which models are reduced if no tier is forced. Why: about there the reduced
     #: tier takes less time (benchmarks/tiers.py).
     most_exact_dofs: int = 600
-    #: [lines] Least number of lines for that. Why: with fewer lines the bases cost more than they
-    #: save (benchmarks/tiers.py).
+    #: [lines] Least number of lines for that. Why: a rule of thumb; with few lines, a basis costs
+    #: more than it saves.
     least_lines: int = 40
     #: [1] Largest accepted error as a share of the faintest channel. Why: a rule of thumb, below
     #: usual noise of that channel.
@@ -373,10 +372,9 @@ REDUCED_TIER = ReducedTierSettings()
 class ReducedFitSettings:
     """Numbers of the rounds of a fit in a reduced model."""
 
-    #: [1] Trust radius of a basis in logarithms of factors. Why: a rule of thumb; a basis with its
-    #: derivatives holds for changes of some ten percent.
+    #: [1] Trust radius of a basis in logarithms of factors. Why: a rule of thumb.
     radius: float = 0.2
-    #: [1] Trust radius for loss factors that are small. Why: a rule of thumb, as for factors.
+    #: [1] Trust radius for loss factors that are small. Why: a rule of thumb.
     loss_radius: float = 0.05
     #: [steps] Largest number of steps of a round that may leave the trust radius. Why: a limit of
     #: the effort in a basis that is about to be renewed.
@@ -405,8 +403,8 @@ class ReducedFitSettings:
     #: [1] Factor by which the trust radius grows in each round with an enriched basis. Why: a rule
     #: of thumb.
     radius_growth: float = 2.0
-    #: [vectors] Size above which a basis is compressed. Why: dense solves take longer than the
-    #: compression.
+    #: [vectors] Size above which a basis is compressed. Why: dense solves slow down with the size
+    #: of the basis.
     most_vectors: int = 400
 
 
@@ -417,14 +415,13 @@ REDUCED_FIT = ReducedFitSettings()
 class SearchBasisSettings:
     """Numbers of the reduced model in which a search is made."""
 
-    #: [points] Least number of points around the start that span the basis. Why: a rule of thumb
-    #: for few unknowns (benchmarks/solids.py).
+    #: [points] Least number of points around the start that span the basis. Why: a rule of thumb.
     least_points: int = 8
     #: [points] Largest number of points around the start that span the basis; two for each factor
-    #: in between. Why: a limit of the effort (benchmarks/solids.py).
+    #: in between. Why: a limit of the effort.
     most_points: int = 24
-    #: [points] Number of sample points whose response fields select among the vectors. Why: more
-    #: than the points, so that they show what the points lack.
+    #: [points] Number of sample points whose response fields select among the vectors. Why: a rule
+    #: of thumb; more than the points, so that they show what the points lack.
     samples: int = 40
     #: [1] Square root of the share of the energy of these fields that may be dropped. Why: below
     #: usual noise.
@@ -447,7 +444,7 @@ class ReducedAnswerSettings:
     #: fitted and certified afterwards.
     error_ratio: float = 10.0
     #: [vectors] Largest number of vectors added to the basis of the answer before they are dropped.
-    #: Why: dense solves take longer with each.
+    #: Why: dense solves slow down with the size of the basis.
     most_added: int = 200
     #: [1] Share of the trust radius of the answer within which its basis is not enriched. Why: a
     #: rule of thumb.
@@ -467,8 +464,8 @@ REDUCED_ANSWERS = ReducedAnswerSettings()
 class RegularisationSettings:
     """Numbers of the choice of a regularisation."""
 
-    #: [points] Number of strengths on the logarithmic grid whose best point is refined. Why: finer
-    #: than the valleys of the criteria, which are about as wide as the gap of singular values.
+    #: [points] Number of strengths on the logarithmic grid whose best point is refined. Why: a rule
+    #: of thumb; the best is refined.
     grid_points: int = 400
     #: [1] First and smallest strength. Why: a prior with a standard deviation of a factor of e
     #: hardly affects determined unknowns.
@@ -477,8 +474,7 @@ class RegularisationSettings:
     most_strengths: int = 8
     #: [fits] Largest number of fits with new directions. Why: a limit of the effort.
     most_turns: int = 4
-    #: [1] Change of the logarithm of a strength below which it has settled. Why: a rule of thumb;
-    #: 5 % of a prior is less than it is known to.
+    #: [1] Change of the logarithm of a strength below which it has settled. Why: a rule of thumb.
     settled_log: float = 0.05
     #: [1] Cosine above which directions have settled. Why: a rule of thumb; an angle of 0.8
     #: degrees.

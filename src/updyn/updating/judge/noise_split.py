@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from updyn.updating.judge.settings import NOISE_RATIOS
 from updyn.updating.problem.noise import level_by_unit
 from updyn.updating.problem.noise.estimated import ratio_range
-from updyn.updating.problem.noise.known import SMALLEST
+from updyn.updating.problem.noise.settings import NOISE_LIMITS
 from updyn.updating.problem.problem import FRFPart, Problem
 
 __all__ = ["covariance_over_ratios"]
@@ -46,9 +46,9 @@ def covariance_over_ratios(
         root = 1.0 / np.hypot(ratio * size, level)
         Q, R = np.linalg.qr(root[:, None] * J)
         along = Q.T @ (root * r)
-        square = max(float(np.sum((root * r) ** 2) - along @ along), SMALLEST**2)
+        square = max(float(np.sum((root * r) ** 2) - along @ along), NOISE_LIMITS.least_noise**2)
         diagonal, std = np.abs(np.diag(R)), np.sqrt(square / spare)
-        if not diagonal.min() > SMALLEST * diagonal.max():
+        if not diagonal.min() > NOISE_LIMITS.least_noise * diagonal.max():
             return None
         prior = std * weight
         stacked = np.column_stack([R, along])
@@ -75,7 +75,9 @@ def _weighted_rows(part: FRFPart, x: _Real, floor: float) -> tuple[_Real, _Real,
     H = np.concatenate([block.H for block in blocks])
     dH = np.concatenate([block.dH for block in blocks if block.dH is not None], axis=1)
     level = np.broadcast_to(level_by_unit(part.frf), H.shape)
-    is_above_rounding = np.maximum(np.abs(H), np.abs(part.frf.values)) > SMALLEST * level
+    is_above_rounding = (
+        np.maximum(np.abs(H), np.abs(part.frf.values)) > NOISE_LIMITS.least_noise * level
+    )
     J, r = dH[:, is_above_rounding].T, (part.frf.values - H)[is_above_rounding]
     size, level = floor * np.abs(H[is_above_rounding]), floor * level[is_above_rounding]
     return (

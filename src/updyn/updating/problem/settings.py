@@ -13,17 +13,16 @@ class EvaluationSettings:
     #: after Ctrl-C.
     block_bytes: int = 12 * 2**20
     #: [operations] Floating-point operations of one evaluation above which its lines are
-    #: distributed over workers; below, whole descents are. Why: some tenth of a second, a hundred
-    #: times the exchange of data with a worker.
+    #: distributed over workers; below, whole descents are. Why: some tenth of a second.
     distributed_work: float = 5e8
     #: [operations] Floating-point operations above which an evaluation is not started after a stop
     #: request. Why: some ten seconds, which a user would notice.
     long_work: float = 5e10
-    #: [bytes] Size of the cache of the most recent evaluations. Why: the evaluations of a few
-    #: descents, and small beside the memory of a computer.
+    #: [bytes] Size of the cache of the most recent evaluations. Why: a rule of thumb; small for the
+    #: memory of a computer.
     cache_bytes: int = 64 * 2**20
-    #: [s] Time after a stop request in which evaluations still start. Why: enough to end with
-    #: standard deviations of a small model, and short for a user.
+    #: [s] Time after a stop request in which evaluations still start. Why: a rule of thumb; enough
+    #: to complete small fits.
     finishing_time: float = 2.0
     #: [s] Interval after which a callback is also asked for a stop before an evaluation. Why: a
     #: user notices a longer delay; a callback may be slow.
@@ -37,15 +36,16 @@ EVALUATION = EvaluationSettings()
 class TriangleSettings:
     """Numbers of the QR factorisation of a Jacobian; results agree to rounding."""
 
-    #: [columns] Columns of a panel of reflections. Why: the fastest of 8, 16 and 32.
+    #: [columns] Columns of a panel of reflections. Why: narrow panels are several times faster for
+    #: tall blocks than one panel.
     panel_columns: int = 16
     #: [blocks] Number of blocks stacked at a time. Why: a limit of the memory.
     stacked_blocks: int = 8
-    #: [1] Ratio of rows to columns above which a triangle is found by Cholesky factors. Why: below,
-    #: reflections take as little time.
+    #: [1] Ratio of rows to columns above which a triangle is found by Cholesky factors. Why: a rule
+    #: of thumb; the preconditioning pays for tall blocks only.
     tall_ratio: int = 20
     #: [1] Ratio of rows to columns of the sample that shows the correlation of the columns. Why: a
-    #: few times the columns suffice (Garrison & Ipsen, 2024).
+    #: rule of thumb.
     sample_ratio: int = 4
     #: [rows] Number of rows processed at a time. Why: they fit the processor's cache.
     strip_rows: int = 2048
@@ -69,8 +69,8 @@ class LineDesignSettings:
     #: selects lines on its flanks.
     least_loss_factor: float = 0.02
     #: [1] Ratio of lines to unknowns up to which lines are exchanged after the greedy selection.
-    #: Why: the first lines were selected when the information was nearly singular, which matters
-    #: only among few.
+    #: Why: a limit of the effort; the first lines, selected when the information was nearly
+    #: singular, matter among few.
     exchanged_ratio: int = 2
 
 
@@ -97,8 +97,7 @@ OPTIMAL_DESIGN = OptimalDesignSettings()
 class ModePairSettings:
     """Numbers that decide which measured modes and modes of the model are compared."""
 
-    #: [1] Smallest MAC at which two modes count as similar. Why: a common rule of thumb; 0.9 is
-    #: called well correlated.
+    #: [1] Smallest MAC at which two modes count as similar. Why: a common rule of thumb.
     similar_mac: float = 0.8
     #: [MAC] Cost in the pairing of a factor of e between two frequencies. Why: a rule of thumb; it
     #: decides between shapes that are alike because sensors are few.

@@ -16,7 +16,7 @@ from updyn.updating.problem.noise import (
     Variance,
     choose_noise,
 )
-from updyn.updating.problem.noise.robust import FREEDOM
+from updyn.updating.problem.noise.settings import ROBUST_NOISE
 
 FREQ = 1.0 + np.arange(60.0)
 SHAPE = (60, 2, 1)
@@ -116,7 +116,7 @@ def student(residual, variance):
     total = 0.0
     for r, v in zip(residual.ravel(), variance.ravel(), strict=True):
         total += scipy.stats.multivariate_t.logpdf(
-            [r.real, r.imag], shape=0.5 * v * np.eye(2), df=FREEDOM
+            [r.real, r.imag], shape=0.5 * v * np.eye(2), df=ROBUST_NOISE.freedoms
         )
     return total
 

@@ -5,8 +5,9 @@ import pytest
 
 import updyn
 from updyn.updating.problem.noise import Estimated, EstimatedByChannel, level_by_unit
-from updyn.updating.problem.noise.estimated import _CONTRADICTS, estimate_floor, find_own_floors
+from updyn.updating.problem.noise.estimated import estimate_floor, find_own_floors
 from updyn.updating.problem.noise.neighbours import estimate_scatter
+from updyn.updating.problem.noise.settings import LINE_SCATTER
 
 
 def circular(seed, shape):
@@ -152,7 +153,7 @@ def test_the_odds_from_which_a_floor_is_a_sensors_own():
     """100 to 1, a fifth of the values counting: ln(100) in all."""
     unlike = [with_floors((0.01, 0.01 * factor)) for factor in (1.15, 3.0)]
     assert [bool(find_own_floors(one, estimate_floor(one))) for one in unlike] == [False, True]
-    assert np.log(100.0) == pytest.approx(_CONTRADICTS)
+    assert np.log(100.0) == pytest.approx(LINE_SCATTER.own_floor_log_odds)
 
 
 def test_few_lines_have_no_floors_of_their_own():

@@ -48,7 +48,7 @@ from updyn.updating.fit.valley import find_valleys, fix_unknown
 from updyn.updating.problem.local import Local, join_locals
 from updyn.updating.problem.modal import ModalError
 from updyn.updating.problem.noise import NoiseModel
-from updyn.updating.problem.noise.estimated import FEW
+from updyn.updating.problem.noise.settings import NOISE_LIMITS
 from updyn.updating.problem.problem import Problem
 from updyn.updating.problem.residuals import OutputError, OutputErrorSet, add_prior
 from updyn.updating.problem.session import Stopped
@@ -669,8 +669,8 @@ def _with_common_freedom(
     sizes += [part.n_numbers for part in problem.modal]
     shares = np.array(sizes) / sum(sizes)
     few = [s**2 / record[name] for s, record in zip(shares, records, strict=True) if name in record]
-    freedom = round(1.0 / sum(few)) if few else FEW
-    if freedom >= FEW:
+    freedom = round(1.0 / sum(few)) if few else NOISE_LIMITS.many_freedoms
+    if freedom >= NOISE_LIMITS.many_freedoms:
         return [{k: v for k, v in record.items() if k != name} for record in records]
     return [{**record, name: freedom} for record in records]
 

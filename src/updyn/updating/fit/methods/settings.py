@@ -10,8 +10,7 @@ from dataclasses import dataclass
 class MaximumLikelihoodSettings:
     """Numbers of the descents of a maximum-likelihood fit."""
 
-    #: [rounds] Largest number of times that the weights are renewed. Why: a limit of the effort;
-    #: weights and estimate usually settle in four.
+    #: [rounds] Largest number of times that the weights are renewed. Why: a limit of the effort.
     weight_rounds: int = 12
     #: [std] Length of the last move of the estimate above which weights and estimate have not
     #: settled. Why: a move within one standard deviation is not significant.
@@ -22,8 +21,8 @@ class MaximumLikelihoodSettings:
     #: [1] Decrease of half the chi-square at which a descent ends. Why: a hundredth of a standard
     #: deviation (Bates & Watts, 1981).
     negligible_decrease: float = 5e-5
-    #: [tries] Least number of tries with which agreement between tries is required. Why: fewer
-    #: cannot agree by chance.
+    #: [tries] Least number of tries with which agreement between tries is required. Why: a rule of
+    #: thumb; of fewer tries, agreement cannot be expected.
     agreement_tries: int = 3
 
 
@@ -41,8 +40,8 @@ class FurtherDescentSettings:
     #: the end is promising; nearly half a standard deviation.
     negligible_decrease: float = 0.1
     #: [1] Decrease of the log-likelihood from the best answer to the end of a first descent up to
-    #: which a fit follows. Why: a rule of thumb, several times the difference of equal answers,
-    #: because the end has weights of another answer.
+    #: which a fit follows. Why: a rule of thumb, above the difference of equal answers, because the
+    #: end has the weights of another answer.
     fitted_log_odds: float = 15.0
     #: [1] Difference of log-likelihoods up to which two ends belong to the same answer. Why: the
     #: difference at one standard deviation.
@@ -74,8 +73,8 @@ class GlobalSearchSettings:
     #: chain of four springs, the rarest was reached by 4 of 80 tries; 160 tries miss it with a
     #: probability of 3e-4.
     tries_ratio: int = 20
-    #: [1] Distance of the tries from the start in logarithms of factors. Why: a factor of 5 covers
-    #: large errors of a model.
+    #: [1] Distance of the tries from the start in logarithms of factors. Why: a rule of thumb: a
+    #: factor of 5.
     log_distance: float = math.log(5.0)
 
 
@@ -108,11 +107,10 @@ class SandwichSettings:
     """Numbers of the covariance of a fit whose weights are not those of the noise."""
 
     #: [1] Ratio to the rank tolerance of the singular value below which a direction is hardly
-    #: determined and keeps its length in the Jacobian. Why: rounding of the noise of a direction
-    #: near the rank tolerance.
+    #: determined and keeps its length in the Jacobian. Why: a rule of thumb for rounding.
     clear_ratio: float = 10.0
-    #: [1] Ratio of noise to |H| above which curvature biases the logarithm of a value. Why: the
-    #: bias of the logarithm is about half the squared ratio.
+    #: [1] Ratio of noise to |H| above which curvature biases the logarithm of a value. Why: a rule
+    #: of thumb.
     loud_noise: float = 0.5
     #: [1] Share of such values above which a note is given. Why: a rule of thumb.
     noted_share: float = 0.02
@@ -126,7 +124,7 @@ class ReducedFRFSettings:
     """Numbers of the messages on reduced FRFs."""
 
     #: [1] Relative error of the reduced FRFs up to which a message calls them correct. Why: a rule
-    #: of thumb, several times the usual noise.
+    #: of thumb.
     small_error: float = 0.1
 
 

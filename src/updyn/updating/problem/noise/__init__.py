@@ -32,7 +32,8 @@ from updyn.updating.problem.noise.known import (
     level_by_unit,
 )
 from updyn.updating.problem.noise.repeats import average
-from updyn.updating.problem.noise.robust import FREEDOM, Robust
+from updyn.updating.problem.noise.robust import Robust
+from updyn.updating.problem.noise.settings import ROBUST_NOISE
 
 __all__ = [
     "ASSUMED",
@@ -96,7 +97,7 @@ def choose_noise(noise: NoiseChoice, frf: FRF) -> NoiseModel:
             " the two",
             key=("noise",),
         )
-    tails = np.inf if robust is None else FREEDOM
+    tails = np.inf if robust is None else ROBUST_NOISE.freedoms
     stated = numbers or not (robust or "source" in noise)
     model = _make_stated(numbers) if stated else _choose_source(noise.get("source"), frf, tails)
     return model if robust is None else Robust(model)

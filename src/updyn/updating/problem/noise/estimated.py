@@ -11,17 +11,16 @@ from numpy.typing import NDArray
 from updyn.frf import FRF
 from updyn.updating.problem.noise.known import (
     ASSUMED,
-    SMALLEST,
     Assumed,
     NoiseModel,
     Stated,
     level_by_unit,
     two_part_variance,
 )
-from updyn.updating.problem.noise.neighbours import WINDOW, estimate_scatter
+from updyn.updating.problem.noise.neighbours import estimate_scatter
+from updyn.updating.problem.noise.settings import ESTIMATED_NOISE, LINE_SCATTER, NOISE_LIMITS
 
 __all__ = [
-    "FEW",
     "Estimated",
     "EstimatedByChannel",
     "fit_two_numbers",
@@ -31,16 +30,6 @@ __all__ = [
 _Real = NDArray[np.float64]
 #: Pairs of response label and noise floor.
 Floors: TypeAlias = "tuple[tuple[str, float], ...]"
-
-_SAMPLES = 20_000
-#: If there are fewer degrees of freedom than this, only a common scale is estimated.
-FEW = 30
-#: Bounds of the logarithms of relative noise and floor. Noise as large as the response carries no
-#: information.
-_RANGE = (np.log(SMALLEST), 0.0)
-#: Number of ratios (relative noise over floor) in the search, and margin of the search range in
-#: logarithm beyond the ratios at which both are equally large.
-_RATIOS, _FAR = 40, np.log(1e3)
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +74,7 @@ class Estimated(NoiseModel):
         freedom = 2 * residual.n_values - n_parameters
         if freedom <= 0:
             return Assumed(**ASSUMED)
-        if freedom < FEW:
+        if freedom < NOISE_LIMITS.many_freedoms:
             relative, floor = residual.fit_scale(freedom)
             return replace(self, relative=relative, floor=floor, spare=freedom)
         relative, floor = residual.fit_two_numbers(freedom, self.tails)
@@ -112,7 +101,7 @@ class _NoiseResidual:
     @classmethod
     def of(cls, H: NDArray[np.complex128], frf: FRF) -> _NoiseResidual:
         level = np.broadcast_to(level_by_unit(frf), H.shape)
-        is_nonzero = np.maximum(np.abs(H), np.abs(frf.values)) > SMALLEST * level
+        is_nonzero = np.maximum(np.abs(H), np.abs(frf.values)) > NOISE_LIMITS.least_noise * level
         return cls(np.abs(H), level, np.abs(frf.values - H) ** 2, is_nonzero)
 
     @property
@@ -129,7 +118,7 @@ class _NoiseResidual:
     def fit_two_numbers(self, freedom: float, tails: float) -> tuple[float, float]:
         """Return relative noise and floor for a residual with `freedom` degrees of freedom."""
         if self.n_values == 0:
-            return SMALLEST, SMALLEST
+            return NOISE_LIMITS.least_noise, NOISE_LIMITS.least_noise
         squared = self.squared[self.is_nonzero] * (2 * self.n_values / freedom)
         return fit_two_numbers(
             self.size[self.is_nonzero], self.level[self.is_nonzero], squared, tails
@@ -138,14 +127,22 @@ class _NoiseResidual:
     def fit_scale(self, freedom: float) -> tuple[float, float]:
         """Return relative noise and floor at the middle of their `ratio_range`."""
         if self.n_values == 0:
-            return SMALLEST, SMALLEST
+            return NOISE_LIMITS.least_noise, NOISE_LIMITS.least_noise
         size, level = self.size[self.is_nonzero], self.level[self.is_nonzero]
         squared = self.squared[self.is_nonzero] * (2 * self.n_values / freedom)
         ratio = np.exp(np.mean(ratio_range(size, level)))
         shape = (ratio * size) ** 2 + level**2
         floor = np.sqrt(np.mean(squared / shape))
-        a, b = np.clip([ratio * floor, floor], *np.exp(_RANGE))
+        a, b = np.clip([ratio * floor, floor], *np.exp(_log_range()))
         return float(a), float(b)
+
+
+def _log_range() -> tuple[float, float]:
+    """Return the bounds of the logarithms of relative noise and floor.
+
+    Noise as large as the response carries no information.
+    """
+    return float(np.log(NOISE_LIMITS.least_noise)), 0.0
 
 
 def ratio_range(size: _Real, level: _Real) -> tuple[float, float]:
@@ -165,7 +162,7 @@ def fit_two_numbers(size: _Real, level: _Real, squared: _Real, tails: float) -> 
     """
     from scipy.optimize import minimize
 
-    stride = max(1, size.size // _SAMPLES)
+    stride = max(1, size.size // ESTIMATED_NOISE.most_values)
     size, level = size.ravel()[::stride], level.ravel()[::stride]
     squared = squared.ravel()[::stride]
     found = _fit_gaussian(size, level, squared)
@@ -184,13 +181,13 @@ def fit_two_numbers(size: _Real, level: _Real, squared: _Real, tails: float) -> 
             minimize(cost, np.log(start), method="Nelder-Mead", options=options) for start in tries
         ]
         found = np.exp(min(minima, key=lambda minimum: float(minimum.fun)).x)
-    a, b = np.clip(found, *np.exp(_RANGE))
+    a, b = np.clip(found, *np.exp(_log_range()))
     return float(a), float(b)
 
 
 def _variance(logs: NDArray[Any], size: _Real, level: _Real) -> _Real:
     """Return the variance for the logarithms of relative noise and floor."""
-    a, b = np.exp(np.clip(logs, *_RANGE))
+    a, b = np.exp(np.clip(logs, *_log_range()))
     return np.asarray((a * size) ** 2 + (b * level) ** 2)
 
 
@@ -200,14 +197,9 @@ def _student_cost(squared: _Real, variance: _Real, tails: float) -> _Real:
     return np.asarray(np.log(variance) + (0.5 * tails + 1.0) * far)
 
 
-#: Degrees of freedom of Student's distribution for the scatter between lines: up to a third of the
-#: scatter may be the shape of the resonances.
-_WILD = 1.0
 #: Estimate that this likelihood gives for Gaussian noise of standard deviation 1: it is largest at
 #: the s with a mean of 3 p / (1 + 2 p) of 1, with p = |r|^2 / s^2 of 2 complex degrees of freedom.
 _SHRUNK = 0.84129
-#: Fewest lines that distinguish noise from the shape of resonances: four adjacent windows.
-_FEWEST_LINES = 20
 
 
 def estimate_floor(frf: FRF) -> float:
@@ -217,18 +209,14 @@ def estimate_floor(frf: FRF) -> float:
     dense. The shape is proportional to the level: it counts as relative noise, which is discarded.
     0 for fewer than twenty lines, because resonances fill every window.
     """
-    if len(frf.freq) < _FEWEST_LINES:
+    if len(frf.freq) < LINE_SCATTER.least_lines:
         return 0.0
     squared = estimate_scatter(frf)
     level = np.broadcast_to(level_by_unit(frf), squared.shape)
     if not squared.any():
         return 0.0
-    return fit_two_numbers(np.abs(frf.values), level, squared, _WILD)[1] / _SHRUNK
-
-
-#: Largest number of values of a response in the estimate of its floor; log of the odds against the
-#: common floor from which the response has its own.
-_SAMPLES_OF_ONE, _CONTRADICTS = 2_000, float(np.log(100.0))
+    tails = LINE_SCATTER.tail_freedoms
+    return fit_two_numbers(np.abs(frf.values), level, squared, tails)[1] / _SHRUNK
 
 
 def find_own_floors(frf: FRF, common: float) -> Floors:
@@ -237,21 +225,21 @@ def find_own_floors(frf: FRF, common: float) -> Floors:
     The odds have to be 100 to 1, each with its best relative noise. Only one in five lines counts,
     because windows overlap.
     """
-    if len(frf.freq) < _FEWEST_LINES or len(frf.responses) < 2:
+    if len(frf.freq) < LINE_SCATTER.least_lines or len(frf.responses) < 2:
         return ()
     squared = estimate_scatter(frf)
     level = np.broadcast_to(level_by_unit(frf), squared.shape)
     found = []
     for i, label in enumerate(frf.responses.labels):
         n_values = squared[:, i].size
-        stride = max(1, n_values // _SAMPLES_OF_ONE)
+        stride = max(1, n_values // LINE_SCATTER.most_response_values)
         size, share, squared_of_response = (
             one[:, i].ravel()[::stride] for one in (np.abs(frf.values), level, squared)
         )
         if not squared_of_response.any():
             continue
         floor, gain = _estimate_own_floor(size, share, squared_of_response, common * _SHRUNK)
-        if gain * n_values / WINDOW > _CONTRADICTS:
+        if gain * n_values / LINE_SCATTER.window_lines > LINE_SCATTER.own_floor_log_odds:
             found.append((label, floor / _SHRUNK))
     return tuple(found)
 
@@ -262,12 +250,14 @@ def _estimate_own_floor(
     """Return the floor of a response and its mean gain in log-likelihood per value."""
     from scipy.optimize import minimize_scalar
 
-    def cost(log_relative: float, floor: float) -> float:
-        logs = np.array([log_relative, np.log(max(floor, SMALLEST))])
-        return float(np.mean(_student_cost(squared, _variance(logs, size, level), _WILD)))
+    tails = LINE_SCATTER.tail_freedoms
 
-    relative, floor = fit_two_numbers(size, level, squared, _WILD)
-    best = minimize_scalar(cost, bounds=_RANGE, method="bounded", args=(common,))
+    def cost(log_relative: float, floor: float) -> float:
+        logs = np.array([log_relative, np.log(max(floor, NOISE_LIMITS.least_noise))])
+        return float(np.mean(_student_cost(squared, _variance(logs, size, level), tails)))
+
+    relative, floor = fit_two_numbers(size, level, squared, tails)
+    best = minimize_scalar(cost, bounds=_log_range(), method="bounded", args=(common,))
     return floor, float(best.fun) - cost(np.log(relative), floor)
 
 
@@ -284,28 +274,25 @@ def _fit_gaussian(size: _Real, level: _Real, squared: _Real) -> _Real:
 
     def scale(log_ratio: float) -> tuple[_Real, float]:
         shape = (np.exp(log_ratio) * size) ** 2 + level**2
-        return shape, max(float(np.mean(squared / shape)), SMALLEST**2)
+        return shape, max(float(np.mean(squared / shape)), NOISE_LIMITS.least_noise**2)
 
     def cost(log_ratio: float) -> float:
         shape, floor = scale(log_ratio)
         return float(np.mean(np.log(shape)) + np.log(floor))
 
     if not size.any():
-        return np.array([SMALLEST, np.sqrt(scale(-np.inf)[1])])
+        return np.array([NOISE_LIMITS.least_noise, np.sqrt(scale(-np.inf)[1])])
     # The search covers ratios from a relative part of a thousandth of the floor at the largest
     # value to a floor of a thousandth of the relative part at the smallest value.
     low, high = ratio_range(size, level)
-    grid = np.linspace(low - _FAR, high + _FAR, _RATIOS)
+    margin, number = ESTIMATED_NOISE.ratio_margin, ESTIMATED_NOISE.ratio_points
+    grid = np.linspace(low - margin, high + margin, number)
     best = int(np.argmin([cost(ratio) for ratio in grid]))
-    bracket = grid[max(best - 1, 0)], grid[min(best + 1, _RATIOS - 1)]
+    bracket = grid[max(best - 1, 0)], grid[min(best + 1, number - 1)]
     options = {"xatol": 1e-4}
     ratio = float(minimize_scalar(cost, bounds=bracket, method="bounded", options=options).x)
     floor = np.sqrt(scale(ratio)[1])
-    return np.asarray(np.clip([np.exp(ratio) * floor, floor], *np.exp(_RANGE)))
-
-
-#: Fewest values of a sensor for an estimate of its noise; they determine its variance to 20 %.
-_ENOUGH = 25
+    return np.asarray(np.clip([np.exp(ratio) * floor, floor], *np.exp(_log_range())))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -353,7 +340,7 @@ class EstimatedByChannel(NoiseModel):
             return self
         residual = _NoiseResidual.of(H, frf)
         freedom = 2 * residual.n_values - n_parameters
-        if freedom <= 0 or H[:, 0].size < _ENOUGH:
+        if freedom <= 0 or H[:, 0].size < ESTIMATED_NOISE.least_channel_values:
             return Estimated(tails=self.tails).refit(H, frf, n_parameters)
         share = freedom / residual.n_values
         channels = [residual.of_response(i) for i in range(H.shape[1])]

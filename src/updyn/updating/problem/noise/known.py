@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from updyn.dofs import DofSet
 from updyn.errors import OptionError
 from updyn.frf import FRF
+from updyn.updating.problem.noise.settings import NOISE_LIMITS, SMOOTH_VARIANCE
 
 __all__ = [
     "ASSUMED",
-    "SMALLEST",
     "Assumed",
     "Coherence",
     "NoiseModel",
@@ -33,9 +33,6 @@ __all__ = [
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 
-#: Relative noise below this value is rounding error; the limit keeps the weights of exact data
-#: finite.
-SMALLEST = 1e-12
 
 #: Noise that is assumed if neither the user nor the data give its size.
 ASSUMED = {"relative": 0.05, "floor": 0.001}
@@ -138,7 +135,7 @@ class NoiseModel(ABC):
         power = np.abs(frf.values - H) ** 2 / v
         if self.scale_known:
             return float(np.sum(np.log(v) + power))
-        typical = max(float(np.mean(power)), SMALLEST)
+        typical = max(float(np.mean(power)), NOISE_LIMITS.least_noise)
         return float(np.sum(np.log(v)) + v.size * np.log(typical))
 
     def refit(self, H: _Complex, frf: FRF, n_parameters: int) -> NoiseModel:
@@ -216,7 +213,8 @@ def two_part_variance(
     relative: float | _Real, floor: float | _Real, H: _Complex, level: _Real
 ) -> _Real:
     """Return (relative |H|)^2 + (floor level)^2, shape (n_f, n_i, n_j)."""
-    return np.asarray((relative * np.abs(H)) ** 2 + (np.maximum(floor, SMALLEST) * level) ** 2)
+    floor = np.maximum(floor, NOISE_LIMITS.least_noise)
+    return np.asarray((relative * np.abs(H)) ** 2 + (floor * level) ** 2)
 
 
 @dataclass(frozen=True, slots=True)
@@ -279,10 +277,6 @@ class Variance(NoiseModel):
         return np.maximum(frf.variance, (1e-9 * level_by_unit(frf)) ** 2)
 
 
-#: Number of averages that the smoothing assumes if the data do not state it.
-_USUAL = 10
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Coherence(NoiseModel):
     """Noise with the variance |H_X|^2 (1 - gamma^2) / (gamma^2 (n - 1)), smoothed along the lines.
@@ -340,19 +334,8 @@ def _smooth_coherence(frf: FRF) -> SmoothVariance:
     size = np.abs(frf.values)
     share = (1.0 - gamma2) / (gamma2 * max((frf.averages or 2) - 1, 1))
     least = (1e-4 * size) ** 2 + (1e-6 * level_by_unit(frf)) ** 2
-    return smooth_variance(size**2 * share + least, size, max((frf.averages or _USUAL) - 1, 1))
-
-
-#: Degrees of freedom of a smoothed variance.
-_FREEDOM = 48
-#: A variance is an outlier above this multiple of the median of the surrounding lines.
-_APART = 10.0
-#: Iterations of the fit of floor and relative noise.
-_STEPS = 100
-#: Largest number of lines in that fit.
-_SAMPLES = 400
-#: Largest number of knots along the lines.
-_KNOTS = 8
+    averages = frf.averages or SMOOTH_VARIANCE.assumed_averages
+    return smooth_variance(size**2 * share + least, size, max(averages - 1, 1))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -378,10 +361,11 @@ def smooth_variance(variance: _Real, size: _Real, freedom: int) -> SmoothVarianc
     """
     from scipy.ndimage import uniform_filter1d
 
-    width = min(-(-_FREEDOM // freedom), len(variance) // 4) // 2 * 2 + 1
-    floor, relative = _fit_two_parts(variance, size, freedom, max(width, 7))
+    width = min(-(-SMOOTH_VARIANCE.smoothed_freedoms // freedom), len(variance) // 4) // 2 * 2 + 1
+    window = max(width, SMOOTH_VARIANCE.least_outlier_window)
+    floor, relative = _fit_two_parts(variance, size, freedom, window)
     ratio = variance / (floor + relative * size**2)
-    is_usual = _is_near_median(ratio, max(width, 7))
+    is_usual = _is_near_median(ratio, window)
     share = uniform_filter1d(is_usual.astype(float), width, axis=0, mode="reflect")
     total = uniform_filter1d(np.where(is_usual, ratio, 0.0), width, axis=0, mode="reflect")
     smooth = np.where(is_usual, total / np.maximum(share, 1e-9), ratio)
@@ -395,13 +379,14 @@ def _is_near_median(ratio: _Real, width: int) -> NDArray[np.bool_]:
     from scipy.ndimage import median_filter
 
     around = median_filter(ratio, size=(width, *(1,) * (ratio.ndim - 1)), mode="reflect")
-    return np.asarray(ratio <= _APART * around)
+    return np.asarray(ratio <= SMOOTH_VARIANCE.outlier_ratio * around)
 
 
 def _fit_two_parts(variance: _Real, size: _Real, freedom: int, width: int) -> tuple[_Real, _Real]:
     """Return the floor and the relative part of the variance, both of shape (n_f, ...)."""
     n_f, channels = len(variance), variance.shape[1:]
-    knots = int(np.clip(n_f * freedom // _FREEDOM, 1, _KNOTS))
+    wanted = n_f * freedom // SMOOTH_VARIANCE.smoothed_freedoms
+    knots = min(max(wanted, 1), SMOOTH_VARIANCE.most_knots)
     hats = _hat_functions(n_f, knots)
     v = variance.reshape(n_f, int(np.prod(channels)))
     s = np.maximum(size.reshape(v.shape), np.finfo(float).tiny ** 0.25) ** 2
@@ -410,9 +395,9 @@ def _fit_two_parts(variance: _Real, size: _Real, freedom: int, width: int) -> tu
     floor = np.tile(np.median(v, axis=0), (knots, 1))
     relative = np.tile(np.median(v / s, axis=0), (knots, 1))
     is_usual = _is_near_median(v / (floor[0] + relative[0] * s), width)
-    sample = slice(None, None, -(-n_f // _SAMPLES))
+    sample = slice(None, None, -(-n_f // SMOOTH_VARIANCE.most_lines))
     v, s, hat, counts = v[sample], s[sample], hats[sample], is_usual[sample].astype(float)
-    for _ in range(_STEPS):
+    for _ in range(SMOOTH_VARIANCE.iterations):
         model = hat @ floor + (hat @ relative) * s
         excess, inverse = counts * v / model**2, counts / model
         gains = [np.sqrt((hat.T @ (b * excess)) / (hat.T @ (b * inverse))) for b in (1.0, s)]

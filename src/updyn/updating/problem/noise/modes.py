@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -14,6 +14,7 @@ from scipy.special import chdtri
 from updyn.errors import OptionError, suggest
 from updyn.group import is_number
 from updyn.updating.problem.modal_rows import KINDS, ModalRows
+from updyn.updating.problem.noise.settings import MODAL_SIZES, NOISE_LIMITS
 
 __all__ = ["ASSUMED_OF_MODES", "ModalNoise", "choose_modal_noise"]
 
@@ -25,18 +26,6 @@ _Real = NDArray[np.float64]
 ASSUMED_OF_MODES: Mapping[str, float] = {"frequency": 0.01, "shape": 0.1, "loss_factor": 0.2}
 #: Kinds that the user can state.
 _STATED = (*ASSUMED_OF_MODES, "scale")
-#: Shares below this value are rounding error.
-_SMALLEST = 1e-8
-#: Weight of the typical size of a kind in the estimate, as a number of residuals. If the unknowns
-#: leave fewer degrees of freedom of a kind, its size is the typical one, not an estimate.
-_USUAL = 2.0
-#: Degrees of freedom below which confidence intervals are those of Student's distribution.
-_MANY = 30
-_ROUNDS, _SETTLED = 100, 1e-4
-#: Probability below which a residual contradicts the standard deviations of the data.
-_CONTRADICTED = 0.05
-#: Upper limit of the search for the added deviation, relative to the largest residual.
-_WIDEST = 1e3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -90,10 +79,10 @@ class ModalNoise:
         if not number:
             return self
         found = self
-        for _ in range(_ROUNDS):
+        for _ in range(MODAL_SIZES.most_rounds):
             before = dict(found.added)
             found = replace(self, added={**before, **_estimate_sizes(rows, number, before)})
-            if all(abs(found.added[k] - before[k]) <= _SETTLED * before[k] for k in number):
+            if _have_settled(found.added, before, number):
                 break
         return found
 
@@ -106,22 +95,24 @@ class ModalNoise:
         if not kinds:
             return self
         found = replace(self, kind="estimated")
-        for _ in range(_ROUNDS):
+        for _ in range(MODAL_SIZES.most_rounds):
             before = dict(found.added)
             leverage = _compute_leverage(rows, found.std(rows), rest)
             spare = {kind: rows.freedom(kind) - leverage[rows.of(kind)].sum() for kind in kinds}
             sizes = _estimate_sizes(rows, spare, before)
             found = replace(found, added={**before, **sizes})
-            if all(abs(sizes[k] - before[k]) <= _SETTLED * before[k] for k in kinds):
+            if _have_settled(sizes, before, kinds):
                 break
-        many = [float(spare[kind]) for kind in kinds if spare[kind] >= _USUAL]
+        least = MODAL_SIZES.typical_weight
+        many = [float(spare[kind]) for kind in kinds if spare[kind] >= least]
         short = tuple(
-            kind for kind in kinds if spare[kind] < _USUAL and not rows.std[rows.of(kind)].all()
+            kind for kind in kinds if spare[kind] < least and not rows.std[rows.of(kind)].all()
         )
         if not many:
             return replace(found, kind="assumed", by_ratio=short)
-        few = int(min(many)) if min(many) < _MANY else None
-        if all(found.added[k] == _SMALLEST and rows.std[rows.of(k)].all() for k in kinds):
+        few = int(min(many)) if min(many) < NOISE_LIMITS.many_freedoms else None
+        rounding = NOISE_LIMITS.least_modal_noise
+        if all(found.added[k] == rounding and rows.std[rows.of(k)].all() for k in kinds):
             return replace(found, kind="standard deviations")
         return replace(found, by_ratio=short, degrees_of_freedom=few)
 
@@ -137,6 +128,14 @@ class ModalNoise:
             if is_kind.any():
                 out[kind] = float(np.sqrt(np.mean(std[is_kind] ** 2)))
         return out
+
+
+def _have_settled(
+    sizes: Mapping[str, float], before: Mapping[str, float], kinds: Iterable[str]
+) -> bool:
+    """Return whether the sizes of some kinds hardly changed in a round."""
+    change = MODAL_SIZES.settled_change
+    return all(abs(sizes[kind] - before[kind]) <= change * before[kind] for kind in kinds)
 
 
 def _compute_leverage(rows: ModalRows, std: _Real, rest: _Real) -> _Real:
@@ -165,23 +164,27 @@ def _estimate_sizes(
 
 
 def _estimate_size(r: _Real, std: _Real, number: float, typical: float) -> float:
-    """Return s with sum r^2 / (std^2 + s^2) = number, at least `_SMALLEST`.
+    """Return s with sum r^2 / (std^2 + s^2) = number, at least that of rounding.
 
     If the data have no standard deviations, the typical size enters with its weight.
     """
+    least, weight = NOISE_LIMITS.least_modal_noise, MODAL_SIZES.typical_weight
     if not std.any():
-        squares = float(r @ r) + _USUAL * typical**2
-        return max(float(np.sqrt(squares / (number + _USUAL))), _SMALLEST)
+        squares = float(r @ r) + weight * typical**2
+        return max(float(np.sqrt(squares / (number + weight))), least)
 
     def excess(size: float) -> float:
         return float(np.sum(r**2 / (std**2 + size**2))) - number
 
     # The standard deviations of the data hold unless the residual contradicts them; less than one
     # degree of freedom cannot.
-    if number < 1.0 or excess(_SMALLEST) <= float(chdtri(number, _CONTRADICTED)) - number:
-        return _SMALLEST
-    high = max(_WIDEST * float(np.max(np.abs(r))), 10.0 * _SMALLEST)
-    return float(brentq(excess, _SMALLEST, high, xtol=1e-14, rtol=1e-10))
+    if number < 1.0:
+        return least
+    allowed = float(chdtri(number, MODAL_SIZES.contradiction_probability)) - number
+    if excess(least) <= allowed:
+        return least
+    most = 2.0 * float(np.sqrt(r @ r / number))  # above the size without other deviations
+    return float(brentq(excess, least, most, xtol=1e-14, rtol=1e-10))
 
 
 def choose_modal_noise(noise: Any) -> ModalNoise:

@@ -10,17 +10,12 @@ from numpy.typing import NDArray
 
 from updyn.frf import FRF
 from updyn.updating.problem.noise.known import NoiseModel, WrappedNoise
+from updyn.updating.problem.noise.settings import ROBUST_NOISE
 
-__all__ = ["FREEDOM", "Robust"]
+__all__ = ["Robust"]
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
-
-#: Degrees of freedom of Student's distribution: costs 7 % of efficiency for Gaussian noise.
-FREEDOM = 5.0
-#: Weights below this share of the largest are reported (values beyond 4.7 standard deviations), and
-#: so are lines and channels in which half of the weights are.
-_SMALL = 0.1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,7 +62,8 @@ class Robust(WrappedNoise):
         """Return the negative log-likelihood of Student's distribution, up to a constant."""
         v = self.factor * self.base.variance(H, frf)
         power = np.abs(frf.values - H) ** 2 / v
-        tails = (0.5 * FREEDOM + 1.0) * np.log1p(2.0 / FREEDOM * power)
+        nu = ROBUST_NOISE.freedoms
+        tails = (0.5 * nu + 1.0) * np.log1p(2.0 / nu * power)
         return float(np.sum(np.log(v) + tails))
 
     def refit(self, H: _Complex, frf: FRF, n_parameters: int) -> Robust:
@@ -81,20 +77,22 @@ class Robust(WrappedNoise):
         is_estimated = not base.scale_known or base.source == "estimated"
         factor = bulk if is_estimated and bulk > 0.0 else 1.0
         power = power / factor
-        weight = (FREEDOM + 2.0) / (FREEDOM + 2.0 * power)
+        nu = ROBUST_NOISE.freedoms
+        weight = (nu + 2.0) / (nu + 2.0 * power)
         # Slope of psi: the mean over the real and the imaginary part.
-        slope = FREEDOM / (FREEDOM + 2.0) * float(np.mean(weight**2))
+        slope = nu / (nu + 2.0) * float(np.mean(weight**2))
         spread = float(np.mean(weight**2 * power)) / slope**2
         level = max(float(np.mean(weight)) * spread, 1e-12)
-        small = weight * FREEDOM / (FREEDOM + 2.0) < _SMALL
+        small = weight * nu / (nu + 2.0) < ROBUST_NOISE.small_weight
+        reported = ROBUST_NOISE.reported_share
         channels = []
-        for i, j in np.argwhere(small.mean(axis=0) >= 0.5):
+        for i, j in np.argwhere(small.mean(axis=0) >= reported):
             channels.append(f"{frf.responses[i]} / {frf.references[j]}")
         outliers = {
             "robust": self.name,
             "chi_square": 1.0 if is_estimated else bulk,
             "down_weighted": float(np.mean(small)),
-            "down_weighted_lines": frf.freq[small.mean(axis=(1, 2)) >= 0.5].tolist(),
+            "down_weighted_lines": frf.freq[small.mean(axis=(1, 2)) >= reported].tolist(),
             "down_weighted_channels": channels,
         }
         return replace(self, base=base, factor=factor, weight=weight / level, outliers=outliers)

@@ -5,11 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["size_p_value"]
+from updyn.updating.problem.noise.settings import SMOOTH_VARIANCE
 
-#: Number of real values over which the errors of a noise level estimated from averages are
-#: correlated.
-_SHARED = 32.0
+__all__ = ["size_p_value"]
 
 
 def size_p_value(
@@ -25,5 +23,5 @@ def size_p_value(
 
     if averages is None:
         return np.asarray(chdtrc(freedom, square))
-    known = np.clip(count, 1.0, _SHARED) * max(averages - 1, 1)
+    known = np.clip(count, 1.0, SMOOTH_VARIANCE.correlated_values) * max(averages - 1, 1)
     return np.asarray(fdtrc(freedom, known, np.asarray(square) / freedom))
