@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import linprog
 
+from updyn.control.servo.state_space import connect_sections, root_pair
 from updyn.control.settings import WEIGHT_FIT
 
 __all__ = [
@@ -47,7 +48,9 @@ class Weight:
     D: _Real = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        for name, array in zip("ABCD", _series(self.zeros, self.poles, self.gain), strict=True):
+        system = connect_sections(self.zeros, self.poles, self.gain)
+        for name in "ABCD":
+            array = getattr(system, name)
             array.flags.writeable = False
             object.__setattr__(self, name, array)
 
@@ -81,48 +84,10 @@ def bound_roots(bound: Bound, lift: float = 0.0) -> tuple[_Complex, _Complex, fl
         gain *= wp / wz
         at = 3
     for w_zero, d_zero, w_pole, d_pole in np.exp(bound.p[at:]).reshape(-1, 4):
-        zeros += _pair(w_zero, d_zero)
-        poles += _pair(w_pole, d_pole)
+        zeros += root_pair(w_zero, d_zero)
+        poles += root_pair(w_pole, d_pole)
         gain *= (w_pole / w_zero) ** 2
     return np.array(zeros, dtype=np.complex128), np.array(poles, dtype=np.complex128), gain
-
-
-def _pair(w: float, damping: float) -> list[complex]:
-    """Return the roots of s^2 + 2 damping w s + w^2, real ones without cancellation."""
-    if damping < 1.0:
-        turn = np.sqrt(1.0 - damping**2)
-        return [complex(-w * damping, w * turn), complex(-w * damping, -w * turn)]
-    far = -w * (damping + np.sqrt(damping**2 - 1.0))
-    return [complex(w**2 / far), complex(far)]
-
-
-def _series(zeros: _Complex, poles: _Complex, gain: float) -> tuple[_Real, _Real, _Real, _Real]:
-    """Return A, B, C, D of sections in series, each scaled by its poles."""
-    A, B, C, D = np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), np.array([[float(gain)]])
-    first = len(poles) % 2
-    cuts = [slice(0, 1)] * first + [slice(k, k + 2) for k in range(first, len(poles), 2)]
-    for cut in cuts:
-        a, b, c = _section(zeros[cut], poles[cut])
-        # The output of the previous sections is the input of this one.
-        A = np.block([[A, np.zeros((len(A), len(a)))], [b @ C, a]])
-        B = np.vstack([B, b @ D])
-        C = np.hstack([C, c])
-    return A, B, C, D
-
-
-def _section(zeros: _Complex, poles: _Complex) -> tuple[_Real, _Real, _Real]:
-    """Return A, B, C of one section with D = 1."""
-    if len(poles) == 1:
-        pole, zero = float(poles[0].real), float(zeros[0].real)
-        return np.array([[pole]]), np.array([[1.0]]), np.array([[pole - zero]])
-    a1, a0 = -float(poles.sum().real), float(np.prod(poles).real)
-    b1, b0 = -float(zeros.sum().real), float(np.prod(zeros).real)
-    w = float(np.sqrt(a0))
-    return (
-        np.array([[0.0, w], [-w, -a1]]),
-        np.array([[0.0], [1.0]]),
-        np.array([[(b0 - a0) / w, b1 - a1]]),
-    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

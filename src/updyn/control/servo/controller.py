@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from updyn.control.family import PlantFamily
 from updyn.control.plant import Plant
 from updyn.control.servo.settings import RIGID_MOTION
-from updyn.control.servo.state_space import StateSpace, Transfer, delay_approximation
+from updyn.control.servo.state_space import StateSpace, Transfer, delay_approximation, root_pair
 from updyn.errors import ModelError, OptionError
 from updyn.group import is_number
 
@@ -556,9 +556,7 @@ def _low_pass(corner: float, damping: float | None) -> StateSpace:
 
 
 def _pole_pair(frequency: float, damping: float) -> _Complex:
-    w = _TWO_PI * frequency
-    root = np.sqrt(complex(damping**2 - 1.0))
-    return np.array([w * (-damping + root), w * (-damping - root)], dtype=np.complex128)
+    return np.array(root_pair(_TWO_PI * frequency, damping), dtype=np.complex128)
 
 
 def _positive(what: str, value: object, unit: str = "", remedy: str = "") -> None:

@@ -20,8 +20,10 @@ __all__ = [
     "bilinear",
     "channel_zeros",
     "connect",
+    "connect_sections",
     "delay_approximation",
     "interval_matrices",
+    "root_pair",
 ]
 
 _Real = NDArray[np.float64]
@@ -118,24 +120,45 @@ def delay_approximation(delay: float, order: int) -> StateSpace:
     if not 1 <= order <= 12:
         raise OptionError(f"pade order {order!r}; expected 1 to 12")
     poles = 2.0 / delay * besselap(order, norm="delay")[1]
-    out = StateSpace.gain(1.0)
-    for pole in poles[poles.imag > 0.0]:
-        out = _all_pass(-2.0 * pole.real, abs(pole) ** 2) * out
-    for a in -poles.real[poles.imag == 0.0]:  # (a - s) / (a + s) = -1 + 2 a / (s + a)
-        one = np.ones((1, 1))
-        out = StateSpace(-a * one, one, 2.0 * a * one, -one) * out
+    above = poles[poles.imag > 0.0]
+    pairs = np.column_stack([above, above.conj()]).ravel()
+    every = np.concatenate([poles[poles.imag == 0.0], pairs])
+    return connect_sections(-every, every, (-1.0) ** order)
+
+
+def connect_sections(zeros: _Complex, poles: _Complex, gain: float) -> StateSpace:
+    """Return gain prod (s - zeros) / (s - poles) as sections in series, each scaled by its poles.
+
+    For an odd number of poles the first zero and the first pole are real; pairs follow.
+    """
+    out = StateSpace.gain(gain)
+    first = len(poles) % 2
+    cuts = [slice(0, 1)] * first + [slice(k, k + 2) for k in range(first, len(poles), 2)]
+    for cut in cuts:
+        out = _section(zeros[cut], poles[cut]) * out
     return out
 
 
-def _all_pass(a: float, b: float) -> StateSpace:
-    """Return (s^2 - a s + b) / (s^2 + a s + b)."""
-    w = np.sqrt(b)
-    return StateSpace(
-        np.array([[0.0, w], [-w, -a]]),
-        np.array([[0.0], [1.0]]),
-        np.array([[0.0, -2.0 * a]]),
-        np.ones((1, 1)),
-    )
+def _section(zeros: _Complex, poles: _Complex) -> StateSpace:
+    """Return a section with one or two zeros and poles, and D = 1."""
+    one = np.ones((1, 1))
+    if len(poles) == 1:
+        pole, zero = float(poles[0].real), float(zeros[0].real)
+        return StateSpace(pole * one, one, (pole - zero) * one, one)
+    a1, a0 = -float(poles.sum().real), float(np.prod(poles).real)
+    b1, b0 = -float(zeros.sum().real), float(np.prod(zeros).real)
+    w = float(np.sqrt(a0))
+    A, C = np.array([[0.0, w], [-w, -a1]]), np.array([[(b0 - a0) / w, b1 - a1]])
+    return StateSpace(A, np.array([[0.0], [1.0]]), C, one)
+
+
+def root_pair(w: float, damping: float) -> list[complex]:
+    """Return the roots of s^2 + 2 damping w s + w^2, real ones without cancellation."""
+    if damping < 1.0:
+        turn = np.sqrt(1.0 - damping**2)
+        return [complex(-w * damping, w * turn), complex(-w * damping, -w * turn)]
+    far = -w * (damping + np.sqrt(damping**2 - 1.0))
+    return [complex(w**2 / far), complex(far)]
 
 
 def bilinear(system: StateSpace, dt: float) -> StateSpace:
