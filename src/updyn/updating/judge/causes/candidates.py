@@ -147,7 +147,7 @@ def _drop_covered(found: Iterable[ScoredFault], stated: Sequence[Finding]) -> li
 def _covers(finding: Finding, fault: Fault) -> bool:
     """Return whether a finding makes a fault superfluous."""
     kind = CAUSES[finding.kind]
-    same = finding.kind == fault.kind and finding.channels == fault.channels
+    same = (finding.kind, finding.channels) == fault.key
     is_omitted = kind.omits_channels and not set(finding.channels).isdisjoint(fault.channels)
     return same or is_omitted or fault.kind in kind.imitated_kinds
 
@@ -171,20 +171,20 @@ def _select_best_trials(ends: Sequence[Trial], without: Trial) -> list[FaultStar
     """Return the likeliest faults of some trials, the best first, with starting points for fits."""
     best: dict[tuple[str, tuple[str, ...]], FaultStart] = {}
     for one in rank_faults(ends, without):
-        best.setdefault((one.fault.kind, one.fault.channels), (one.fault, one.trial.x))
+        best.setdefault(one.fault.key, (one.fault, one.trial.x))
     return list(best.values())[: CAUSE_CANDIDATES.most_fitted]
 
 
 def _list_rivals(part: FRFPart, end: Trial) -> list[ScoredFault]:
     """Return other faults that explain the data as well at the end of a trial, to first order."""
     assert end.fault is not None
-    key = (end.fault.kind, end.fault.channels)
+    key = end.fault.key
     found = select_likeliest(score_faults(part, end.x))
-    gains = [one.gain for one in found if one.key == key]
+    gains = [one.gain for one in found if one.fault.key == key]
     if not gains:
         return []
     return [
         one
         for one in found
-        if one.gain > gains[0] - CAUSE_CANDIDATES.reach_log_odds and one.key != key
+        if one.gain > gains[0] - CAUSE_CANDIDATES.reach_log_odds and one.fault.key != key
     ]

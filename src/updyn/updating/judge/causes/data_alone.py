@@ -6,12 +6,10 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 
-import numpy as np
-
 from updyn.errors import SolverError, UpdynError
 from updyn.frf import FRF
 from updyn.updating.judge.causes.catalogue import CAUSES
-from updyn.updating.judge.causes.finding import Finding
+from updyn.updating.judge.causes.finding import Finding, make_fault_finding
 from updyn.updating.judge.causes.rigid_body import RigidBody
 from updyn.updating.judge.causes.rigid_shapes import RigidShapes
 from updyn.updating.judge.causes.shown import DataFault, Detection
@@ -111,15 +109,4 @@ def mask_symptoms(detections: Sequence[Detection], frf: FRF) -> FRF:
 
 def make_finding(one: Detection, test: str) -> Finding:
     """Return the finding of a fault that the data show."""
-    fault = one.fault
-    return Finding(
-        fault.kind,
-        fault.channels,
-        fault.value,
-        float(np.exp(min(one.log_odds, 700.0))),
-        one.share,
-        fault.statement(),
-        fault.remedy,
-        fault.repair_text,
-        test=test,
-    )
+    return make_fault_finding(one.fault, one.log_odds, one.share, test)

@@ -23,7 +23,7 @@ from updyn.updating.judge.causes.data_alone import (
 )
 from updyn.updating.judge.causes.evidence import Evidence, compute_spread
 from updyn.updating.judge.causes.fault import Fault
-from updyn.updating.judge.causes.finding import Finding
+from updyn.updating.judge.causes.finding import Finding, make_fault_finding
 from updyn.updating.judge.causes.halves import compare_band_halves
 from updyn.updating.judge.causes.misfit import WeightedData, compute_log_misfit
 from updyn.updating.judge.causes.model_unit import ModelUnit
@@ -42,12 +42,12 @@ from updyn.updating.judge.causes.settings import (
     CAUSE_CANDIDATES,
     CAUSE_ODDS,
     CAUSE_SEARCH,
-    CAUSE_TRIAL,
 )
 from updyn.updating.judge.causes.trial import (
     Trial,
     adapt_losses,
     free_held_quantities,
+    limit_correlation,
     raise_loss_factors,
     run_trial,
 )
@@ -366,7 +366,7 @@ def _find_likeliest(
 def _put_special_cases_first(likely: Sequence[RankedFault]) -> list[RankedFault]:
     """Return equally likely faults in their order, but special cases of others first."""
     special = {case for one in likely for case in one.fault.special_cases}
-    return sorted(likely, key=lambda one: (one.fault.kind, one.fault.channels) not in special)
+    return sorted(likely, key=lambda one: one.fault.key not in special)
 
 
 def _find_imitation(part: FRFPart, found: RankedFault) -> list[_Real]:
@@ -442,7 +442,7 @@ def _depends_on_band(part: FRFPart, found: RankedFault) -> bool:
         return False
     with suppress(SolverError):
         corrected = Evidence(fault.correct_part(part, trial.x), trial.x)
-        correlation = min(max(trial.correlation, 0.0), CAUSE_TRIAL.largest_correlation)
+        correlation = limit_correlation(trial.correlation)
         return compare_band_halves(corrected, fault, correlation) > SIGNIFICANCE.stds
     return False
 
@@ -460,12 +460,12 @@ class _BestTrials:
         waiting = deque(starts)
         while waiting:
             fault, x = waiting.popleft()
-            key = (fault.kind, fault.channels)
             trial = run_trial(self.part, fault, [x], rival=self.noise)
             if trial is None or trial.fault is None:
                 continue
-            if key not in self.trials or trial.gain(self.trials[key]) > 0.0:
-                self.trials[key] = trial
+            known = self.trials.get(fault.key)
+            if known is None or trial.gain(known) > 0.0:
+                self.trials[fault.key] = trial
                 waiting += [
                     (other, trial.x) for other in trial.fault.list_similar_faults(self.part)
                 ]
@@ -507,27 +507,16 @@ class _BestTrials:
 
 def _make_ranked_finding(found: Sequence[RankedFault], test: str) -> Finding:
     best, *others = found
-    fault = best.fault
-    statement = fault.statement()
+    finding = make_fault_finding(best.fault, best.log_odds, best.explains, test)
+    statement = finding.statement
     if others:
-        also = " or ".join(
+        named = " or ".join(
             one.fault.statement().rstrip(".") for one in others[: CAUSE_SEARCH.named_causes]
         )
-        statement += f" These data do not distinguish this from another cause: {also}."
+        statement += f" These data do not distinguish this from another cause: {named}."
         tests = dict.fromkeys(
             one.fault.distinguishing_test for one in found[: CAUSE_SEARCH.named_causes + 1]
         )
         statement += "".join(f" {test}" for test in tests if test)
-    return Finding(
-        fault.kind,
-        fault.channels,
-        fault.value,
-        float(np.exp(min(best.log_odds, 700.0))),
-        best.explains,
-        statement,
-        fault.remedy,
-        fault.repair_text,
-        tuple(one.fault.repair_text or one.fault.name for one in others),
-        test,
-        best.of_misfit,
-    )
+    also = tuple(one.fault.repair_text or one.fault.name for one in others)
+    return replace(finding, statement=statement, also=also, of_misfit=best.of_misfit)

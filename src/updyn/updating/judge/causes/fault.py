@@ -10,7 +10,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.dofs import Dof
+from updyn.dofs import Dof, DofSet
 from updyn.errors import DataError, OptionError, in_all, suggest
 from updyn.frf import FRF
 from updyn.updating.judge.causes.evidence import Evidence
@@ -27,6 +27,7 @@ __all__ = [
     "divide_odds",
     "find_channels",
     "list_channels",
+    "list_sides",
     "multiply_channels",
     "remove_channels",
 ]
@@ -84,10 +85,14 @@ def find_channels(channels: Sequence[str], frf: FRF) -> ChannelIndices:
 
 def list_channels(frf: FRF) -> list[tuple[str, ...]]:
     """Return each response and, if there are several, each reference as a tuple of one channel."""
-    found: list[tuple[str, ...]] = [(label,) for label in list_response_labels(frf)]
-    if len(frf.references) > 1:
-        found += [(f"{FORCE}{abs(dof)}",) for dof in frf.references]
-    return found
+    (_, sensors), (_, forces) = list_sides(frf)
+    return [(name,) for name in [*sensors, *(forces if len(forces) > 1 else [])]]
+
+
+def list_sides(frf: FRF) -> list[tuple[DofSet, list[str]]]:
+    """Return responses and references, each with the names of its channels."""
+    forces = [f"{FORCE}{label}" for label in list_unsigned_labels(frf.references)]
+    return [(frf.responses, list_response_labels(frf)), (frf.references, forces)]
 
 
 def multiply_channels(frf: FRF, channels: Sequence[str], log_factor: _Complex | _Real) -> FRF:
@@ -326,6 +331,11 @@ class Fault(ABC):
         """Return the channels as the subject of a sentence, with a verb for one or for several."""
         text = f"{self.channel_text} {singular if len(self.channels) == 1 else plural}"
         return text[0].upper() + text[1:]
+
+    @property
+    def key(self) -> tuple[str, tuple[str, ...]]:
+        """Kind and channels, without the size."""
+        return self.kind, self.channels
 
     @property
     def name(self) -> str:

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from updyn.errors import DataError
 from updyn.frf import FRF
 from updyn.updating.judge.causes.catalogue import CAUSES, read_fault
+from updyn.updating.judge.causes.fault import Fault
 from updyn.updating.judge.causes.settings import CAUSE_ODDS
 
-__all__ = ["Finding"]
+__all__ = ["Finding", "make_fault_finding"]
 
 #: Kinds that affect some lines only.
 _LOCAL_KINDS = ("mains", "missing-mode")
@@ -127,3 +130,18 @@ class Finding:
         if not self.written:
             raise DataError(f"{self.kind}: no change of the data corrects it. {self.remedy}")
         return read_fault(self.written).repair(frf)
+
+
+def make_fault_finding(fault: Fault, log_odds: float, explains: float, test: str) -> Finding:
+    """Return the finding of a fault of a test."""
+    return Finding(
+        fault.kind,
+        fault.channels,
+        fault.value,
+        float(np.exp(min(log_odds, 700.0))),  # exp(710) overflows
+        explains,
+        fault.statement(),
+        fault.remedy,
+        fault.repair_text,
+        test=test,
+    )

@@ -81,19 +81,18 @@ def _compute_impulse_power(frf: FRF) -> _Real:
 def _measure_edges(power: _Real, n: int) -> tuple[_Real, int]:
     """Return the drop of the log power beyond the decay at each sample, and the first sample."""
     mean = np.log(sliding_window_view(power, n).mean(axis=1) + 1e-12 * power.max())
-    first = 2 * n + CUT_RECORD.blurred_samples
+    blurred = CUT_RECORD.blurred_samples
+    first = 2 * n + blurred
     at = np.arange(first, len(power) - first + 1)
-    early, before = (
-        mean[at - CUT_RECORD.blurred_samples - 2 * n],
-        mean[at - CUT_RECORD.blurred_samples - n],
-    )
-    after, late = mean[at + CUT_RECORD.blurred_samples], mean[at + CUT_RECORD.blurred_samples + n]
+    early, before = mean[at - blurred - 2 * n], mean[at - blurred - n]
+    after, late = mean[at + blurred], mean[at + blurred + n]
     decay = np.maximum(np.maximum(early - before, after - late), 0.0)
-    return before - after - decay * (n + 2 * CUT_RECORD.blurred_samples) / n, first
+    return before - after - decay * (n + 2 * blurred) / n, first
 
 
 def _find_end(power: _Real, near: int, n: int) -> int:
     """Return the sample of an edge, at which the taper leaves half of the amplitude."""
-    before = power[near - n - CUT_RECORD.blurred_samples : near - CUT_RECORD.blurred_samples].mean()
+    last = near - CUT_RECORD.blurred_samples
+    before = power[last - n : last].mean()
     above = np.flatnonzero(power[near - n : near + n] > 0.25 * before)
     return int(near - n + above[-1] + 1) if len(above) else near

@@ -200,7 +200,7 @@ class LossOverFrequency(AlteringFault):
     @property
     def special_cases(self) -> tuple[tuple[str, tuple[str, ...]], ...]:
         """Viscous damping: exponent 1 or -1 with a constant storage modulus."""
-        return tuple((one.kind, one.channels) for one in self.viscous)
+        return tuple(one.key for one in self.viscous)
 
     def list_similar_faults(self, part: FRFPart) -> Iterable[Fault]:
         """Return the other variant, and viscous damping of the groups with such a loss factor."""
@@ -245,11 +245,8 @@ class LossOverFrequency(AlteringFault):
     def remedy(self) -> str:
         """Advice to the user."""
         freq = self._table_lines
-        relative = [
-            float(f"{factor:.{LOSS_EXPONENT.table_digits}g}")
-            for factor in self.alteration.loss_ratio(freq)
-        ]
-        table = f"[{freq.tolist()}, {relative}]"
+        relative = _round_to_table(self.alteration.loss_ratio(freq))
+        table = f"[{freq.tolist()}, {relative.tolist()}]"
         named = list(self.groups) or [ALL]
         groups = json.dumps(named if len(named) > 1 else named[0], ensure_ascii=False)
         level = f", loss_factor = {self.loss:.3g}" if self.loss else ""
@@ -271,7 +268,12 @@ class LossOverFrequency(AlteringFault):
         freq = np.geomspace(
             low * (1.0 - rounding), high * (high / last + rounding), LOSS_EXPONENT.table_lines
         )
-        return np.array([float(f"{one:.{LOSS_EXPONENT.table_digits}g}") for one in freq])
+        return _round_to_table(freq)
+
+
+def _round_to_table(values: _Real) -> _Real:
+    """Return values with the digits of the table."""
+    return np.array([float(f"{one:.{LOSS_EXPONENT.table_digits}g}") for one in values])
 
 
 def _field_values(system: AffineSystem) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from updyn.updating.judge.causes.settings import CAUSE_MISFIT
 from updyn.updating.judge.settings import SIGNIFICANCE
 from updyn.updating.problem.noise import level_by_unit
 
-__all__ = ["WeightedData", "compute_log_misfit", "count_values", "remove_weight"]
+__all__ = ["WeightedData", "add_perfect_fit", "compute_log_misfit", "count_values", "remove_weight"]
 
 _Complex = NDArray[np.complex128]
 
@@ -99,6 +99,11 @@ def count_values(frf: FRF) -> int:
     return 2 * int(
         np.count_nonzero(np.abs(frf.values) > SIGNIFICANCE.stds * _compute_deviation(frf))
     )
+
+
+def add_perfect_fit(mean_square: float) -> float:
+    """Return a mean square misfit plus that of a perfect fit, so that it has a logarithm."""
+    return mean_square + CAUSE_MISFIT.perfect_rms**2
 
 
 def remove_weight(frf: FRF, mask: NDArray[np.bool_]) -> FRF:

@@ -13,8 +13,7 @@ from updyn.dofs import Dof
 from updyn.errors import DataError, OptionError, in_all
 from updyn.frf import FRF, QUANTITIES
 from updyn.updating.judge.causes.evidence import Evidence
-from updyn.updating.judge.causes.fault import FORCE, Fault
-from updyn.updating.judge.causes.labels import list_response_labels
+from updyn.updating.judge.causes.fault import FORCE, Fault, list_sides
 from updyn.updating.judge.causes.misfit import compute_log_misfit
 from updyn.updating.judge.causes.pole_fit import Pole, fit_pole
 from updyn.updating.judge.causes.settings import MISSING_MODE
@@ -112,7 +111,7 @@ class MissingMode(Fault):
         u, s, vh = np.linalg.svd(residues)
         size = s[0] / (2.0 * np.pi * self.value) ** QUANTITIES[frf.quantity]
         pole = fit_pole(part, x, Pole(self.value, self.loss, size * u[:, 0], vh[0]))
-        labels = [*list_response_labels(frf), *(f"{FORCE}{abs(dof)}" for dof in frf.references)]
+        labels = [name for _, names in list_sides(frf) for name in names]
         signed = np.concatenate([pole.a * frf.responses.signs, pole.b * frf.references.signs])
         shape = tuple(zip(labels, signed.tolist(), strict=True))
         return replace(self, value=pole.frequency, loss=pole.loss, shape=shape)
@@ -121,8 +120,7 @@ class MissingMode(Fault):
         """Return the pole for the channels of data."""
         known = dict(self.shape)
         parts: list[_Complex] = []
-        for dofs, prefix in ((frf.responses, ""), (frf.references, FORCE)):
-            labels = [f"{prefix}{abs(dof)}" for dof in dofs]
+        for dofs, labels in list_sides(frf):
             missing = [label for label in labels if label not in known]
             if missing:
                 raise DataError(

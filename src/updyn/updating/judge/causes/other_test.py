@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from updyn.frf import FRF, QUANTITIES
 from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.fault import (
-    FORCE,
     Fault,
     divide_data,
     find_channels,
     list_channels,
+    list_sides,
     remove_channels,
 )
 from updyn.updating.judge.causes.misfit import remove_weight
@@ -78,17 +78,14 @@ class OtherTest(Fault):
 
     def list_similar_faults(self, part: FRFPart) -> Iterable[Fault]:
         """Return the other sensor of its direction, if only one: either may be wrong."""
-        prefix = FORCE if self.channels[0].startswith(FORCE) else ""
-        dofs = part.frf.references if prefix else part.frf.responses
-        labels = [f"{prefix}{abs(dof)}" for dof in dofs]
-        direction = dofs[labels.index(self.channels[0])].direction
-        others = [
-            label
-            for label, dof in zip(labels, dofs, strict=True)
-            if dof.direction == direction and label != self.channels[0]
-        ]
-        if len(others) == 1:
-            yield replace(self, channels=(others[0],), value=-self.value)
+        (own,) = self.channels
+        for dofs, names in list_sides(part.frf):
+            directions = {name: dof.direction for name, dof in zip(names, dofs, strict=True)}
+            others = [
+                name for name in names if name != own and directions[name] == directions.get(own)
+            ]
+            if len(others) == 1:
+                yield replace(self, channels=(others[0],), value=-self.value)
 
     def slope(self, evidence: Evidence) -> NDArray[np.complex128]:
         """Return d ln A / d ln f at the channels, with A the accelerance."""

@@ -21,7 +21,8 @@ from updyn.updating.judge.causes.evidence import (
     find_held,
     stack_real_imag,
 )
-from updyn.updating.judge.causes.settings import CAUSE_MISFIT, HELD_QUANTITIES
+from updyn.updating.judge.causes.misfit import add_perfect_fit
+from updyn.updating.judge.causes.settings import HELD_QUANTITIES
 
 __all__ = ["QuadraticMisfit", "QuadraticOutcome"]
 
@@ -122,18 +123,15 @@ class QuadraticMisfit:
         step = np.zeros(len(spread))
         mean_square = self._mean_square(step)
         for _ in range(HELD_QUANTITIES.level_steps if share < 1.0 else 0):
-            each = 2.0 * count / self.n_values / (mean_square + CAUSE_MISFIT.perfect_rms**2)
+            each = 2.0 * count / self.n_values / add_perfect_fit(mean_square)
             pull = directions.T @ (each * spread * self.gradient - self.offset / spread)
             step = spread * (directions @ (pull / (1.0 + each * np.maximum(curves, 0.0))))
             mean_square = max(self._mean_square(step), least)
         squared_distance = float(np.sum(((self.offset + step) / spread) ** 2))
-        fitted = (
-            -0.5 * count * float(np.log(mean_square + CAUSE_MISFIT.perfect_rms**2))
-            - 0.5 * squared_distance
-        )
+        fitted = -0.5 * count * float(np.log(add_perfect_fit(mean_square))) - 0.5 * squared_distance
         # -ln of the share of the prior volume of held quantities that fits the data, for any values
         # of the other unknowns.
-        each = 2.0 * count / self.n_values / (level + CAUSE_MISFIT.perfect_rms**2)
+        each = 2.0 * count / self.n_values / add_perfect_fit(level)
         others = np.linalg.eigvalsh(scaled[np.ix_(~self.is_held, ~self.is_held)])
         occam = 0.5 * (_log_volume(each * curves) - _log_volume(each * others))
         return QuadraticOutcome(mean_square, fitted - occam)

@@ -35,11 +35,6 @@ class ScoredFault:
     gain: float
     log_evidence: float
 
-    @property
-    def key(self) -> tuple[str, tuple[str, ...]]:
-        """Kind and channels, without the size."""
-        return self.fault.kind, self.fault.channels
-
 
 def score_faults(part: FRFPart, x: _Real, *, promising: bool = False) -> list[ScoredFault]:
     """Return the faults with their expected gain at a point, the best first.
@@ -83,7 +78,7 @@ def select_likeliest(found: Iterable[ScoredFault]) -> list[ScoredFault]:
     """Return the most promising faults, the best first, with few of each kind."""
     chosen: list[ScoredFault] = []
     for one in found:
-        if any(one.key == other.key for other in chosen):
+        if any(one.fault.key == other.fault.key for other in chosen):
             continue
         if (
             sum(other.fault.kind == one.fault.kind for other in chosen)

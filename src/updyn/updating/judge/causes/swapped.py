@@ -9,7 +9,7 @@ from typing import ClassVar, Self
 
 from updyn.frf import FRF
 from updyn.updating.judge.causes.evidence import Evidence
-from updyn.updating.judge.causes.fault import FORCE, Fault, find_channels
+from updyn.updating.judge.causes.fault import Fault, find_channels, list_sides
 from updyn.updating.judge.causes.settings import CAUSE_CANDIDATES
 
 __all__ = ["SwappedChannels"]
@@ -26,11 +26,11 @@ class SwappedChannels(Fault):
     @classmethod
     def propose_faults(cls, evidence: Evidence) -> Iterable[Self]:
         """Yield the pairs of responses, and of references, with the same kind of motion."""
-        for dofs, prefix in ((evidence.frf.responses, ""), (evidence.frf.references, FORCE)):
-            few = list(dofs)[: CAUSE_CANDIDATES.most_swapped]
-            for a, b in combinations(few, 2):
-                if a.direction[0] == b.direction[0] or "R" not in (a.direction[0], b.direction[0]):
-                    yield cls((f"{prefix}{abs(a)}", f"{prefix}{abs(b)}"))
+        for dofs, names in list_sides(evidence.frf):
+            named = list(zip(dofs, names, strict=True))[: CAUSE_CANDIDATES.most_swapped]
+            for (a, first), (b, second) in combinations(named, 2):
+                if a.direction.startswith("R") == b.direction.startswith("R"):
+                    yield cls((first, second))
 
     def repair(self, frf: FRF) -> FRF:
         """Return the data with the two channels exchanged."""

@@ -15,7 +15,12 @@ from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.trust_region import TrustRegion
 from updyn.updating.judge.causes.evidence import Evidence, HeldQuantity, compute_spread, find_held
 from updyn.updating.judge.causes.fault import Fault
-from updyn.updating.judge.causes.misfit import WeightedData, compute_log_misfit, count_values
+from updyn.updating.judge.causes.misfit import (
+    WeightedData,
+    add_perfect_fit,
+    compute_log_misfit,
+    count_values,
+)
 from updyn.updating.judge.causes.quadratic import QuadraticMisfit
 from updyn.updating.judge.causes.score import fit_first_order
 from updyn.updating.judge.causes.settings import CAUSE_MISFIT, CAUSE_TRIAL, HELD_QUANTITIES
@@ -28,6 +33,7 @@ __all__ = [
     "adapt_losses",
     "fit_robustly",
     "free_held_quantities",
+    "limit_correlation",
     "raise_loss_factors",
     "run_trial",
 ]
@@ -91,11 +97,11 @@ class Trial:
         """
         if correlation is None:
             correlation = min(self.correlation, other.correlation)
-        correlation = min(max(correlation, 0.0), CAUSE_TRIAL.largest_correlation)
+        correlation = limit_correlation(correlation)
         count = self.n_values * (1.0 - correlation) / (1.0 + correlation)
         cost = 0.5 * (self.n_parameters - other.n_parameters) * np.log(max(count, 2.0))
         if self.quadratic is None or other.quadratic is None:
-            level = [t.mean_square + CAUSE_MISFIT.perfect_rms**2 for t in (other, self)]
+            level = [add_perfect_fit(t.mean_square) for t in (other, self)]
             closer = 0.5 * (other.squared_distance - self.squared_distance)
             gained = 0.5 * count * np.log(level[0] / level[1]) + closer
             return float(gained - cost), 1.0 - level[1] / level[0]
@@ -108,10 +114,13 @@ class Trial:
         _, best = other.quadratic.find_best_share(count, least, trusted[1])
         other_outcome = other.quadratic.evaluate_share(share, count, least, trusted[1])
         gained = own_outcome.log_evidence - best.log_evidence
-        level = [
-            one.mean_square + CAUSE_MISFIT.perfect_rms**2 for one in (other_outcome, own_outcome)
-        ]
+        level = [add_perfect_fit(one.mean_square) for one in (other_outcome, own_outcome)]
         return float(gained - cost), 1.0 - level[1] / level[0]
+
+
+def limit_correlation(correlation: float) -> float:
+    """Return the correlation of neighbouring lines that reduces the number of values."""
+    return min(max(correlation, 0.0), CAUSE_TRIAL.largest_correlation)
 
 
 def run_trial(
@@ -133,9 +142,7 @@ def run_trial(
     found = [end for end in ends if end is not None]
     return min(
         found,
-        key=lambda t: (
-            t.n_values * np.log(t.mean_square + CAUSE_MISFIT.perfect_rms**2) + t.squared_distance
-        ),
+        key=lambda t: t.n_values * np.log(add_perfect_fit(t.mean_square)) + t.squared_distance,
         default=None,
     )
 
@@ -154,7 +161,7 @@ def _fit_with_fault(
             x, mean_square, squared_distance, correlation = _descend(corrected, x, steps)
             has_size = number > 1 or fault is None or not (fault.has_free_size or fault.is_adaptive)
             behind = rival is not None and mean_square > CAUSE_TRIAL.hopeless_ratio * (
-                rival.mean_square + CAUSE_MISFIT.perfect_rms**2
+                add_perfect_fit(rival.mean_square)
             )
             if number == rounds or (has_size and behind):
                 break
@@ -214,9 +221,8 @@ def _has_converged(fault: Fault | None, better: Fault | None) -> bool:
         return True
     if fault.is_adaptive:
         return False
-    return not fault.has_free_size or abs(
-        better.value - fault.value
-    ) < CAUSE_TRIAL.size_change * abs(better.value)
+    change = abs(better.value - fault.value)
+    return not fault.has_free_size or change < CAUSE_TRIAL.size_change * abs(better.value)
 
 
 def _approximate_misfit(
