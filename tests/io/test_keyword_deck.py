@@ -1,6 +1,7 @@
 """The reader of input decks: cards, includes, sets, elements, materials, units; messages with file and line."""
 
 import time
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -330,6 +331,30 @@ def test_materials_that_are_solids():
     check_materials([*solids, ("massless", 2e11, None)], find_units("m"), "d.inp")
     check_materials([("steel", 2.1e5, 7.85e-9)], find_units("mm"), "d.inp")
     check_materials([("steel", 3.0e7, 7.3e-4)], find_units("in"), "d.inp")
+
+
+@pytest.mark.parametrize(
+    ("modulus", "density", "is_solid"),
+    [
+        (1.1e4, None, True),
+        (0.9e4, None, False),
+        (1.9e12, None, True),
+        (2.1e12, None, False),
+        (None, 1.1, True),
+        (None, 0.9, False),
+        (None, 2.9e4, True),
+        (None, 3.1e4, False),
+        (1e3 * 11.0**2, 1e3, True),  # wave speed in m/s
+        (1e3 * 9.0**2, 1e3, False),
+        (1e2 * 2.9e4**2, 1e2, True),
+        (1e2 * 3.1e4**2, 1e2, False),
+    ],
+)
+def test_the_ranges_of_solids(modulus, density, is_solid):
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        check_materials([("a", modulus, density)], find_units("m"), "d.inp")
+    assert (not caught) is is_solid
 
 
 def timed(limit=5.0):

@@ -102,6 +102,17 @@ def test_asymmetry_by_rounding_is_evened_out():
         Group(K)
 
 
+@pytest.mark.parametrize(("skew", "is_accepted"), [(0.9e-10, True), (1.1e-10, False)])
+def test_asymmetry_up_to_1e_10_of_the_largest_entry(skew, is_accepted):
+    K = np.diag([2.0, 1.0])
+    K[0, 1] = 2.0 * skew
+    if is_accepted:
+        assert Group(K).stiffness.nnz == 4
+        return
+    with raises("stiffness is not symmetric"):
+        Group(K)
+
+
 def test_the_sizes_of_a_group_agree():
     with raises("the matrices of a group differ in size: {'stiffness': 2, 'mass': 3}"):
         Group(SPRING, np.eye(3))

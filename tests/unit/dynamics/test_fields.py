@@ -1,5 +1,7 @@
 """Solving at lines: tiers agree, blocks do not matter, singular lines are named."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -53,6 +55,21 @@ def test_tier_by_fill(share, tier):
     system = AffineSystem.compile(
         updyn.Model.from_groups({"g": updyn.Group(K)}, [f"{i + 1}:X" for i in range(n)])
     )
+    assert LineSolver.choose(system).tier == tier
+
+
+@pytest.mark.parametrize(
+    ("n", "fill", "tier"),
+    [
+        (150, 0.01, "dense"),
+        (151, 0.01, "sparse"),
+        (2000, 0.31, "dense"),
+        (2000, 0.29, "sparse"),
+        (2001, 1.0, "sparse"),
+    ],
+)
+def test_limits_of_dense_models(n, fill, tier):
+    system = SimpleNamespace(n=n, indices=range(int(fill * n**2)))
     assert LineSolver.choose(system).tier == tier
 
 

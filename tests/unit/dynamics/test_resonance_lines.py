@@ -46,6 +46,18 @@ def test_lines_lie_in_the_band_ascending_and_within_the_limit():
         assert (np.diff(lines) > 0).all()
 
 
+@pytest.mark.parametrize(("limit", "found"), [(400, 96), (60, 60), (24, 24), (22, 20)])
+def test_number_of_lines_for_six_modes(limit, found):
+    """Sixteen for each mode, fewer for a small limit, but at least four for the lowest modes."""
+    assert len(resonance_lines(masses(6, 0.01), 0.1, 100.0, limit)) == found
+
+
+def test_lines_of_an_undamped_mode_are_those_of_a_small_loss_factor():
+    lines = [resonance_lines(masses(1, loss), 0.1, 100.0, 40) for loss in (0.0, 1e-4, 2e-4)]
+    np.testing.assert_array_equal(lines[0], lines[1])
+    assert np.ptp(lines[2]) > 1.9 * np.ptp(lines[1])
+
+
 def test_an_undamped_model_can_be_solved_at_its_lines():
     model = masses(5, 0.0)
     lines = resonance_lines(model, 0.5, 40.0, 200)
