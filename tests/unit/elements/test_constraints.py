@@ -152,3 +152,11 @@ def test_joined_geometries_must_agree() -> None:
 
     with pytest.raises(ModelError, match="node 1 is at"):
         join([at(0.0, "a"), at(0.1, "b")])
+
+
+def test_a_loop_names_six_equations() -> None:
+    labels = [f"{i + 1}:X" for i in range(8)]
+    ties = [Equation(label, {labels[i - 1]: 0.5}) for i, label in enumerate(labels)]
+    with pytest.raises(ModelError) as refused:
+        constrain(model(8, labels), ties)
+    assert str(refused.value).count("=") == 6

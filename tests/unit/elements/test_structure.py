@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import sys
 import tomllib
+import warnings
 from importlib import metadata
 
 import numpy as np
@@ -438,3 +439,22 @@ def test_pyfe3d_is_the_one_that_was_looked_at():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     (pin,) = [r for r in project["optional-dependencies"]["structures"] if r.startswith("pyfe3d")]
     assert pin == f"pyfe3d=={metadata.version('pyfe3d')}"
+
+
+@pytest.mark.parametrize(("height", "is_warned"), [(0.42, False), (0.44, True)])
+def test_an_element_is_warped_from_a_tenth_of_its_size(height, is_warned):
+    nodes = [[0, 0, 0], [1, 0, 0], [1, 1, height], [0, 1, 0]]
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        structure(nodes, [Shell("s", [[1, 2, 3, 4]], E, RHO, 0.01)])
+    assert bool(caught) is is_warned
+
+
+def test_an_orientation_is_parallel_below_a_millionth():
+    def build(sine):
+        legs = Beam("legs", [[1, 2]], E, RHO, TALL, orientation=[1.0, sine, 0.0])
+        return structure([[0, 0, 0], [1, 0, 0]], [legs])
+
+    assert build(1.1e-6).n_dofs == 12
+    with pytest.raises(ModelError, match="is parallel to the element"):
+        build(0.9e-6)
