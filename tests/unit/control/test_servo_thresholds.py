@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+import updyn
+from nonlinear_plants import one_inertia
 from updyn.control.servo import grid
 from updyn.control.servo.stability import count_drifting, count_growing
 from updyn.control.servo.state_space import StateSpace, balance, bilinear
@@ -133,3 +137,36 @@ def test_the_bilinear_substitution_is_that_of_s():
         found = made.C @ np.linalg.solve(z * np.eye(3) - made.A, made.B) + made.D
         np.testing.assert_allclose(found, exact, rtol=1e-9)
     assert bilinear(StateSpace.gain(3.0), dt).D == 3.0
+
+
+# -- ends of the lines ----------------------------------------------------------------------------
+def line_ends(controller, friction=0.0, through=0.0):
+    """Return the first and last line in rad/s of a velocity loop on an inertia of 1 kg m2."""
+    D = np.array([[0.0, 0.0], [through, 0.0]])
+    plant = replace(one_inertia(), A=np.array([[0.0, 1.0], [0.0, -friction]]), D=D)
+    found = updyn.servo(plant, controller, torque="torque", velocity="drag", step=None)
+    return 2 * np.pi * found.velocity_loop.freq[[0, -1]]
+
+
+def test_the_first_line_is_a_fiftieth_of_the_lowest_pole():
+    """The closed-loop pole is at -1 rad/s."""
+    assert line_ends(updyn.Controller(1.0))[0] == pytest.approx(0.02)
+    assert line_ends(updyn.Controller(1.0), friction=0.9e-7)[0] == pytest.approx(0.02)
+    assert line_ends(updyn.Controller(1.0), friction=1.1e-7)[0] == pytest.approx(0.02 * 1.1e-7)
+
+
+def test_the_last_line_is_ten_times_the_highest_zero_if_the_gain_remains():
+    """L = 1 / (s + 1) + 1 / 2, with a zero at -3 rad/s."""
+    last = line_ends(updyn.Controller(1.0), friction=1.0, through=0.5)[1]
+    assert last == pytest.approx(30.0)
+
+
+def test_the_gain_has_vanished_at_the_last_line():
+    """L = 1 / s + 0.1 / s^2, with a closed-loop pole at -0.887 rad/s: a gain of 0.028."""
+    assert line_ends(updyn.Controller(1.0, 10.0))[1] == pytest.approx(40 * 0.8873, rel=1e-4)
+
+
+def test_with_dead_time_lines_end_at_four_times_the_last_gain_of_a_twentieth():
+    """A gain of 0.05 at 20 rad/s, and a low-pass at 1000 rad/s."""
+    controller = updyn.Controller(1.0, low_pass=1e3 / (2 * np.pi), dead_time=1e-3)
+    assert 4 * 19.3 < line_ends(controller)[1] <= 4 * 20.0
