@@ -60,6 +60,15 @@ def test_gain_of_a_velocity_loop(share: float) -> None:
     assert margin.member_margin >= margin.margin
 
 
+@pytest.mark.parametrize(("largest", "finite"), [(1.1e-6, True), (0.9e-6, False)])
+def test_a_perturbation_below_a_millionth_is_rounding(largest: float, finite: bool) -> None:
+    """The largest mu is the share times the largest |T|."""
+    L, _ = parts(LATE, NAMES)
+    share = largest / np.abs(L / (1 + L)).max()
+    (margin,) = quick(gains(share), LATE, **NAMES).robust
+    assert np.isfinite(margin.margin) == finite
+
+
 def test_a_gain_that_vanishes() -> None:
     """No gain above 0 makes a PI loop unstable: without any it is so at rest."""
     (margin,) = quick(gains(-0.05), PI_, **NAMES).robust

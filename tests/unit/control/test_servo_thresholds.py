@@ -13,7 +13,7 @@ from updyn.control.servo import grid
 from updyn.control.servo.stability import count_drifting, count_growing
 from updyn.control.servo.state_space import StateSpace, balance, bilinear
 from updyn.control.servo.time_response import schedule_intervals, step_figures
-from updyn.errors import DataError
+from updyn.errors import DataError, OptionError
 
 NO_ROOTS = np.zeros(0, dtype=complex)
 
@@ -123,6 +123,14 @@ def test_a_record_has_at_most_20000_intervals():
     oscillator = StateSpace(A, np.array([[0.0], [1.0]]), np.array([[1.0, 0.0]]), np.zeros((1, 1)))
     ((n, dt), *_) = schedule_intervals(oscillator, 0, 0)
     assert (n, dt) == (20_000, pytest.approx(1.0 / 12.0))
+
+
+def test_a_series_of_wind_has_at_most_two_to_the_20_samples():
+    wind = updyn.Wind(10.0, 2.0, turbulence=0.2, duration=0.1 * (2**20 + 2), dt=0.1)
+    with pytest.raises(OptionError, match="16 to 1048576"):
+        wind.series()
+    exact = replace(wind, duration=0.1 * 2**20)
+    assert len(exact.series()[0]) == 2**20
 
 
 # -- discretisation -------------------------------------------------------------------------------
