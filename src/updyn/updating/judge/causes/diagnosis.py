@@ -107,24 +107,18 @@ def find_causes(part: FRFPart, noise: NoiseModel, points: Sequence[_Real] = ()) 
     known = [np.concatenate([x, held]) for x in points]
     explained = _explain_data(part, whole, trial_models, known, stated, noise)
     masked = mask_symptoms(detections, part.frf)
-    symptoms = explained.findings and masked is not part.frf
     remaining = explained.fit_remaining(part.frf)
-    if symptoms and (
-        remaining is None or remaining.mean_square > CAUSE_SEARCH.explained_mean_square
-    ):
+    is_open = remaining is None or remaining.mean_square > CAUSE_SEARCH.explained_mean_square
+    if is_open and explained.findings and masked is not part.frf:
         # The values of a symptom may be wrong on their own, and other faults may imitate them.
         by_itself = _explain_data(part.with_data(masked), whole, trial_models, known, stated, noise)
         fit_apart = by_itself.fit_remaining(masked)
-        if (
-            fit_apart
-            and explained.fit_mean_square(masked)
-            > CAUSE_SEARCH.symptom_ratio * fit_apart.mean_square
-        ):
-            explained, remaining = by_itself, fit_apart
-    if (
-        remaining is not None
-        and explained.mean_square_above_noise(part.frf, remaining) > CAUSE_SEARCH.gross_rms**2
-    ):
+        if fit_apart:
+            limit = CAUSE_SEARCH.symptom_ratio * fit_apart.mean_square
+            if explained.fit_mean_square(masked) > limit:
+                explained, remaining = by_itself, fit_apart
+    gross = CAUSE_SEARCH.gross_rms**2
+    if remaining and explained.mean_square_above_noise(part.frf, remaining) > gross:
         # Model and data differ too much for the likeliest fault to be meaningful.
         return stated + _try_other_units(part, remaining)
     corrected = _restrict_weights(explained.part.frf, part.frf)
@@ -510,13 +504,10 @@ def _make_ranked_finding(found: Sequence[RankedFault], test: str) -> Finding:
     finding = make_fault_finding(best.fault, best.log_odds, best.explains, test)
     statement = finding.statement
     if others:
-        named = " or ".join(
-            one.fault.statement().rstrip(".") for one in others[: CAUSE_SEARCH.named_causes]
-        )
-        statement += f" These data do not distinguish this from another cause: {named}."
-        tests = dict.fromkeys(
-            one.fault.distinguishing_test for one in found[: CAUSE_SEARCH.named_causes + 1]
-        )
+        named = others[: CAUSE_SEARCH.named_causes]
+        causes = " or ".join(one.fault.statement().rstrip(".") for one in named)
+        statement += f" These data do not distinguish this from another cause: {causes}."
+        tests = dict.fromkeys(one.fault.distinguishing_test for one in [best, *named])
         statement += "".join(f" {test}" for test in tests if test)
     also = tuple(one.fault.repair_text or one.fault.name for one in others)
     return replace(finding, statement=statement, also=also, of_misfit=best.of_misfit)

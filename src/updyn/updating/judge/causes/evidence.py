@@ -17,7 +17,7 @@ from updyn.updating.judge.causes.altered import divide_logs, replace_channels
 from updyn.updating.judge.causes.element import Receptances
 from updyn.updating.judge.causes.labels import list_response_labels, list_unsigned_labels
 from updyn.updating.judge.causes.misfit import compute_log_misfit
-from updyn.updating.judge.causes.places import iter_force_places, iter_sensor_places
+from updyn.updating.judge.causes.places import iter_force_places, iter_sensor_places, list_labels
 from updyn.updating.judge.causes.rates import compute_rayleigh_slopes, list_fixed_coefficients
 from updyn.updating.judge.causes.settings import CAUSE_MISFIT, CAUSE_SEARCH, SUPPORT_FAULT
 from updyn.updating.problem.parameters import Parameter
@@ -75,6 +75,23 @@ class _ModelResponses:
     H: _Complex
     slopes: _Complex
 
+    def add_responses(self, more: _ModelResponses) -> _ModelResponses:
+        """Return these and further responses to the same references."""
+        labels = self.labels + more.labels
+        return self._join(more, 1, labels, self.references)
+
+    def add_references(self, more: _ModelResponses) -> _ModelResponses:
+        """Return these and the same responses to further references."""
+        references = self.references + more.references
+        return self._join(more, 2, self.labels, references)
+
+    def _join(
+        self, more: _ModelResponses, axis: int, labels: list[str], references: list[str]
+    ) -> _ModelResponses:
+        H = np.concatenate([self.H, more.H], axis=axis)
+        slopes = np.concatenate([self.slopes, more.slopes], axis=axis + 1)
+        return _ModelResponses(labels, references, H, slopes)
+
     def find_indices(self, frf: FRF) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """Return the indices of the responses and the references of data."""
         rows = [self.labels.index(label) for label in list_response_labels(frf)]
@@ -123,28 +140,14 @@ class Evidence:
     @cached_property
     def _responses_elsewhere(self) -> _ModelResponses:
         """The model's H at the measured responses and at places where these may be instead."""
-        labels = list(dict.fromkeys(str(place) for _, place in iter_sensor_places(self.part)))
-        measured = self._measured_responses
-        added = self._compute_responses(labels, measured.references)
-        return _ModelResponses(
-            measured.labels + added.labels,
-            measured.references,
-            np.concatenate([measured.H, added.H], axis=1),
-            np.concatenate([measured.slopes, added.slopes], axis=2),
-        )
+        measured, labels = self._measured_responses, list_labels(iter_sensor_places(self.part))
+        return measured.add_responses(self._compute_responses(labels, measured.references))
 
     @cached_property
     def _responses_to_moved_forces(self) -> _ModelResponses:
         """The model's H for the references and for places at which these may act instead."""
-        labels = list(dict.fromkeys(str(place) for _, place in iter_force_places(self.part)))
-        measured = self._measured_responses
-        added = self._compute_responses(measured.labels, labels)
-        return _ModelResponses(
-            measured.labels,
-            measured.references + added.references,
-            np.concatenate([measured.H, added.H], axis=2),
-            np.concatenate([measured.slopes, added.slopes], axis=3),
-        )
+        measured, labels = self._measured_responses, list_labels(iter_force_places(self.part))
+        return measured.add_references(self._compute_responses(measured.labels, labels))
 
     def model_response(self, frf: FRF) -> _Complex:
         """Return the model's H at the channels of data, shape (n_f, n_i, n_j)."""
@@ -189,9 +192,8 @@ class Evidence:
             self.part.with_data(replace(self.frf, freq=freq * factor)).responses(self.x)
             for factor in (1.0 - CAUSE_MISFIT.frequency_step, 1.0 + CAUSE_MISFIT.frequency_step)
         )
-        return np.asarray(
-            divide_logs(high, low) / (2.0 * CAUSE_MISFIT.frequency_step * freq)[:, None, None]
-        )
+        width = 2.0 * CAUSE_MISFIT.frequency_step * freq
+        return np.asarray(divide_logs(high, low) / width[:, None, None])
 
     def log_ratio_with_decay(self, rate: float) -> _Complex:
         """Return the model's ln H(i omega + rate) / H(i omega), shape (n_f, n_i, n_j)."""
@@ -293,9 +295,8 @@ class Evidence:
         """
         clear = (self.weight > 0.0).any(axis=2).sum(axis=0)
         labels = list_response_labels(self.frf)
-        return frozenset(
-            one for one, n in zip(labels, clear, strict=True) if n < CAUSE_SEARCH.least_lines
-        )
+        too_few = clear < CAUSE_SEARCH.least_lines
+        return frozenset(one for one, few in zip(labels, too_few, strict=True) if few)
 
     def misfit(self, frf: FRF) -> _Real:
         """Return the misfit of data on the same lines, real parts above imaginary parts."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +11,7 @@ from updyn.dofs import Dof
 from updyn.updating.judge.causes.settings import CAUSE_CANDIDATES
 from updyn.updating.problem.problem import FRFPart
 
-__all__ = ["iter_force_places", "iter_sensor_places", "list_all_places"]
+__all__ = ["iter_force_places", "iter_sensor_places", "list_all_places", "list_labels"]
 
 
 def iter_sensor_places(part: FRFPart) -> Iterator[tuple[Dof, Dof]]:
@@ -47,7 +47,11 @@ def iter_force_places(part: FRFPart) -> Iterator[tuple[Dof, Dof]]:
 
 def list_all_places(part: FRFPart) -> list[str]:
     """Return all alternative places of sensors and forces."""
-    pairs = [*iter_sensor_places(part), *iter_force_places(part)]
+    return list_labels([*iter_sensor_places(part), *iter_force_places(part)])
+
+
+def list_labels(pairs: Iterable[tuple[Dof, Dof]]) -> list[str]:
+    """Return the labels of alternative places without duplicates."""
     return list(dict.fromkeys(str(place) for _, place in pairs))
 
 
