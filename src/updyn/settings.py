@@ -50,8 +50,8 @@ class PositionSettings:
     #: [1] Largest distance to the nearest node that is not gross, as a share of the model's size.
     #: Why: in a coarse model the nearest node may be a quarter of the size away.
     coarse_share: float = 0.25
-    #: [1] Distance of the nearest node, as a share of the model's size, above which the proposed
-    #: match by coordinates has a tolerance. Why: the default tolerance of such a match.
+    #: [1] Default tolerance of a match by position, as a share of the model's size. Why: accuracy
+    #: of measurements by hand; a rule of thumb.
     matched_share: float = 0.01
     #: [1] Rms distance of pairs in another unit, as a share of the rms radius of the nodes, up to
     #: which the unit is accepted. Why: units differ by a factor of 2.5 or more (cm and in).
@@ -93,6 +93,29 @@ class NotebookSettings:
     #: [lines] Largest number of lines of a drawn structure. Why: each takes about 50 bytes of the
     #: notebook file.
     structure_lines: int = 3000
+    #: [nodes] Largest number of nodes of a model that can be rotated. Why: a notebook stores the
+    #: data of each output.
+    viewer_nodes: int = 20_000
+
+
+@dataclass(frozen=True)
+class FigureSettings:
+    """Figures of reports, of matplotlib and of the viewer."""
+
+    #: [cells] Largest map whose values are printed in its cells. Why: in more cells, the numbers
+    #: overlap.
+    printed_cells: int = 150
+    #: [curves] Largest number of curves that a legend names. Why: more curves cannot be told apart
+    #: by colour and dash.
+    legend_entries: int = 12
+    #: [lines] Largest number of measured lines that are drawn as points; more are drawn as a curve.
+    #: Why: more points overlap.
+    measured_points: int = 200
+    #: [channels] Largest number of channels of an overlay. Why: each is a panel of the figure.
+    overlay_channels: int = 16
+    #: [nodes] Largest number of nodes of a group without lines that is drawn as squares. Why:
+    #: lumped masses have few nodes; a larger group would hide the structure.
+    lumped_nodes: int = 4
 
 
 @dataclass(frozen=True)
@@ -119,4 +142,5 @@ VARIANTS = VariantSettings()
 POSITIONS = PositionSettings()
 MESSAGES = MessageSettings()
 NOTEBOOK = NotebookSettings()
+FIGURES = FigureSettings()
 PROGRESS = ProgressSettings()

@@ -20,6 +20,7 @@ from updyn.matching.result import Alignment, MatchError, format_list, vector_tex
 from updyn.matching.settings import SENSOR_PLACEMENT
 from updyn.model import Model
 from updyn.positions import UNITS, is_in_line, rigid_motion
+from updyn.settings import POSITIONS
 
 __all__ = ["NodeMatch", "fit_rigid", "match_nodes", "read_tolerance"]
 
@@ -366,7 +367,7 @@ def read_tolerance(given: float | str | None, size: float, *others: str) -> floa
     Messages also list the valid values in `others`.
     """
     if given is None:
-        return SENSOR_PLACEMENT.default_tolerance * size
+        return POSITIONS.matched_share * size
     number: Any = given
     is_share = isinstance(given, str) and given.strip().endswith("%")
     if isinstance(given, str) and is_share:

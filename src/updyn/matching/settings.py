@@ -38,9 +38,6 @@ class SensorDirectionSettings:
 class SensorPlacementSettings:
     """Numbers of the positions of sensors."""
 
-    #: [1] Tolerance of positions, as a share of the size of the model, by default. Why: accuracy of
-    #: hand measurement; a rule of thumb.
-    default_tolerance: float = 0.01
     #: [1] Two nodes are equally near if their distances differ by less than this share of the size
     #: of the model. Why: digits of positions in files.
     equal_distance: float = 1e-6

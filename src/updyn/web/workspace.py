@@ -33,9 +33,9 @@ class Workspace:
     `workers` has the latest worker of each task; `theme` is "auto", "light" or "dark".
     """
 
-    def __init__(self, folder: Path, most_upload: int = WEB_LIMIT.upload_bytes) -> None:
+    def __init__(self, folder: Path) -> None:
         self.project = Project(folder)
-        self.most_upload = most_upload
+        self.most_upload = WEB_LIMIT.upload_bytes
         self.document: JobDocument | None = None
         self.workers: dict[str, Worker] = {}
         self.theme = "auto"
