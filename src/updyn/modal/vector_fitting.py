@@ -143,8 +143,8 @@ def fit_by_cross_validation(
             before, latest = min(errors[:-recent]), min(errors[-recent:])
             if latest > (1.0 - VECTOR_FITTING.least_improvement) * before:
                 break
-    largest = VECTOR_FITTING.prediction_margin * min(errors) + VECTOR_FITTING.exact_prediction
-    best = int(np.flatnonzero(np.array(errors) <= largest)[0])
+    worst = VECTOR_FITTING.prediction_margin * min(errors) + VECTOR_FITTING.exact_prediction
+    best = int(np.flatnonzero(np.array(errors) <= worst)[0])
     pair = fits[best]
     *_, last = fit_increasing_orders(basis, x, Y, pair[0].poles, len(pair[0].poles))
     return last, pair
