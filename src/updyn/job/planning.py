@@ -16,7 +16,7 @@ from updyn.job.prepare import prepare_model
 from updyn.job.schema import Job
 from updyn.outputs.switch import open_folder, replace_files
 from updyn.planning import plan
-from updyn.planning.settings import PLAN
+from updyn.planning.settings import PLANNING
 from updyn.progress import RunStage
 from updyn.store.planning import write_plan_json
 
@@ -68,10 +68,10 @@ class PlanTable(Table):
     reference_candidates: str | Texts | None = None
     criterion: str = "d-optimal"
     quantity: str = "accelerance"
-    lines: Annotated[int | tuple[float, ...], BeforeValidator(_parse_lines)] = PLAN.lines
+    lines: Annotated[int | tuple[float, ...], BeforeValidator(_parse_lines)] = PLANNING.lines
     noise: dict[str, float] | None = None
     interest: str | Texts | None = None
-    robust: int = Field(default=PLAN.starts, ge=0)
+    robust: int = Field(default=PLANNING.starts, ge=0)
     off: float = Field(default=0.2, gt=0, le=1)
     seed: int = Field(default=0, ge=0)
 

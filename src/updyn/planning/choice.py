@@ -14,7 +14,7 @@ from updyn.planning.criteria import CRITERIA, Criterion, Planning, volume_score
 from updyn.planning.layout import Layout
 from updyn.planning.options import Band
 from updyn.planning.result import RivalLayout, Worth
-from updyn.planning.settings import PLAN
+from updyn.planning.settings import PLANNING
 from updyn.updating.problem.optimal_design import DesignScore, select_greedily
 
 __all__ = ["Choice"]
@@ -82,7 +82,7 @@ class Choice:
         self, items: _Real, chosen: Sequence[int], names: DofSet
     ) -> tuple[Worth, ...]:
         remaining = np.setdiff1d(np.arange(len(items)), chosen)
-        count = min(PLAN.further_items, len(remaining))
+        count = min(PLANNING.further_items, len(remaining))
         order, _ = select_greedily(items[remaining], self.total, count, self.score)
         gains = _accumulate_gains(items[remaining[order]], self.total, self.score)
         labels = names[remaining[order]].labels

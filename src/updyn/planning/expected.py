@@ -12,7 +12,7 @@ from updyn.frf import FRF
 from updyn.planning.choice import Choice
 from updyn.planning.information import Candidates
 from updyn.planning.result import BandWorth
-from updyn.planning.settings import PLAN
+from updyn.planning.settings import PLANNING
 from updyn.updating.judge.assessment import linearise_at_start
 from updyn.updating.judge.identifiability import Analysis, analyse_identifiability
 from updyn.updating.problem.noise import choose_noise
@@ -74,8 +74,8 @@ class Expected:
     def _undetermined_error(self, analysis: Analysis) -> ParameterError:
         names = self.part.coordinates.parameters.names
         undetermined = [names[i] for i in np.flatnonzero(analysis.involved)]
-        shown = ", ".join(undetermined[: PLAN.named_items])
-        n_more = len(undetermined) - PLAN.named_items
+        shown = ", ".join(undetermined[: PLANNING.named_items])
+        n_more = len(undetermined) - PLANNING.named_items
         if n_more > 0:
             shown += f" and {n_more} more"
         frf = self.part.frf
@@ -102,7 +102,7 @@ class Expected:
     def parts_of_band(self) -> tuple[BandWorth, ...]:
         """Return the gain of each part of the band over the others, at the start."""
         total = self.map_lines.sum(axis=0) + self.choice.planning.information.before
-        n_parts = PLAN.band_parts
+        n_parts = PLANNING.band_parts
         edges = np.linspace(*self.choice.band, n_parts + 1)
         which = np.searchsorted(edges, self.layout.freq, side="right") - 1
         which = np.clip(which, 0, n_parts - 1)

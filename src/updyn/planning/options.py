@@ -12,7 +12,7 @@ from updyn.errors import OptionError, ParameterError, key_path, suggest
 from updyn.frf import FRF, QUANTITIES
 from updyn.group import is_number
 from updyn.model import Model
-from updyn.planning.settings import PLAN
+from updyn.planning.settings import PLANNING
 from updyn.updating.problem.coordinates import Coordinates
 from updyn.updating.problem.lines import find_unknowns
 from updyn.updating.problem.noise import ASSUMED, Stated, choose_noise
@@ -117,9 +117,9 @@ def find_lines(given: int | ArrayLike, band: Band) -> _Real:
     """
     low, high = band
     if isinstance(given, int | np.integer) and not isinstance(given, bool):
-        if not 2 <= given <= PLAN.most_lines:
+        if not 2 <= given <= PLANNING.most_lines:
             raise OptionError(
-                f"lines = {given}: expected 2 to {PLAN.most_lines:,} lines", key=("lines",)
+                f"lines = {given}: expected 2 to {PLANNING.most_lines:,} lines", key=("lines",)
             )
         return np.linspace(low, high, int(given))
     try:
@@ -161,10 +161,10 @@ class StartDraws:
                 raise OptionError(
                     f"{name} = {value!r}: expected a whole number of at least 0", key=(name,)
                 )
-        if self.robust > PLAN.most_starts:
+        if self.robust > PLANNING.most_starts:
             raise OptionError(
-                f"robust = {self.robust}: expected at most {PLAN.most_starts:,} starts, as the plan"
-                " is computed at each",
+                f"robust = {self.robust}: expected at most {PLANNING.most_starts:,} starts, as the"
+                " plan is computed at each",
                 key=("robust",),
             )
         if not is_number(self.off) or not 0.0 < self.off <= 1.0:

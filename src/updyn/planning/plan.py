@@ -31,7 +31,7 @@ from updyn.planning.options import (
 )
 from updyn.planning.result import BandWorth, Plan, RivalLayout
 from updyn.planning.screening import is_many, reduce_candidates, screen_candidates
-from updyn.planning.settings import PLAN
+from updyn.planning.settings import PLANNING
 from updyn.updating.fit.checkpoint import Checkpoint, checkpoint_session, fingerprint
 from updyn.updating.fit.monitor import Monitor, Progress
 from updyn.updating.problem.parameters import ParameterSet
@@ -56,10 +56,10 @@ def plan(
     *,
     reference_candidates: str | Iterable[str | Dof] | None = None,
     quantity: str = "accelerance",
-    lines: int | ArrayLike = PLAN.lines,
+    lines: int | ArrayLike = PLANNING.lines,
     noise: Mapping[str, float] | None = None,
     interest: str | Iterable[str] | None = None,
-    robust: int = PLAN.starts,
+    robust: int = PLANNING.starts,
     off: float = 0.2,
     seed: int = 0,
     compare: bool = False,

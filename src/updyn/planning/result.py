@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.model import Model
-from updyn.planning.settings import PLAN
+from updyn.planning.settings import PLANNING
 from updyn.text_table import format_count, text_table
 from updyn.updating.problem.parameters import ParameterSet
 
@@ -202,7 +202,7 @@ class Plan:
         ):
             for number, (label, gain) in enumerate(zip(labels, gains, strict=True)):
                 rows.append([kind, label, _format_percent(gain) if number else "first"])
-        further = self.further[: PLAN.named_items]
+        further = self.further[: PLANNING.named_items]
         rows += [["next sensor", w.label, _format_percent(w.gain)] for w in further]
         rows += [
             ["next force", w.label, _format_percent(w.gain)] for w in self.further_references[:1]

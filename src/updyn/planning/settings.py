@@ -105,7 +105,7 @@ class CandidateReductionSettings:
     certified_lines: int = 40
 
 
-PLAN = PlanSettings()
+PLANNING = PlanSettings()
 INFORMATION = InformationSettings()
 LAYOUT_SEARCH = LayoutSearchSettings()
 SCREENING = ScreeningSettings()
