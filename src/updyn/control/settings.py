@@ -12,14 +12,14 @@ class AntiresonanceSettings:
     #: [1] Largest relative width of an antiresonance. Why: wider minima lie between resonances
     #: without a zero near the axis.
     largest_width: float = 0.3
-    #: [1] Smallest relative width of an antiresonance; narrower ones count as so wide. Why: the
-    #: damping of structures is known no better.
+    #: [1] Smallest relative width of an antiresonance; narrower ones count as so wide. Why: a rule
+    #: of thumb.
     least_width: float = 1e-2
     #: [1] Relative distance within which lines are neighbours. Why: a fortieth of the smallest
     #: width.
     neighbour_distance: float = 2.5e-4
-    #: [rad] Least change of phase between one width below and one above. Why: 2.2 for a single
-    #: zero; a minimum without a zero has less than half of it.
+    #: [rad] Least change of phase between one width below and one above. Why: half of the 2.2 of a
+    #: single zero.
     least_turn: float = 1.2
     #: [rounds] Rounds in which antiresonances are located. Why: each one fits a zero to closer
     #: lines, so the error decreases quadratically.
@@ -46,11 +46,10 @@ class PlantTargetSettings:
     #: half-power width. Why: a rule of thumb.
     line_offsets: tuple[float, ...] = (0.1, 0.3, 0.6, 1.0, 2.0, 4.0)
     #: [1] Height of the smallest resonance that is evaluated, as a share of the highest one of its
-    #: channel. Why: smaller ones are within the error of the channel, 0.02 of its peak, or a few
-    #: times it.
+    #: channel. Why: a rule of thumb; the error of the channel also limits that of smaller ones.
     counted_height: float = 0.1
-    #: [1] Share of the geometric mean of its ports below which a channel is uncoupled. Why: the
-    #: rounding of a response is 1e-16 times the condition of its matrix.
+    #: [1] Share of the geometric mean of its ports below which a channel is uncoupled. Why:
+    #: rounding of a response.
     uncoupled_share: float = 1e-7
     #: [1] Error of a reduced model, as a share of the largest receptance of a line, above its
     #: resolution. Why: a hundred times the accuracy of its basis.
@@ -102,8 +101,7 @@ class CausalBoundSettings:
     #: [lines] Lines on each side of the band for the gain outside. Why: a rule of thumb; natural
     #: frequencies are added.
     outside_lines: int = 400
-    #: [1] Factor by which these lines extend beyond the band. Why: a rule of thumb; the response is
-    #: monotonic there.
+    #: [1] Factor by which these lines extend beyond the band. Why: a rule of thumb.
     outside_factor: float = 1e3
     #: [lines] Lines whose responses are computed at once. Why: memory.
     block_lines: int = 4096
@@ -115,14 +113,14 @@ class CausalBoundSettings:
 class ModalSpaceSettings:
     """Numbers of the modes of a model, and of the reduction of a large one."""
 
-    #: [DOFs] Number of DOFs up to which a model is used without reduction. Why: a dense
-    #: decomposition then takes less time than a reduction.
+    #: [DOFs] Number of DOFs up to which a model is used without reduction. Why: effort; a rule of
+    #: thumb.
     whole_dofs: int = 300
     #: [1] Accuracy of a reduced model. Why: smaller than for an update, since behind a gear train
     #: the motion of the load is small relative to that of the motor, which normalises the error.
     basis_accuracy: float = 1e-8
     #: [1] Lines of the check of a basis for several states, as shares of the end of the band. Why:
-    #: the error is largest at the end.
+    #: a rule of thumb.
     checked_shares: tuple[float, ...] = (1.0, 0.7, 0.35)
     #: [states] Number of states that always enrich such a basis; others do if it lacks them. Why: a
     #: rule of thumb.
@@ -161,8 +159,8 @@ class SpectralSettings:
 class RealModesSettings:
     """Numbers of real modes with relaxation terms (Biot)."""
 
-    #: [terms] Numbers of relaxation terms that are tried in turn. Why: each term adds states; more
-    #: than eight fit no loss factor better.
+    #: [terms] Numbers of relaxation terms that are tried in turn. Why: each term adds states; a
+    #: rule of thumb.
     relaxation_terms: tuple[int, ...] = (2, 3, 4, 6, 8)
     #: [lines] Lines at which they are fitted to a loss factor. Why: a rule of thumb.
     fitted_lines: int = 200
@@ -199,15 +197,14 @@ class ComplexModesSettings:
 class RationalFitSettings:
     """Numbers of the rational approximation of a response."""
 
-    #: [iterations] Iterations of vector fitting with the given weights. Why: poles converge within
-    #: a few.
+    #: [iterations] Iterations of vector fitting with the given weights. Why: a rule of thumb.
     pole_iterations: int = 8
     #: [iterations] Iterations of vector fitting with updated weights. Why: a rule of thumb.
     weighted_iterations: int = 16
     #: [iterations] Iterations of the outputs with updated weights. Why: a rule of thumb.
     output_iterations: int = 12
-    #: [1] Largest error, as a multiple of the tolerance, of a fit that is refined. Why: effort;
-    #: refinement reduces an error by less.
+    #: [1] Largest error, as a multiple of the tolerance, of a fit that is refined. Why: effort; a
+    #: rule of thumb.
     refined_error: float = 4.0
     #: [1] Smallest factor on the square of the weight of a line in one iteration. Why: a rule of
     #: thumb; weights do not vanish.
@@ -220,12 +217,12 @@ class RationalFitSettings:
     #: poles to places with a larger error from the passivity constraint.
     refit_steps: tuple[int, ...] = (0, 2)
     #: [1] Largest relative distance between a pair and the pole of the structure that it
-    #: represents. Why: a rule of thumb; the damping of structures is a few per cent.
+    #: represents. Why: a rule of thumb.
     match_distance: float = 0.02
     #: [1] Damping ratio of an initial pole that represents no mode. Why: a rule of thumb.
     free_damping: float = 0.3
     #: [1] Singular value of a least-squares fit, as a share of the largest, below which it is 0.
-    #: Why: the rounding of columns with a condition of 1e5.
+    #: Why: rounding of nearly dependent columns.
     singular_share: float = 1e-10
     #: [states] Largest number of states in addition to those of the modes in the band. Why: effort;
     #: a rule of thumb.
@@ -255,8 +252,8 @@ class MeasuredPlantSettings:
 
     #: [lines] Least number of lines in the band. Why: a rule of thumb; one mode has four unknowns.
     least_lines: int = 8
-    #: [std] Standard deviations of a measured value within which the plant may lie. Why: 99 % of a
-    #: normal distribution.
+    #: [std] Standard deviations of a measured value within which the plant may lie. Why: 99.7 % of
+    #: a normal distribution.
     accepted_stds: float = 3.0
 
 
@@ -270,7 +267,8 @@ class PlantFamilySettings:
     least_training_draws: int = 6
     #: [draws] Draws per parameter that enrich it. Why: a rule of thumb.
     draws_per_parameter: float = 2.0 / 3.0
-    #: [1] Factor on the spread of these draws. Why: members then lie between them.
+    #: [1] Factor on the spread of these draws. Why: a rule of thumb; most members then lie between
+    #: them.
     training_spread: float = 1.5
 
 
@@ -315,7 +313,7 @@ class UncertaintyWeightSettings:
     """Numbers of the lines of an uncertainty weight."""
 
     #: [1] Factor by which the lines extend beyond the slowest and fastest of band, poles and zeros.
-    #: Why: a rule of thumb; the radius is constant there.
+    #: Why: a rule of thumb.
     band_factor: float = 10.0
     #: [rounds] Rounds that add lines where a weight is closest to its radius. Why: a rule of thumb;
     #: the first ones fit the weight again.

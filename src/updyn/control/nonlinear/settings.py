@@ -72,8 +72,7 @@ class LoopSimulationSettings:
     #: [steps] Steps whose matrix powers are stored and that are computed at once. Why: a rule of
     #: thumb for speed.
     block_steps: int = 64
-    #: [switches] Switches within one step that count as chatter. Why: a rule of thumb; a contact
-    #: that bounces has a few.
+    #: [switches] Switches within one step that count as chatter. Why: a rule of thumb.
     chatter_switches: int = 200
 
 

@@ -77,7 +77,7 @@ class RigidMotionSettings:
     #: it count as 0. Why: the imaginary part of smaller ones is rounding.
     least_radius_ratio: float = 1e-3
     #: [1] Ratio of neighbouring moduli of poles between which a circle lies. Why: the integral
-    #: converges by this ratio for each two points.
+    #: converges by the square root of this ratio for each point.
     least_gap: float = 1.5
     #: [points] Points on a circle. Why: 1.5^-128 is below rounding.
     circle_points: int = 256
@@ -98,7 +98,7 @@ class DriveSettings:
     #: [modes] Least number of computed modes. Why: a rule of thumb; more are computed up to the end
     #: of the band.
     least_modes: int = 10
-    #: [1] Largest relative error of a stated gear ratio. Why: ratios are stated with four digits.
+    #: [1] Largest relative error of a stated gear ratio. Why: a rule of thumb.
     ratio_error: float = 1e-3
     #: [1] Motion, as a share of the largest, below which a DOF is at rest. Why: rounding of
     #: eigenvectors.
@@ -134,8 +134,8 @@ class StepResponseSettings:
     least_intervals: int = 1000
     #: [intervals] Largest number of intervals of a record. Why: effort.
     most_intervals: int = 20_000
-    #: [intervals] Intervals per radian of the fastest contributing mode. Why: cubic interpolation
-    #: is then accurate to about 1e-6 of the amplitude.
+    #: [intervals] Intervals per radian of the fastest contributing mode. Why: the error of cubic
+    #: interpolation is then about 1e-7 of the amplitude.
     intervals_per_radian: float = 12.0
     #: [1] Share of the response of the smallest contributing mode. Why: a twentieth of the settling
     #: band.
