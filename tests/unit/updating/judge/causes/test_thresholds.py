@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -10,8 +12,14 @@ import pytest
 import updyn
 from updyn.updating.judge.causes.calibration import Calibration
 from updyn.updating.judge.causes.candidates import has_small_residual
+from updyn.updating.judge.causes.dead_channel import DeadChannel
 from updyn.updating.judge.causes.delay import Delay
 from updyn.updating.judge.causes.diagnosis import find_obstacle, is_far_from_start
+from updyn.updating.judge.causes.drive_point import (
+    DrivePoint,
+    _count_lines,
+    _log_likelihood_ratio,
+)
 from updyn.updating.judge.causes.evidence import Evidence, compute_spread
 from updyn.updating.judge.causes.fault import divide_odds
 from updyn.updating.judge.causes.finding import Finding
@@ -38,6 +46,7 @@ from updyn.updating.judge.causes.ranking import (
 from updyn.updating.judge.causes.reduced import WholeModel, choose_trial_models
 from updyn.updating.judge.causes.scale import WrongUnit
 from updyn.updating.judge.causes.sign import WrongSign
+from updyn.updating.judge.causes.square import CollocatedFrfs
 from updyn.updating.judge.causes.support import Suspension
 from updyn.updating.judge.causes.suspects import ScoredFault, select_likeliest
 from updyn.updating.judge.causes.swapped import SwappedChannels
@@ -328,3 +337,115 @@ def test_a_ground_spring_of_known_stiffness(chain12, std, known):
     items = [replace(one, prior_std=std) for one in part.coordinates.parameters]
     held = replace(part.coordinates, parameters=ParameterSet(tuple(items)))
     assert ("base" in list_ground_springs(replace(part, coordinates=held))) is known
+
+
+def make_square(values, noise, freq=None):
+    """Return the FRFs at one drive point, with mobilities and their deviation."""
+    freq = np.linspace(1.0, 10.0, len(values)) if freq is None else freq
+    index, shape = np.zeros(1, dtype=np.intp), (len(values), 1, 1)
+    values = np.reshape(values, shape).astype(complex)
+    noise = np.full(shape, noise)
+    return CollocatedFrfs(
+        ("2:X",), index, index, values, noise, freq, 2j * np.pi * freq, "mobility"
+    )
+
+
+def test_lines_of_a_drive_point_that_count():
+    """Of values above five deviations, a real part counts beyond 4 / sqrt(2) and 3 degrees."""
+    assert _count_lines(make_square([-5.1, -4.9], 1.0), 0) == (1, 1, 1)
+    doubt = 4.0 / np.sqrt(2.0) + 0.05 * 20.0
+    values = [-(doubt + 0.01) + 19.6j, -(doubt - 0.2) + 19.6j]
+    assert _count_lines(make_square(values, 1.0), 0) == (2, 1, 1)
+    flat = [-0.051 + 1j, -0.049 + 1j]
+    assert _count_lines(make_square(flat, 1e-9), 0) == (2, 1, 1)
+
+
+@pytest.mark.parametrize(("share", "positive"), [(0.0195, False), (0.0205, True)])
+def test_negative_lines_by_chance(share, positive):
+    assert (_log_likelihood_ratio(share) > 0.0) is positive
+
+
+@pytest.mark.parametrize(("negative", "found"), [(9, False), (11, True)])
+def test_a_tenth_of_the_lines_makes_a_drive_point_active(monkeypatch, negative, found):
+    values = np.where(np.arange(100) < negative, -1.0, 1j)
+    monkeypatch.setattr(CollocatedFrfs, "of", lambda frf: make_square(values, 1e-6))
+    monkeypatch.setattr("updyn.updating.judge.causes.drive_point._iter_explanations", list_nothing)
+    assert bool(list(DrivePoint.detect_faults(None))) is found
+
+
+def list_nothing(*_):
+    return []
+
+
+@pytest.mark.parametrize(("level", "expected"), [(0.9e-8, True), (1.1e-8, False)])
+def test_a_channel_without_response(level, expected):
+    frf = updyn.FRF([1.0, 2.0], np.ones((2, 2, 1)), ["1:X", "2:X"], ["1:X"], "receptance")
+    part = type("Part", (), {"frf": frf})()
+    responses = np.array([[[1.0], [level]]])
+    part.thin = lambda n_lines: part
+    part.responses = lambda x: responses
+    part.coordinates = type("Coordinates", (), {"start": None})()
+    assert DeadChannel(("2:X",)).is_expected(part) is expected
+
+
+def test_lines_that_the_repair_of_a_mode_omits(chain12):
+    frf = make_part(chain12, 600, stiffness="all").frf
+    kept = MissingMode((), 10.0).repair(frf).freq
+    omitted = np.setdiff1d(frf.freq, kept)
+    assert (omitted.min(), omitted.max()) == pytest.approx((9.5, 10.5), abs=0.04)
+
+
+@pytest.mark.parametrize(("size", "n_kept"), [(2.9, 1), (3.1, 0)])
+def test_lines_at_which_a_mode_dominates(size, n_kept):
+    shape = (("1:X", complex(size)), ("force 1:X", 1.0 + 0j))
+    mode = MissingMode((), 10.0, loss=1.0, shape=shape)
+    term = size / (1.0 + 1j - (5.0 / 10.0) ** 2)
+    values = np.array([term * (1.0 + 1.0 / size), 1e9]).reshape(2, 1, 1)
+    frf = updyn.FRF([5.0, 100.0], values, ["1:X"], ["1:X"], "receptance")
+    assert len(mode.repair(frf).freq) == 1 + n_kept
+
+
+@pytest.mark.parametrize(("entries", "subtracted"), [(12, True), (13, False)])
+def test_a_remedy_with_the_shape_of_a_mode(entries, subtracted):
+    shape = tuple((f"{i}:X", 1.0 + 0j) for i in range(entries))
+    assert ("subtract it" in MissingMode((), 10.0, shape=shape).remedy) is subtracted
+
+
+def test_the_table_of_a_varying_loss_factor():
+    freq = tuple(np.linspace(1.0, 10.0, 10))
+    fault = LossOverFrequency(("all.loss_factor",), 0.5, (), 10.0**0.5, freq)
+    lines, factors = json.loads(re.search(r"loss_table = (\[\[.*\]\]) in", fault.remedy)[1])
+    assert len(lines) == len(factors) == 9
+    assert (lines[0], lines[-1]) == (pytest.approx(0.9995), pytest.approx(11.12))
+    assert factors[-1] == pytest.approx((11.12 / 10.0**0.5) ** 0.5, rel=5e-4)
+    assert max(len(str(one).replace(".", "").lstrip("0")) for one in factors) == 4
+
+
+@pytest.mark.parametrize(("angle", "same"), [(92.9, True), (93.1, False), (-87.1, True)])
+def test_a_turn_by_a_right_angle_is_an_exchange(angle, same):
+    assert ("exchanged" in TurnedSensor(("2:Z",), angle).statement()) is same
+
+
+def test_a_missing_support_is_an_unknown_with_a_wide_prior(chain12):
+    part = make_part(chain12, stiffness="all")
+    fault = NoSupport(("part1",), -20.0)
+    (wide, *_) = fault.correct_part(part, part.coordinates.start).coordinates.parameters
+    assert (wide.lower, wide.prior_std) == (1e-4, 5.0)
+
+
+def test_a_suspension_of_soft_springs(chain12):
+    part = make_part(chain12, stiffness="all")
+    evidence = Evidence(part, part.coordinates.start)
+    omega = 2.0 * np.pi * part.frf.freq[:, None, None]
+    K, M = chain12.stiffness.toarray().astype(complex), chain12.mass.toarray()
+    for group in chain12.groups.values():
+        K += 1j * group.loss_factor * group.stiffness.toarray()
+    lifted = K + (2.0 * np.pi * 3.0) ** 2 * (1.0 + 0.05j) * M
+    H = [np.linalg.solve(one - omega**2 * M, np.eye(12)[:, 11]) for one in (K, lifted)]
+    expected = np.log(H[1] / H[0])[:, [1, 6]]
+    found = evidence.log_ratio_on_suspension(3.0)[:, :, 0]
+    assert np.exp(found) == pytest.approx(np.exp(expected), rel=1e-9)
+
+
+def test_a_first_loss_factor_of_a_mode():
+    assert MissingMode((), 10.0).loss == 0.01
