@@ -17,6 +17,7 @@ from updyn.frf import FRF
 from updyn.geometry import Geometry
 from updyn.matching import MatchError, Matching, match
 from updyn.model import Group, Model
+from updyn.positions import is_in_line
 
 #: Mesh of a wing, 1.7 m by 0.52 m, numbered across the chord first; its size is 1.778 m.
 ROWS, COLUMNS = 18, 14
@@ -184,6 +185,24 @@ def test_other_axes_are_a_warning_because_directions_of_labels_may_be_others(fac
     assert len(told) == 1
     assert "turned by 36 degrees" in str(found)
     assert max(m.distance for m in found.table) < 1e-9
+
+
+@pytest.mark.parametrize(("degrees", "is_warned"), [(0.9, False), (1.1, True)])
+def test_directions_are_doubtful_from_a_degree(degrees: float, is_warned: bool) -> None:
+    turn = Rotation.from_euler("z", degrees, degrees=True).as_matrix()
+    data = measured(AT, PLACES @ turn.T + np.array([3.0, -0.7, 0.2]))
+    if not is_warned:
+        accepted(wing(), data)
+        return
+    with pytest.warns(UpdynWarning, match="directions are taken as the labels name them"):
+        match(wing(), data)
+
+
+@pytest.mark.parametrize(("width", "in_line"), [(1.3e-6, True), (1.5e-6, False)])
+def test_points_in_line_are_a_millionth_wide(width: float, in_line: bool) -> None:
+    """The root of the sum of squares of the width, over that of the length."""
+    points = np.array([[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, width, 0.0]])
+    assert is_in_line(points) is in_line
 
 
 def test_two_nodes_or_one_in_another_system_cannot_be_compared() -> None:
