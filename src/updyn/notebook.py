@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from updyn.registry import Registry
-from updyn.settings import NOTEBOOK
+from updyn.settings import MESSAGES, NOTEBOOK
 from updyn.style import FIGURE_TEXT, PAPER, SPACES, category
 
 __all__ = [
@@ -228,11 +228,12 @@ def _text(x: float, y: float, text: str, anchor: str, role: str = "text") -> str
 def _legend(names: Sequence[str]) -> str:
     """Return the names of the curves in their colours, for the upper right corner."""
     spans = []
-    for number, name in enumerate(names[:6]):
+    most = MESSAGES.listed_items
+    for number, name in enumerate(names[:most]):
         colour, _ = category(number)
         spans.append(f'<tspan dx="10" fill="{colour}">{html.escape(name)}</tspan>')
-    if len(names) > 6:
-        spans.append(f'<tspan dx="10">... {len(names) - 6} more</tspan>')
+    if len(names) > most:
+        spans.append(f'<tspan dx="10">... {len(names) - most} more</tspan>')
     return f'<text x="{_WIDTH - _RIGHT}" y="14" text-anchor="end">{"".join(spans)}</text>'
 
 

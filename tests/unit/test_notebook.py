@@ -258,3 +258,27 @@ def test_a_registered_viewer_takes_the_place_of_the_picture(monkeypatch):
     assert "<p>3</p>" in page
     assert "<svg" not in page
     assert "bay 1" in page
+
+
+@pytest.mark.parametrize(
+    ("n", "hidden"), [(20, ""), (21, "... and 1 more"), (40, "... and 20 more")]
+)
+def test_a_table_has_twenty_rows(n, hidden):
+    found = notebook.table(["name"], [["row"]] * n)
+    assert found.count(">row<") == min(n, 20)
+    assert hidden in found
+    assert ("more" in found) is bool(hidden)
+
+
+@pytest.mark.parametrize(("n", "drawn"), [(1200, 1200), (1201, 1200), (3000, 1200)])
+def test_a_long_curve_keeps_two_points_of_each_of_600_bins(n, drawn):
+    x = np.arange(float(n))
+    path = notebook._path(x, np.where(np.arange(n) % 2, 1.0, -1.0), 0.0)
+    assert path.count("M") + path.count("L") == drawn
+
+
+@pytest.mark.parametrize(("n", "named"), [(6, 6), (7, 6)])
+def test_a_legend_names_six_curves(n, named):
+    found = notebook._legend([f"curve {i}" for i in range(n)])
+    assert found.count("curve") == named
+    assert ("... 1 more" in found) is (n > 6)

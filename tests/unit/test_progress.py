@@ -152,3 +152,15 @@ def test_a_callback_may_return_nothing_else(answer):
         updyn.update(
             chain(), frf, updyn.parameters(chain(), stiffness="all"), callback=lambda step: answer
         )
+
+
+@pytest.mark.parametrize(("step", "pause"), [(2, 1.0), (1, 10.0)])
+def test_pauses_between_plain_lines(clock, step, pause):
+    """A second between steps, ten within a step; the first line of a stage is due at once."""
+    lines = progress.ProgressBar(None)
+    assert lines._is_due("fit", 1)
+    lines._shown = "fit", 1, clock[0]
+    clock[0] += 0.99 * pause
+    assert not lines._is_due("fit", step)
+    clock[0] += 0.02 * pause
+    assert lines._is_due("fit", step)
