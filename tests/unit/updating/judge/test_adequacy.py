@@ -490,3 +490,19 @@ def test_bands_have_at_least_eight_lines_and_number_at_most_twenty_four():
     assert min(k.stop - k.start for k in divide_into_bands(-of_seven)) >= 8
     assert len(divide_into_bands(-of_nine)) == 20
     assert len(divide_into_bands(np.abs(np.sin(np.pi * lines / 20)))) == 24
+
+
+@pytest.mark.parametrize(("p_value", "is_noise"), [(0.9e-3, True), (1.1e-3, False)])
+def test_a_response_is_smooth_up_to_a_p_value_of_a_thousandth(monkeypatch, p_value, is_noise):
+    monkeypatch.setattr(
+        "updyn.updating.judge.adequacy.serial_correlation_p_values",
+        lambda values: np.array([p_value]),
+    )
+    e = noise(4)[:, :1, :1]
+    assert can_be_sensor_noise(H[:, :1, :1], np.full_like(e, 100.0), e, FREQ) is is_noise
+
+
+def test_twelve_misfits_are_listed():
+    found = look(np.full((N_F, N_I, N_J), 10.0 + 0.0j))
+    assert found.whiteness_p.size > 12
+    assert len(found.worst) == 12

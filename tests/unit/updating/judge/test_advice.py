@@ -137,3 +137,24 @@ def test_unknowns_that_are_hard_to_tell_apart(gear_train):
         advise(analyse_identifiability(local.R, well.names), Problem.of([problem]), np.zeros(1))
         == ""
     )
+
+
+# -- thresholds ------------------------------------------------------------------------------------
+def advise_with(monkeypatch, change, noise=0.0):
+    """Return the advice if the best line has a change, and no sensor has any."""
+    place = "updyn.updating.judge.advice._find_best_"
+    monkeypatch.setattr(f"{place}line", lambda *about: ("3 Hz", change))
+    monkeypatch.setattr(f"{place}sensor", lambda *about: None)
+    problem = Problem.of([FRFPart.build(*springs_in_series())])
+    analysis = analyse_identifiability(np.array([[10.0, 10.0]]), ["a", "b"])
+    return advise(analysis, problem, np.zeros(2), noise)
+
+
+@pytest.mark.parametrize(("change", "is_advised"), [(0.9e-6, False), (1.1e-6, True)])
+def test_a_line_is_advised_from_a_change_of_a_millionth(monkeypatch, change, is_advised):
+    assert ("Adding a line near 3 Hz" in advise_with(monkeypatch, change)) is is_advised
+
+
+@pytest.mark.parametrize(("noise", "is_advised"), [(0.9e-3, False), (1.1e-3, True)])
+def test_less_noise_is_advised_from_a_thousandth(monkeypatch, noise, is_advised):
+    assert ("Less noise" in advise_with(monkeypatch, 0.0, noise)) is is_advised

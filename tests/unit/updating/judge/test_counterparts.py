@@ -1,16 +1,24 @@
 """How many measured modes a model has: `find_counterparts`, against structures in plain NumPy."""
 
+from dataclasses import replace
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import scipy.linalg
 
 import updyn
+from updyn.errors import InputError
 from updyn.updating.judge.counterparts import (
     Counterparts,
+    Pair,
+    _find_in_frfs,
     _limit_size,
     _needs_identification,
     _pairs_most,
     _sensor_subsets,
+    _try_common_factor,
+    _try_without_sensors,
     find_counterparts,
 )
 from updyn.updating.judge.settings import COUNTERPARTS
@@ -320,3 +328,54 @@ def test_shapes_are_compared_at_three_sensors(n_sensors, compared):
     labels = [f"{i + 1}:Z" for i in SENSORS[:n_sensors]]
     test = updyn.ModeSet(frequency[:4], shapes[SENSORS[:n_sensors], :4], labels)
     assert find_counterparts(model(K, M), test).n_sensors == compared
+
+
+@pytest.mark.parametrize(
+    ("n_sensors", "numbers"), [(4, set()), (5, {1}), (6, {1, 2}), (8, {1, 2}), (12, {1, 2})]
+)
+def test_up_to_two_sensors_are_left_out_and_four_remain(n_sensors, numbers):
+    tried = set()
+
+    def without(choice):
+        tried.add(len(choice))
+        return SimpleNamespace(count_pairs=lambda n: counted(n, 0))
+
+    test = SimpleNamespace(dofs=[0] * n_sensors)
+    sets = SimpleNamespace(measured=test, without=without)
+    assert _try_without_sensors(sets, 9) is None
+    assert tried == numbers
+
+
+@pytest.mark.parametrize(("power", "is_accepted"), [(2, True), (-2, True), (3, False), (-3, False)])
+def test_a_common_factor_of_up_to_two_steps_needs_no_significance(power, is_accepted):
+    tried = []
+
+    def scale_frequencies(factor):
+        tried.append(round(np.log(factor) / np.log(1.5)))
+        n_paired = 2 if tried[-1] == power else 0
+        return SimpleNamespace(
+            count_pairs=lambda n: replace(
+                counted(n, n_paired, by_chance=1.9), pairs=(Pair(1.0, 1.0, 1.0),) * n_paired
+            )
+        )
+
+    found = _try_common_factor(SimpleNamespace(scale_frequencies=scale_frequencies), 2)
+    assert (found is not None) is is_accepted
+    assert (min(tried), max(tried)) == (-17, 17)
+
+
+@pytest.mark.parametrize(("n_lines", "is_searched"), [(1000, True), (1001, False)])
+def test_up_to_a_million_values_of_a_force_are_searched_for_modes(
+    monkeypatch, n_lines, is_searched
+):
+    def refuse(*about):
+        raise InputError("no modes")
+
+    place = "updyn.updating.judge.counterparts."
+    monkeypatch.setattr(f"{place}find_resonance_peaks", lambda frf: None)
+    monkeypatch.setattr(f"{place}_limit_size", lambda frf: frf)
+    monkeypatch.setattr(f"{place}identify_modes_for", refuse)
+    frf = SimpleNamespace(freq=range(n_lines), responses=range(1000), references=range(1))
+    statement = _find_in_frfs(None, frf).statement
+    assert ("no modes could be identified" in statement) is is_searched
+    assert ("1,000,000 values of one force are not searched" in statement) is not is_searched
