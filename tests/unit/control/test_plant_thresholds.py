@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from updyn.control.files.description import describe_plant
 from updyn.control.job.plant_result import resolving_lines
 from updyn.control.lines import dense_lines
 from updyn.control.ports import as_ports
+from updyn.control.report.plant import channels
 from updyn.control.sampled import sampled
 from updyn.control.space import modal_space
 from updyn.control.target import ResponseTarget, target_lines
@@ -226,3 +228,13 @@ def test_forty_places_are_refined_in_eighths():
 def test_a_family_has_at_most_ten_thousand_members():
     with pytest.raises(OptionError, match="at most 10,000 members"):
         updyn.plant_family(object(), ["1:X"], ["1:X"], (1.0, 2.0), n=10_001)
+
+
+@pytest.mark.parametrize(("number", "plotted"), [(6, [0, 1, 2, 3, 4, 5]), (7, [1, 2, 3, 4, 5, 6])])
+def test_the_six_channels_with_the_largest_errors_are_plotted(number, plotted):
+    result = SimpleNamespace(
+        plant=SimpleNamespace(outputs=range(number), inputs=range(1)),
+        measure="relative",
+        channel_errors=lambda measure: np.arange(number)[:, None],
+    )
+    assert channels(result) == [(i, 0) for i in plotted]
