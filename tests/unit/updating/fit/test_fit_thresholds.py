@@ -136,7 +136,9 @@ def test_the_learnt_curvature_is_used_where_it_predicts_better(step, error, gain
     assert update.is_used == is_used
 
 
-@pytest.mark.parametrize(("std", "is_undetermined"), [(0.99, False), (1.01, True)])
+@pytest.mark.parametrize(
+    ("std", "is_undetermined"), [(0.99, False), (1.0 + 0.9e-9, False), (1.0 + 1.1e-9, True)]
+)
 def test_a_direction_is_undetermined_beyond_a_factor_of_e(std, is_undetermined):
     found = resolve(np.diag([100.0, 1.0 / std]))
     assert found.full_rank

@@ -16,6 +16,7 @@ from updyn.updating.problem.noise.known import SmoothVariance, smooth_variance
 from updyn.updating.problem.noise.modes import _estimate_size
 from updyn.updating.problem.noise.robust import Robust
 from updyn.updating.problem.noise.size import size_p_value
+from updyn.updating.problem.parameters import Parameter, ParameterSet
 from updyn.updating.problem.problem import FRFPart
 
 
@@ -117,6 +118,12 @@ def test_large_evaluations_are_distributed(monkeypatch, work, is_distributed, is
     monkeypatch.setattr(FRFPart, "work", property(lambda self: work))
     part = FRFPart.__new__(FRFPart)
     assert (part.is_distributed, part.is_long) == (is_distributed, is_long)
+
+
+@pytest.mark.parametrize(("number", "more"), [(40, ""), (41, "... and 1 more")])
+def test_forty_unknowns_are_printed(number, more):
+    items = tuple(Parameter(f"p{i}", "stiffness", 1.0, 0.1, 10.0) for i in range(number))
+    assert repr(ParameterSet(items)).partition("p39.stiffness")[2].partition("\n")[2] == more
 
 
 @pytest.mark.parametrize(("difference", "mac"), [(1e-10, 0.0), (1e-8, 1.0)])
