@@ -189,8 +189,3 @@ def test_trains_of_up_to_300_dofs_are_examined(n_dofs: int, count: int) -> None:
 def test_frequencies_are_plausible_from_10_mhz_to_10_khz() -> None:
     found = np.array([0.0099, 0.0101, 9.9e3, 10.1e3])
     np.testing.assert_array_equal(ratios._outside_plausible(found), [0.0099, 10.1e3])
-
-
-def test_frequencies_are_near_a_band_within_an_octave() -> None:
-    found = np.array([4.9, 5.1, 39.0, 41.0])
-    np.testing.assert_array_equal(ratios._near_band(found, (10.0, 20.0)), [5.1, 39.0])

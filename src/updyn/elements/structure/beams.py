@@ -72,7 +72,8 @@ class Section:
     @property
     def is_round(self) -> bool:
         """Whether both bending planes are equal, so no orientation is needed."""
-        return math.isclose(self.Iyy, self.Izz, rel_tol=1e-9) and self.shear_y == self.shear_z
+        equal = math.isclose(self.Iyy, self.Izz, rel_tol=ELEMENT.rounding)
+        return equal and self.shear_y == self.shear_z
 
     @property
     def exchanged(self) -> Section:
