@@ -506,3 +506,10 @@ def test_twelve_misfits_are_listed():
     found = look(np.full((N_F, N_I, N_J), 10.0 + 0.0j))
     assert found.whiteness_p.size > 12
     assert len(found.worst) == 12
+
+
+def test_values_are_clipped_to_three_standard_deviations():
+    values = np.ones((9, 1), dtype=complex)
+    values[4] = 100.0j
+    std = 1.0 / np.sqrt(2.0 * np.log(2.0))  # of each part of values whose median magnitude is 1
+    assert clip_outliers(values)[4, 0] == pytest.approx(3.0j * std)

@@ -1,5 +1,7 @@
 """A model with one group wrong and held at that: the group is named, with how much of the misfit it would explain."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -8,7 +10,13 @@ from overriding import override
 from updyn.demos.gear_train import true_model
 from updyn.dynamics.affine import AffineSystem
 from updyn.updating.fit.methods.constitutive import constitutive_weights
-from updyn.updating.judge.localise import constitutive_error, localise_error
+from updyn.updating.judge.localise import (
+    _n_energy_lines,
+    _plan_short_fits,
+    _work_limit,
+    constitutive_error,
+    localise_error,
+)
 from updyn.updating.judge.settings import SHORT_FITS
 from updyn.updating.problem.problem import FRFPart, Problem
 from updyn.updating.problem.residuals import OutputError, OutputErrorSet
@@ -328,3 +336,40 @@ def test_a_quantity_that_shares_an_unknown_is_tried_by_itself(chain12_true):
         float(np.sum(np.abs(whitened) ** 2)),
     )
     assert {s.name for s in found[:2]} == {"part1.stiffness", "part2.stiffness"}
+
+
+# -- effort ----------------------------------------------------------------------------------------
+@pytest.mark.parametrize(("work", "allowed"), [(1e9, 5e9), (1e10, 8e9), (1e12, 1e11)])
+def test_short_fits_take_less_than_an_evaluation_or_a_second(work, allowed):
+    problem = SimpleNamespace(parts=[SimpleNamespace(work=work)])
+    assert _work_limit(problem) == pytest.approx(allowed)
+
+
+@pytest.mark.parametrize(
+    ("work", "n_lines", "number"),
+    [(1.24e9, 100, 60), (1.26e9, 100, 25), (1.26e9, 400, 60), (1.26e9, 3, 1)],
+)
+def test_the_energy_is_computed_at_fewer_lines_of_expensive_models(work, n_lines, number):
+    assert _n_energy_lines(SimpleNamespace(work=work, n_lines=n_lines)) == number
+
+
+@pytest.mark.parametrize(
+    ("allowed", "n_unknowns", "plan"),
+    [
+        (3 * 12 * 120, 7, (3, 120, 20)),
+        (3 * 12 * 120 - 1, 7, (5, 60, 12)),
+        (3 * 12 * 60 - 1, 7, (5, 30, 12)),
+        # 30 lines have fewer than four values per unknown.
+        (3 * 12 * 60 - 1, 8, (2, 60, 12)),
+        (3 * 12 * 30 - 1, 1, (5, 30, 6)),
+        (3 * 6 * 30 - 1, 1, (5, 15, 6)),
+        (3 * 6 * 15 - 1, 1, (4, 15, 4)),
+        (4 * 15 - 1, 1, (0, 0, 0)),
+    ],
+)
+def test_the_first_affordable_plan_of_short_fits_is_used(allowed, n_unknowns, plan):
+    def thin(lines):
+        return SimpleNamespace(parts=[SimpleNamespace(work=float(lines))], n_numbers=lines)
+
+    problem = SimpleNamespace(thin=thin, n=n_unknowns)
+    assert _plan_short_fits(problem, float(allowed), wanted=8) == plan
