@@ -88,19 +88,14 @@ def _select_for_model(
 
 def has_small_residual(trial: Trial) -> bool:
     """Return whether the residual of a trial is nearly noise, without a gross fault."""
-    return (
-        trial.mean_square < CAUSE_CANDIDATES.small_rms**2
-        and trial.correlation < CAUSE_CANDIDATES.small_correlation
-    )
+    small = trial.mean_square < CAUSE_CANDIDATES.small_rms**2
+    return small and trial.correlation < CAUSE_CANDIDATES.small_correlation
 
 
 def _select_by_gain(part: FRFPart, without: Trial, stated: Sequence[Finding]) -> list[FaultStart]:
     """Return the faults that promise a better fit than a trial with a small residual."""
-    found = [
-        one
-        for one in score_faults(part, without.x, promising=True)
-        if one.gain >= CAUSE_CANDIDATES.least_log_odds
-    ]
+    scored = score_faults(part, without.x, promising=True)
+    found = [one for one in scored if one.gain >= CAUSE_CANDIDATES.least_log_odds]
     found = _drop_covered(select_likeliest(found), stated)
     if len(found) <= CAUSE_CANDIDATES.most_fitted:
         return [(one.fault, one.x) for one in found]
@@ -183,8 +178,5 @@ def _list_rivals(part: FRFPart, end: Trial) -> list[ScoredFault]:
     gains = [one.gain for one in found if one.fault.key == key]
     if not gains:
         return []
-    return [
-        one
-        for one in found
-        if one.gain > gains[0] - CAUSE_CANDIDATES.reach_log_odds and one.fault.key != key
-    ]
+    least = gains[0] - CAUSE_CANDIDATES.reach_log_odds
+    return [one for one in found if one.gain > least and one.fault.key != key]

@@ -38,11 +38,7 @@ from updyn.updating.judge.causes.ranking import (
 )
 from updyn.updating.judge.causes.reduced import TrialModels, choose_trial_models
 from updyn.updating.judge.causes.rigid_shapes import RigidShapes
-from updyn.updating.judge.causes.settings import (
-    CAUSE_CANDIDATES,
-    CAUSE_ODDS,
-    CAUSE_SEARCH,
-)
+from updyn.updating.judge.causes.settings import CAUSE_CANDIDATES, CAUSE_ODDS, CAUSE_SEARCH
 from updyn.updating.judge.causes.trial import (
     Trial,
     adapt_losses,

@@ -44,10 +44,8 @@ class DrivePoint(DataFault):
         for i, label in enumerate(square.labels):
             clear, sure, active = _count_lines(square, i)
             share = active / max(clear, 1)
-            gain = min(sure, DATA_FAULT.most_independent) * _log_likelihood_ratio(
-                active / max(sure, 1)
-            )
-            gain += float(np.log(cls.odds))
+            ratio = _log_likelihood_ratio(active / max(sure, 1))
+            gain = min(sure, DATA_FAULT.most_independent) * ratio + float(np.log(cls.odds))
             if share >= DATA_FAULT.least_negative and gain > CAUSE_ODDS.likely_log_odds:
                 shares[label] = share
                 log_odds = max(log_odds, gain)
@@ -131,10 +129,8 @@ def _iter_other_force_places(frf: FRF, stated: str) -> Iterator[str]:
             repaired = CollocatedFrfs.of(relabelled if fault is None else fault.repair(relabelled))
             clear, sure, active = _count_lines(repaired, repaired.labels.index(place))
             certain = -min(sure, DATA_FAULT.most_independent) * float(np.log1p(-share))
-            if (
-                active <= DATA_FAULT.negative_by_chance * clear
-                and certain > CAUSE_ODDS.likely_log_odds + float(np.log(len(others)))
-            ):
+            passive = active <= DATA_FAULT.negative_by_chance * clear
+            if passive and certain > CAUSE_ODDS.likely_log_odds + float(np.log(len(others))):
                 found.append(f"a force at {place}, not at {stated},{sign}".rstrip(","))
     if len(found) == 1:
         yield found[0]

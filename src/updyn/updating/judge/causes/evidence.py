@@ -39,10 +39,9 @@ _Complex = NDArray[np.complex128]
 
 def compute_spread(part: FRFPart) -> _Real:
     """Return the standard deviations of the unknowns about their start, as x, shape (n,)."""
-    usual = np.where(
-        part.coordinates.parameters.is_factor, CAUSE_MISFIT.factor_std, CAUSE_MISFIT.loss_std
-    )
-    given = [p.prior_std for p in part.coordinates.parameters]
+    parameters = part.coordinates.parameters
+    usual = np.where(parameters.is_factor, CAUSE_MISFIT.factor_std, CAUSE_MISFIT.loss_std)
+    given = [p.prior_std for p in parameters]
     return np.array([u if g is None else g for u, g in zip(usual, given, strict=True)])
 
 

@@ -36,10 +36,8 @@ class Leakage(DataFault):
     def detect_faults(cls, frf: FRF) -> Iterable[Detection]:
         """Yield the end of the impulse response, if any, of data with evenly spaced lines."""
         spacing = np.diff(frf.freq)
-        if (
-            len(frf.freq) < CUT_RECORD.least_lines
-            or np.ptp(spacing) > CUT_RECORD.even_spacing * spacing.mean()
-        ):
+        is_uneven = len(spacing) and np.ptp(spacing) > CUT_RECORD.even_spacing * spacing.mean()
+        if len(frf.freq) < CUT_RECORD.least_lines or is_uneven:
             return
         power = _compute_impulse_power(frf)
         n = max(int(CUT_RECORD.averaged_share * len(power)), CUT_RECORD.least_averaged)

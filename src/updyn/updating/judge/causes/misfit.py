@@ -39,11 +39,8 @@ class WeightedData(FRF):
         level = np.abs(H)
         is_seen = level > ROUNDING.receptance_share * level.max()
         share = np.sqrt(variance[is_seen]) / level[is_seen]
-        return cls.of(
-            frf,
-            variance,
-            float(np.quantile(share, CAUSE_MISFIT.exact_quantile)) if share.size else 1.0,
-        )
+        exact = np.quantile(share, CAUSE_MISFIT.exact_quantile) if share.size else 1.0
+        return cls.of(frf, variance, float(exact))
 
     @classmethod
     def of(cls, frf: FRF, variance: NDArray[np.float64], relative_noise: float) -> Self:
@@ -96,9 +93,8 @@ def count_values(frf: FRF) -> int:
     """Return the number of real values with weight: all of `WeightedData`, or those above noise."""
     if isinstance(frf, WeightedData):
         return 2 * frf.values.size
-    return 2 * int(
-        np.count_nonzero(np.abs(frf.values) > SIGNIFICANCE.stds * _compute_deviation(frf))
-    )
+    clear = np.abs(frf.values) > SIGNIFICANCE.stds * _compute_deviation(frf)
+    return 2 * int(np.count_nonzero(clear))
 
 
 def add_perfect_fit(mean_square: float) -> float:
@@ -116,6 +112,5 @@ def remove_weight(frf: FRF, mask: NDArray[np.bool_]) -> FRF:
 def _compute_deviation(frf: FRF) -> NDArray[np.float64]:
     """Return the standard deviation of the noise of each value."""
     assert frf.variance is not None
-    return np.asarray(
-        np.sqrt(frf.variance + (CAUSE_MISFIT.sensor_resolution * level_by_unit(frf)) ** 2)
-    )
+    resolution = CAUSE_MISFIT.sensor_resolution * level_by_unit(frf)
+    return np.asarray(np.sqrt(frf.variance + resolution**2))

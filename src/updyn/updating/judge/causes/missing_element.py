@@ -60,11 +60,9 @@ class MissingElement(AlteringFault):
 
     def list_other_places(self, evidence: Evidence) -> Iterable[Fault]:
         """Return the elements at other places that explain most, to first order."""
-        found = (
-            replace(one, n_places=self.n_places)
-            for one in self._find_best(evidence, MISSING_ELEMENT.next_places)
-        )
-        return [one for one in found if one.channels != self.channels]
+        best = self._find_best(evidence, MISSING_ELEMENT.next_places)
+        others = [one for one in best if one.channels != self.channels]
+        return [replace(one, n_places=self.n_places) for one in others]
 
     @property
     def alteration(self) -> AddedElement:

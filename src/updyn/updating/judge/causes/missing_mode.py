@@ -56,9 +56,8 @@ class MissingMode(Fault):
         power = np.sqrt(np.mean(np.abs(e) ** 2, axis=(1, 2)))
         padded = np.pad(power, 1, constant_values=-1.0)
         peaks = (power >= padded[:-2]) & (power > padded[2:])
-        large = power > max(
-            MISSING_MODE.peak_ratio * float(np.median(power)), MISSING_MODE.least_peak
-        )
+        usual = float(np.median(power))
+        large = power > max(MISSING_MODE.peak_ratio * usual, MISSING_MODE.least_peak)
         out = np.flatnonzero(peaks & large & (frf.freq > 0.0))
         for line in out[np.argsort(-power[out])][: MISSING_MODE.most_peaks]:
             yield cls((), float(frf.freq[line])).adapt_to(evidence)
@@ -229,9 +228,8 @@ class _LocalResidual:
         """Return the residual at the lines near a frequency."""
         frf = evidence.frf
         away = np.abs(frf.freq / frequency - 1.0)
-        at = np.flatnonzero(
-            away <= max(MISSING_MODE.near_share, float(np.sort(away)[MISSING_MODE.least_lines - 1]))
-        )
+        least = float(np.sort(away)[MISSING_MODE.least_lines - 1])
+        at = np.flatnonzero(away <= max(MISSING_MODE.near_share, least))
         H = evidence.model_response(frf)[at]
         near_lines = frf.select(lines=frf.freq[at])
         level = np.sqrt(np.abs(H) ** 2 + np.abs(near_lines.values) ** 2)

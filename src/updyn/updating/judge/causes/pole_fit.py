@@ -148,9 +148,8 @@ def fit_pole(part: FRFPart, x: _Real, pole: Pole) -> Pole:
         return _fit_from(part, x, pole, MISSING_MODE.most_evaluations, count)[1].normalise()
     fewer = part.with_data(part.frf.select(lines=freq[few]))
     x, pole = _fit_from(fewer, x, pole, MISSING_MODE.most_evaluations, count[few])
-    return _fit_from(part, x, pole, MISSING_MODE.last_evaluations, np.ones(len(freq)))[
-        1
-    ].normalise()
+    last = MISSING_MODE.last_evaluations
+    return _fit_from(part, x, pole, last, np.ones(len(freq)))[1].normalise()
 
 
 def _count_represented_lines(freq: _Real, pole: Pole) -> _Real:

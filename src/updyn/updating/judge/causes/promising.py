@@ -47,12 +47,9 @@ def select_variants(
         with suppress(SolverError, ModelError):
             found.append((_compare_parts(few, one.replace_model(few), fault, start), fault))
     found.sort(key=lambda pair: -pair[0])
-    least = max((gain for gain, _ in found), default=0.0) - CAUSE_CANDIDATES.reach_log_odds
-    return [
-        fault
-        for gain, fault in found[: CAUSE_CANDIDATES.most_variants]
-        if gain > max(least, -CAUSE_CANDIDATES.reach_log_odds)
-    ]
+    best = max((gain for gain, _ in found), default=0.0)
+    least = max(best, 0.0) - CAUSE_CANDIDATES.reach_log_odds
+    return [fault for gain, fault in found[: CAUSE_CANDIDATES.most_variants] if gain > least]
 
 
 def estimate_gain(part: FRFPart, fault: WrongAxes, x: _Real) -> float:

@@ -101,9 +101,7 @@ class QuadraticMisfit:
         self, count: float, level: float, least: float = 0.0
     ) -> tuple[float, QuadraticOutcome]:
         """Return the share of the spread with the largest evidence, and its outcome."""
-        shares = (
-            HELD_QUANTITIES.std_shares if self.is_held.any() else HELD_QUANTITIES.std_shares[-1:]
-        )
+        shares = HELD_QUANTITIES.std_shares[0 if self.is_held.any() else -1 :]
         found = [(share, self.evaluate_share(share, count, level, least)) for share in shares]
         return max(found, key=lambda one: one[1].log_evidence)
 

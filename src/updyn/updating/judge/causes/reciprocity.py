@@ -44,9 +44,8 @@ class Reciprocity(DataFault):
             if len(difference.freq) < CAUSE_SEARCH.least_lines:
                 continue
             size = difference.size
-            ratio = size**2 / (
-                DATA_FAULT.usual_difference**2 + float(np.median(difference.noise**2))
-            )
+            noise = float(np.median(difference.noise**2))
+            ratio = size**2 / (DATA_FAULT.usual_difference**2 + noise)
             # A difference of one cause is the same at all lines: it counts as one sample.
             log_odds = ratio - 1.0 - float(np.log(max(ratio, 1.0))) + float(np.log(cls.odds))
             if ratio > 1.0 and log_odds > CAUSE_ODDS.likely_log_odds:

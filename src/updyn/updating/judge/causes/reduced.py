@@ -79,11 +79,8 @@ class ReducedModels:
         points, samples = (_scatter_starts(part, CAUSE_MODEL.points, seed) for seed in (0, 1))
         # A support may not hold the structure at all.
         home, springs = part.coordinates.start, list_ground_springs(part)
-        loose = [
-            scale_stiffness(part, home, one, level)
-            for one in springs
-            for level in CAUSE_MODEL.loose
-        ]
+        levels = CAUSE_MODEL.loose
+        loose = [scale_stiffness(part, home, one, level) for one in springs for level in levels]
         across = VectorsPerState(
             CAUSE_MODEL.shifts, CAUSE_MODEL.depth, CAUSE_MODEL.combinations, lossy=False
         )

@@ -55,9 +55,8 @@ def explain_sensors(
 
 
 def _explain_one(motion: RigidMotion, i: int, wrong: Sequence[int]) -> list[Explanation]:
-    found = [
-        one for one in _try_faults(motion, i, wrong) if one.deviation <= RIGID_BODY.explained_stds
-    ]
+    tried = _try_faults(motion, i, wrong)
+    found = [one for one in tried if one.deviation <= RIGID_BODY.explained_stds]
     best = min((one.deviation for one in found), default=0.0)
     return [one for one in found if one.deviation**2 <= best**2 + CAUSE_ODDS.indistinct_log_odds]
 

@@ -154,11 +154,8 @@ class RigidMotion:
     def list_unchecked(self) -> list[str]:
         """Return the sensors that cannot be compared with the others."""
         own = np.diag(_outside(self.shapes / self._level(self.leave_out([]))[:, :1]))
-        return [
-            str(dof)
-            for dof, share in zip(self.sensors, own, strict=True)
-            if share <= RIGID_BODY.least_judged
-        ]
+        unchecked = own <= RIGID_BODY.least_judged
+        return [str(dof) for dof, one in zip(self.sensors, unchecked, strict=True) if one]
 
     def measure_difference(self, i: int, wrong: Sequence[int]) -> float:
         """Return the largest difference of a sensor from the motion of the others over the rms."""

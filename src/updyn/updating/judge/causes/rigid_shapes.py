@@ -88,9 +88,8 @@ def _lowest(system: AffineSystem, factor: NDArray[np.float64]) -> Record:
     K, M = (_sum(system, quantity, factor) for quantity in ("stiffness", "mass"))
     value, shapes = eigen.real_pairs(K, M, min(_MOST + 1, eigen.mass_rank(M)))
     energy = np.einsum("in,in->n", shapes, K @ shapes)
-    rounding = RIGID_BODY.rigid_energy * np.einsum(
-        "in,in->n", np.abs(shapes), abs(K) @ np.abs(shapes)
-    )
+    absolute = np.einsum("in,in->n", np.abs(shapes), abs(K) @ np.abs(shapes))
+    rounding = RIGID_BODY.rigid_energy * absolute
     return np.where(np.abs(energy) <= rounding, 0.0, np.maximum(value, 0.0)), shapes
 
 

@@ -72,11 +72,8 @@ class WrongUnit(Fault):
 
     def statement(self) -> str:
         """Return a sentence with the factor and the units that explain it."""
-        causes = [
-            name
-            for name, f in UNITS.items()
-            if abs(np.log(f / self.value)) < CHANNEL_FAULT.same_unit
-        ]
+        near = CHANNEL_FAULT.same_unit
+        causes = [name for name, f in UNITS.items() if abs(np.log(f / self.value)) < near]
         return (
             f"The values of {self.channel_text} are {self.value:.6g} times the true values:"
             f" {' or '.join(causes) or 'another unit'}."

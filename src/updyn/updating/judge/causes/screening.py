@@ -36,17 +36,10 @@ def select_elements(
     """Return the elements that explain the data best, to first order, with starting sizes."""
     misfit = _Misfit.at(evidence)
     units = [1.0 / max(evidence.receptances.flexibility(one), _TINY) for one in elements]
-    gains = np.concatenate(
-        [
-            misfit.compute_gains(
-                elements[first : first + MISSING_ELEMENT.chunk],
-                units[first : first + MISSING_ELEMENT.chunk],
-            )
-            for first in range(0, len(elements), MISSING_ELEMENT.chunk)
-        ]
-        or [np.zeros(0)]
-    )
-    chosen = np.argsort(-gains)[: MISSING_ELEMENT.most_sized]
+    starts = range(0, len(elements), MISSING_ELEMENT.chunk)
+    chunks = [slice(start, start + MISSING_ELEMENT.chunk) for start in starts]
+    gains = [misfit.compute_gains(elements[chunk], units[chunk]) for chunk in chunks]
+    chosen = np.argsort(-np.concatenate([*gains, np.zeros(0)]))[: MISSING_ELEMENT.most_sized]
     found = [misfit.find_best_size(elements[i], units[i]) for i in chosen]
     found.sort(key=lambda one: one.squared_error)
     return [one.element for one in found[:most]]

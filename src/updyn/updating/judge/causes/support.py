@@ -40,9 +40,9 @@ class Suspension(IrreparableFault):
         if not is_free(evidence.part):
             return
         freq = evidence.frf.freq
-        for value in [share * freq[0] for share in SUPPORT_FAULT.low_shares] + [
-            share * freq[-1] for share in SUPPORT_FAULT.high_shares
-        ]:
+        low = [share * freq[0] for share in SUPPORT_FAULT.low_shares]
+        high = [share * freq[-1] for share in SUPPORT_FAULT.high_shares]
+        for value in low + high:
             if value > 0.0:
                 yield cls((), float(value))
 

@@ -80,10 +80,8 @@ def select_likeliest(found: Iterable[ScoredFault]) -> list[ScoredFault]:
     for one in found:
         if any(one.fault.key == other.fault.key for other in chosen):
             continue
-        if (
-            sum(other.fault.kind == one.fault.kind for other in chosen)
-            < CAUSE_CANDIDATES.most_of_kind
-        ):
+        n_same = sum(other.fault.kind == one.fault.kind for other in chosen)
+        if n_same < CAUSE_CANDIDATES.most_of_kind:
             chosen.append(one)
         if len(chosen) == CAUSE_CANDIDATES.most_tried:
             break

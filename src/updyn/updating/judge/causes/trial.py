@@ -75,10 +75,8 @@ class Trial:
     @property
     def is_noise(self) -> bool:
         """Whether the residual is noise."""
-        return (
-            self.correlation < CAUSE_TRIAL.white_correlation
-            and self.mean_square < CAUSE_TRIAL.noise_rms**2
-        )
+        is_white = self.correlation < CAUSE_TRIAL.white_correlation
+        return is_white and self.mean_square < CAUSE_TRIAL.noise_rms**2
 
     def gain(self, other: Trial, correlation: float | None = None) -> float:
         """Return the logarithm of the ratio of the evidence to that of another trial.
@@ -106,10 +104,7 @@ class Trial:
             gained = 0.5 * count * np.log(level[0] / level[1]) + closer
             return float(gained - cost), 1.0 - level[1] / level[0]
         least = min(self.mean_square, other.mean_square)
-        trusted = (
-            CAUSE_TRIAL.trusted_share * self.mean_square,
-            CAUSE_TRIAL.trusted_share * other.mean_square,
-        )
+        trusted = [CAUSE_TRIAL.trusted_share * one.mean_square for one in (self, other)]
         share, own_outcome = self.quadratic.find_best_share(count, least, trusted[0])
         _, best = other.quadratic.find_best_share(count, least, trusted[1])
         other_outcome = other.quadratic.evaluate_share(share, count, least, trusted[1])
@@ -328,15 +323,13 @@ def free_held_quantities(part: FRFPart) -> tuple[FRFPart, _Real]:
     for t, term in enumerate(system.terms):
         held = (term.group, term.quantity) not in sought and term.quantity in ("stiffness", "mass")
         if held and term.data.any():
-            items.append(
-                HeldQuantity(term.group, term.quantity, 1.0, 0.1, 10.0, HELD_QUANTITIES.factor_std)
-            )
+            std = HELD_QUANTITIES.factor_std
+            items.append(HeldQuantity(term.group, term.quantity, 1.0, 0.1, 10.0, std))
         lossy = term.quantity == "stiffness" and term.table is None
         if lossy and (term.group, "loss_factor") not in sought:
-            spread = max(
-                HELD_QUANTITIES.least_loss_std, HELD_QUANTITIES.loss_share * float(loss[t])
-            )
-            items.append(HeldQuantity(term.group, "loss_factor", float(loss[t]), 0.0, 10.0, spread))
+            value = float(loss[t])
+            std = max(HELD_QUANTITIES.least_loss_std, HELD_QUANTITIES.loss_share * value)
+            items.append(HeldQuantity(term.group, "loss_factor", value, 0.0, 10.0, std))
     if not 0 < len(items) <= HELD_QUANTITIES.most:
         return part, np.zeros(0)
     wide = ParameterSet((*parameters.items, *items))
