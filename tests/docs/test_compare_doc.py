@@ -37,8 +37,7 @@ MAKE = tool()
 def both(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Comparison]:
     """Compare all methods, without the fewest lines of each, which take ten times as long."""
     return {
-        name: MAKE.compared(tmp_path_factory.mktemp(name), name, fewest=False)
-        for name in MAKE.JOBS
+        name: MAKE.compared(tmp_path_factory.mktemp(name), name, fewest=False) for name in MAKE.JOBS
     }
 
 
