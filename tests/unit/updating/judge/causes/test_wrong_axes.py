@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 import updyn
+from overriding import override
 from updyn.elements.beam import beam
 from updyn.elements.structure import Beam, rectangle, structure
+from updyn.settings import VARIANTS
 from updyn.updating.judge.causes.data_alone import with_variance
 from updyn.updating.judge.causes.other_model import CompiledVariant
 from updyn.updating.judge.causes.promising import list_variants, select_variants
@@ -173,5 +175,5 @@ def test_they_are_tried_where_they_may_be_likely(frf, power, far, expected):
 def test_none_are_tried_of_a_large_model(monkeypatch, frf):
     part = FRFPart.build(portal(("girder",)), frf, unknowns(portal()))
     assert [type(one) for one in list_variants(part)] == [CompiledVariant] * 4
-    monkeypatch.setattr("updyn.updating.judge.causes.promising.LARGEST_TRIED", 30)
+    override(monkeypatch, VARIANTS, largest_model=30)
     assert list_variants(part) == []
