@@ -8,12 +8,14 @@ import re
 import tomllib
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from updyn.cli import main
 from updyn.demos import chain, find_demo
 from updyn.dofs import DofSet
 from updyn.io import write_frf
+from updyn.style import DARK, PAPER
 from window import browsing, serving
 
 pytest.importorskip("nicegui")
@@ -26,11 +28,22 @@ pytestmark = [
 ]
 
 
-def chart(page, mark="frf"):
-    """The box of the first chart, once it is drawn."""
-    page.wait_for_selector("canvas")
-    page.wait_for_timeout(1500)  # until it lets the pointer drag
-    return page.locator("canvas").first.bounding_box()
+def chart(page):
+    """The box within the axes of the first figure, once it is drawn."""
+    return page.locator(".nsewdrag").first.bounding_box()
+
+
+def frequency(page, x):
+    """The frequency in Hz at a distance in px from the left of the axes of the first figure."""
+    axis = "document.querySelector('.js-plotly-plot')._fullLayout.xaxis"
+    return page.evaluate(f"(x) => {axis}.p2c(x)", x)
+
+
+def wait_for_ink(page, colour):
+    """Wait until the first curve of the first figure has a colour of the form ``#rrggbb``."""
+    rgb = f"rgb({', '.join(str(int(colour[i : i + 2], 16)) for i in (1, 3, 5))})"
+    ink = "getComputedStyle(document.querySelector('.js-line')).stroke"
+    page.wait_for_function(f"(rgb) => {ink} === rgb", arg=rgb)
 
 
 def drag(page, box, start, end):
@@ -58,14 +71,14 @@ def test_from_the_measured_beam_to_the_same_numbers_by_command(tmp_path):
 
         # the band by dragging, a line by a click
         box = chart(page)
-        drag(page, box, 130, 300)
+        drag(page, box, 40, 210)
         page.get_by_text("beam/job.toml (edited)").wait_for()
         used = page.get_by_text(re.compile(r"^\d+ of 4999 lines are used"))
         used.filter(has_not_text="4400 of").wait_for()
         lines = used.inner_text().split()[0]
         page.get_by_text("Drag or click leaves lines out").click()
         box = chart(page)
-        page.mouse.click(box["x"] + 240, box["y"] + box["height"] / 2)
+        page.mouse.click(box["x"] + 150, box["y"] + box["height"] / 2)
         page.get_by_text(re.compile(rf"^{int(lines) - 1} of 4999 lines are used")).wait_for()
         page.get_by_role("button", name="Undo").click()
         page.get_by_role("button", name="Redo").click()
@@ -116,6 +129,46 @@ def test_from_the_measured_beam_to_the_same_numbers_by_command(tmp_path):
     assert values("first") == values("command")
     assert values("command")[0] == status
     assert len(values("command")[1]) == 5
+
+
+def test_band_and_excluded_lines_are_those_picked_in_the_figure(tmp_path):
+    chain.write_inputs(tmp_path)
+    freq = chain.measure().freq
+    with serving(tmp_path, "job.toml") as server, browsing(server) as (page, heard):
+        page.goto(f"{server.base}/measurement")
+        box = chart(page)
+        wait_for_ink(page, PAPER["measured"])
+        page.emulate_media(color_scheme="dark")
+        wait_for_ink(page, DARK["measured"])
+
+        def wait_for_lines(n):
+            page.get_by_text(re.compile(rf"^{n} of {len(freq)} lines are used")).wait_for()
+
+        low, high = frequency(page, 200), frequency(page, 800)
+        inside = freq[(freq >= low) & (freq <= high)]
+        drag(page, box, 200, 800)
+        wait_for_lines(len(inside))
+        page.mouse.click(box["x"] + 500, box["y"] + 20)  # selects nothing in this mode
+        page.get_by_text("Drag or click leaves lines out").click()
+        near = np.argmin(np.abs(freq - frequency(page, 500)))
+        page.mouse.click(box["x"] + 500, box["y"] + 20)
+        wait_for_lines(len(inside) - 1)
+        left, right = frequency(page, 300), frequency(page, 400)
+        box = chart(page)
+        drag(page, box, 400, 300)
+        n = np.count_nonzero((freq >= left) & (freq <= right))
+        wait_for_lines(len(inside) - 1 - n)
+        page.get_by_role("button", name="Save").click()
+        page.get_by_text("job.toml", exact=True).wait_for()
+        assert heard.wrong == []
+    test = tomllib.loads((tmp_path / "job.toml").read_text(encoding="utf-8"))["test"]
+
+    def taken(band):
+        return freq[(freq >= band[0]) & (freq <= band[1])].tolist()
+
+    assert taken(test["band"]) == inside.tolist()
+    excluded = sorted(line for band in test["exclude"] for line in taken(band))
+    assert excluded == sorted([*taken((left, right)), freq[near]])
 
 
 def test_a_job_is_written_for_files_that_have_just_been_added(tmp_path):

@@ -297,12 +297,10 @@ def test_the_window():
     curve = (LINES, frf().values[:, 0, 0])
     for names in (("measured", "start"), ("measured", "updated", "start"), ("measured", "updated")):
         chart = frf_chart("receptance", dict.fromkeys(names, curve))
-        for series in chart["series"]:
-            expected = f"updynColour({style.STATES[series['name']]!r})"
-            assert series["lineStyle"][":color"] == expected
-            assert series["itemStyle"][":color"] == expected
-    bars = parameter_chart({"a": 1.0}, {"a": 2.0})["series"][0]
-    assert bars["itemStyle"][":color"] == f"updynColour({style.STATES['updated']!r})"
+        for trace in chart["data"]:
+            assert trace["line"]["color"] == f"@{style.STATES[trace['name']]}"
+    bars = parameter_chart({"a": 1.0}, {"a": 2.0})["data"][0]
+    assert bars["marker"]["color"] == f"@{style.STATES['updated']}"
     for colour in STATES.values():
         assert colour in HEAD
 

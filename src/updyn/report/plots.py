@@ -324,14 +324,20 @@ def _avoid_zeros(values: ArrayLike, tiny: float) -> NDArray[np.float64]:
 
 
 def thin_indices(values: ArrayLike, limit: int) -> NDArray[np.intp]:
-    """Return ascending positions of the minimum and maximum of each interval, at most `limit`."""
+    """Return ascending positions of the minimum and maximum of each interval, at most `limit`.
+
+    An interval with nan has the position of one in addition, such that gaps are preserved.
+    """
     array = np.asarray(values, dtype=np.float64)
     if len(array) <= limit:
         return np.arange(len(array))
     edges = np.linspace(0, len(array), limit // 2).round().astype(np.intp)
+    missing = np.isnan(array)
+    low, high = np.where(missing, np.inf, array), np.where(missing, -np.inf, array)
     found = [0, len(array) - 1]
     for a, b in pairwise(edges):
-        found += [int(a + np.argmin(array[a:b])), int(a + np.argmax(array[a:b]))]
+        found += [int(a + np.argmin(low[a:b])), int(a + np.argmax(high[a:b]))]
+        found += (a + np.flatnonzero(missing[a:b])[:1]).tolist()
     return np.unique(found)
 
 

@@ -1,4 +1,4 @@
-"""Charts of the pages as options of Apache ECharts: plain data."""
+"""Figures of the pages, from the building blocks of the report."""
 
 from __future__ import annotations
 
@@ -7,34 +7,36 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from updyn.report.plots import (
+    MODEL_COLOURS,
+    Figure,
+    Panel,
+    categories,
+    curve,
+    encode_numbers,
+    escape_labels,
+    linear_frequency,
+    log_range,
+    rows_height,
+    stack_panels,
+    thin_indices,
+)
 from updyn.style import CATEGORIES, STATES
-from updyn.web.look import colour, text_style
 from updyn.web.settings import WEB_PAGE
 
-__all__ = [
-    "SCALES",
-    "coherence_chart",
-    "cost_chart",
-    "edges",
-    "frf_chart",
-    "parameter_chart",
-    "thin_indices",
-    "unused_bands",
-]
+__all__ = ["SCALES", "cost_chart", "edges", "frf_chart", "parameter_chart", "unused_bands"]
 
 #: Unit of the FRFs of translations by quantity, in SI, and the reference of their decibels.
 _UNITS = {"receptance": "m/N", "mobility": "m/s/N", "accelerance": "m/s²/N"}
 #: How magnitudes are drawn.
 SCALES = {"log": "logarithmic", "dB": "decibels", "linear": "linear"}
-#: Line styles of curves by name: measured data are wide, such that a fitted curve stays visible.
-_LOOKS: Mapping[str, dict[str, Any]] = {
+#: Styles of curves by name: measured data are wide, such that a fitted curve stays visible.
+_STYLES: Mapping[str, dict[str, Any]] = {
     "measured": {"width": 4.5},
-    "start": {"width": 1.4, "type": "dotted"},
-    "updated": {"width": 1.6},
+    "start": {"width": 1.4, "dash": "dot"},
 }
-_GRID = {"left": 90, "right": 24, "top": 40, "bottom": 60}
 
 
 def frf_chart(
@@ -42,135 +44,88 @@ def frf_chart(
     curves: Mapping[str, tuple[NDArray[np.float64], NDArray[Any]]],
     *,
     scale: str = "log",
+    coherence: ArrayLike | None = None,
     band: tuple[float, float] | None = None,
     excluded: Iterable[tuple[float, float]] = (),
-    brush: bool = False,
-    points: int | None = None,
-) -> dict[str, Any]:
+    pickable: bool = False,
+    points: int = WEB_PAGE.curve_points,
+) -> Figure:
     """Return the magnitudes of FRFs over frequency in Hz, with at most `points` points a curve.
 
-    The default number is `WEB_PAGE.curve_points`. The first curve is measured; the names ``start``
-    and ``updated`` have fixed colours. `band` and `excluded` (Hz) are shaded; with `brush`, a band
-    is selected by dragging.
+    The first curve is measured; the names ``start`` and ``updated`` have fixed colours. `coherence`
+    is that of the first curve, nan if unknown. `band` and `excluded` (Hz) are shaded. If
+    `pickable`, a drag selects a band and a click selects a frequency.
     """
-    points = WEB_PAGE.curve_points if points is None else points
-    unit = _UNITS.get(quantity, "")
     colours = [STATES["measured"], *CATEGORIES]
     many = len(curves) > len(colours)
-    series: list[dict[str, Any]] = []
+    unit = "dB" if scale == "dB" else _UNITS.get(quantity, "")
+    traces: list[dict[str, Any]] = []
+    levels = [np.empty(0)]
     for number, (name, (freq, values)) in enumerate(curves.items()):
-        token_name = STATES.get(name, colours[number % len(colours)])
-        look = _LOOKS.get(name, {"width": 0.8 if many else 1.6})
-        series.append(
-            {
-                "type": "line",
-                "name": name,
-                "data": _make_points(freq, np.abs(values), scale, points),
-                "showSymbol": False,
-                "silent": many,
-                "lineStyle": {**look, **colour(token_name)},
-                "itemStyle": colour(token_name),
-            }
-        )
-    areas = [_mark_area(low, high, "held-band") for low, high in excluded]
+        level = _scale_magnitude(np.abs(values), scale)
+        at = thin_indices(level, points)
+        colour = f"@{STATES.get(name, colours[number % len(colours)])}"
+        style = _STYLES.get(name, {"width": 0.8 if many else 1.6})
+        traces.append(curve(freq[at], level[at], name, colour, unit=unit, legend=not many, **style))
+        levels.append(level)
+    axis = log_range(np.concatenate(levels)) if scale == "log" else {}
+    panels = [Panel(_level_title(quantity, scale), traces, axis)]
+    if coherence is not None:
+        freq, _ = next(iter(curves.values()))
+        panels.append(_coherence_panel(freq, np.asarray(coherence, dtype=np.float64)))
+    lines = np.concatenate([np.empty(0), *(freq for freq, _ in curves.values())])
+    x: dict[str, Any] = {"title": {"text": "frequency (Hz)"}}
+    if lines.size:
+        x = linear_frequency([lines.min(), lines.max()])
+    figure = stack_panels(panels, x, height=400 if coherence is None else 500)
+    shapes = [_shade(low, high, "@held-band") for low, high in excluded]
     if band is not None:
-        areas.append(_mark_area(*band, "fit-band"))
-    if series and areas:
-        series[0]["markArea"] = {"silent": True, "data": areas}
-    chart: dict[str, Any] = {
-        "animation": False,
-        "grid": _GRID,
-        "legend": {"show": not many, "top": 4, "textStyle": text_style()},
-        "tooltip": {"trigger": "axis", "show": not many},
-        "xAxis": {**_axis("frequency (Hz)", 32), "min": "dataMin", "max": "dataMax"},
-        "yAxis": _axis(*_level(quantity, unit, scale)),
-        "series": series,
-    }
-    chart["xAxis"]["axisLabel"] |= {"showMinLabel": False, "showMaxLabel": False}
-    if brush:
-        chart["brush"] = {"xAxisIndex": 0, "brushType": "lineX", "brushMode": "single"}
-        chart["toolbox"] = {"show": False}
-    return chart
+        shapes.append(_shade(*band, "@fit-band"))
+    figure["layout"]["shapes"] = shapes
+    if pickable:
+        figure["layout"] |= {
+            "dragmode": "select",
+            "selectdirection": "h",
+            "newselection": {"line": {"color": "@link"}},
+            "clickanywhere": True,
+        }
+    return figure
 
 
-def coherence_chart(freq: NDArray[np.float64], values: NDArray[Any]) -> dict[str, Any]:
-    """Return the coherence of a channel over frequency in Hz; nan is unknown."""
-    known = np.asarray(values, dtype=float)
-    line = {
-        "type": "line",
-        "name": "coherence",
-        "data": _make_points(freq, known, "linear", WEB_PAGE.curve_points),
-        "showSymbol": False,
-        "lineStyle": {"width": 1.2, **colour(STATES["measured"])},
-        "itemStyle": colour(STATES["measured"]),
-    }
-    chart: dict[str, Any] = {
-        "animation": False,
-        "grid": {**_GRID, "top": 10, "bottom": 24},
-        "tooltip": {"trigger": "axis"},
-        "xAxis": {**_axis("", 0), "min": "dataMin", "max": "dataMax"},
-        "yAxis": {**_axis("coherence (1)", 66), "min": 0, "max": 1, "splitNumber": 2},
-        "series": [line],
-    }
-    chart["xAxis"]["axisLabel"] |= {"show": False}
-    return chart
-
-
-def _level(quantity: str, unit: str, scale: str) -> tuple[str, int, str]:
-    """Return name, gap and kind of the axis of magnitudes."""
+def _level_title(quantity: str, scale: str) -> str:
+    unit = _UNITS.get(quantity, "")
     if scale == "dB":
-        of = f" (dB re 1 {unit})" if unit else " (dB)"
-        return f"|{quantity}|{of}", 60, "value"
-    of = f" ({unit})" if unit else ""
-    return f"|{quantity}|{of}", 66, "log" if scale == "log" else "value"
+        unit = f"dB re 1 {unit}" if unit else "dB"
+    return f"|{quantity}| ({unit})" if unit else f"|{quantity}|"
 
 
-def _axis(name: str, gap: int, kind: str = "value") -> dict[str, Any]:
+def _scale_magnitude(magnitude: NDArray[np.float64], scale: str) -> NDArray[np.float64]:
+    """Return magnitudes as drawn; nan, a gap, for zeros on a logarithmic scale."""
+    if scale == "linear":
+        return magnitude
+    level = np.where(magnitude > 0.0, magnitude, np.nan)
+    return 20.0 * np.log10(level) if scale == "dB" else level
+
+
+def _coherence_panel(freq: NDArray[np.float64], values: NDArray[np.float64]) -> Panel:
+    at = thin_indices(values, WEB_PAGE.curve_points)
+    trace = curve(freq[at], values[at], "coherence", "@muted", legend=False, width=1.2)
+    return Panel("coherence (1)", [trace], {"range": [0, 1.05], "tickvals": [0, 0.5, 1]}, 0.3)
+
+
+def _shade(low: float, high: float, colour: str) -> dict[str, Any]:
     return {
-        "type": kind,
-        "name": name,
-        "nameLocation": "middle",
-        "nameGap": gap,
-        "nameTextStyle": text_style(),
-        "axisLabel": text_style(),
-        "axisLine": {"lineStyle": colour("muted")},
-        "splitLine": {"lineStyle": colour("grid")},
+        "type": "rect",
+        "xref": "x",
+        "x0": low,
+        "x1": high,
+        "yref": "paper",
+        "y0": 0,
+        "y1": 1,
+        "layer": "below",
+        "fillcolor": colour,
+        "line": {"width": 0},
     }
-
-
-def _make_points(
-    freq: NDArray[np.float64], magnitude: NDArray[np.float64], scale: str, points: int
-) -> list[list[float | None]]:
-    at = thin_indices(magnitude, points)
-    shown = magnitude[at].astype(float)
-    if scale == "dB":
-        with np.errstate(divide="ignore"):
-            shown = 20.0 * np.log10(shown)
-    drawn = np.isfinite(shown) & ((shown > 0.0) | (scale != "log"))
-    return [
-        [float(f"{f:.7g}"), float(f"{m:.5g}") if d else None]
-        for f, m, d in zip(freq[at], shown, drawn, strict=True)
-    ]
-
-
-def thin_indices(values: NDArray[np.float64], n: int) -> NDArray[np.intp]:
-    """Return at most `n` ascending indices of values that preserve the extremes of a curve."""
-    m = len(values)
-    if m <= n:
-        return np.arange(m)
-    ends = np.linspace(0, m, max(1, n // 2) + 1).astype(int)
-    found: set[int] = set()
-    for low, high in pairwise(ends.tolist()):
-        part = values[low:high]
-        known = ~np.isnan(part)
-        smallest = np.argmin(np.where(known, part, np.inf))
-        largest = np.argmax(np.where(known, part, -np.inf))
-        found |= {low + int(smallest), low + int(largest)}
-    return np.array(sorted(found))
-
-
-def _mark_area(low: float, high: float, token: str) -> list[dict[str, Any]]:
-    return [{"xAxis": low, "itemStyle": colour(token)}, {"xAxis": high}]
 
 
 def edges(freq: NDArray[np.float64], first: int, last: int) -> tuple[float, float]:
@@ -188,53 +143,38 @@ def unused_bands(freq: NDArray[np.float64], used: NDArray[np.bool_]) -> list[tup
     return [edges(freq, before + 1, after - 1) for before, after in gaps]
 
 
-def cost_chart(steps: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+def cost_chart(steps: Sequence[Mapping[str, Any]]) -> Figure:
     """Return the misfit over the steps of a run, with one curve per stage."""
-    stages: dict[str, list[list[float]]] = {}
+    stages: dict[str, dict[int, float]] = {}
     for number, step in enumerate(steps):
         if step["cost"] is not None and step["cost"] > 0:
-            stages.setdefault(step["stage"], []).append([number, step["cost"]])
-    series = [
-        {
-            "type": "line",
-            "name": name,
-            "data": rows,
-            "symbolSize": 5,
-            "lineStyle": colour(token),
-            "itemStyle": colour(token),
-        }
-        for (name, rows), token in zip(stages.items(), _cycle_categories(len(stages)), strict=True)
+            stages.setdefault(step["stage"], {})[number] = step["cost"]
+    look = {"mode": "lines+markers", "hovertemplate": "step %{x}: %{y:.4g}"}
+    traces = [
+        curve(list(costs), list(costs.values()), name, f"@{CATEGORIES[i % len(CATEGORIES)]}") | look
+        for i, (name, costs) in enumerate(stages.items())
     ]
-    return {
-        "animation": False,
-        "grid": _GRID,
-        "legend": {"top": 4, "textStyle": text_style(), "type": "scroll"},
-        "tooltip": {"trigger": "axis"},
-        "xAxis": {**_axis("step", 32), "minInterval": 1},
-        "yAxis": _axis("misfit of the stage (1)", 66, "log"),
-        "series": series,
-    }
+    axis = log_range([cost for costs in stages.values() for cost in costs.values()])
+    panel = Panel("misfit of the stage (1)", traces, axis)
+    x: dict[str, Any] = {"title": {"text": "step"}}
+    if len(steps) <= 6:
+        x["dtick"] = 1
+    return stack_panels([panel], x, height=300)
 
 
-def _cycle_categories(n: int) -> list[str]:
-    return [CATEGORIES[i % len(CATEGORIES)] for i in range(n)]
-
-
-def parameter_chart(start: Mapping[str, float], now: Mapping[str, float]) -> dict[str, Any]:
+def parameter_chart(start: Mapping[str, float], now: Mapping[str, float]) -> Figure:
     """Return the ratios of the unknowns to their start; unknowns with start 0 are omitted."""
     names = [name for name, value in start.items() if value and name in now]
-    return {
-        "animation": False,
-        "grid": {"left": 200, "right": 24, "top": 16, "bottom": 50},
-        "tooltip": {"trigger": "axis"},
-        "xAxis": _axis("value / start (1)", 30),
-        "yAxis": {"type": "category", "data": names, "inverse": True, "axisLabel": text_style()},
-        "series": [
-            {
-                "type": "bar",
-                "name": "value / start",
-                "itemStyle": colour(STATES["updated"]),
-                "data": [float(f"{now[name] / start[name]:.6g}") for name in names],
-            }
-        ],
+    bars = {
+        "type": "bar",
+        "orientation": "h",
+        "x": encode_numbers([now[name] / start[name] for name in names], packed=False),
+        "y": list(range(len(names))),
+        "marker": {"color": MODEL_COLOURS["updated"]},
+        "showlegend": False,
+        "hovertext": escape_labels(names),
+        "hovertemplate": "%{hovertext}: %{x:.6g}<extra></extra>",
     }
+    axis = categories(names, "") | {"range": [len(names) - 0.4, -0.6]}
+    x = {"title": {"text": "value / start (1)"}}
+    return stack_panels([Panel("", [bars], axis)], x, rows_height(len(names), extra=100))

@@ -355,6 +355,17 @@ def test_no_peak_is_lost_where_points_are_left_out():
     np.testing.assert_array_equal(thin_indices(value[:900], 1000), np.arange(900))
 
 
+def test_neither_peaks_nor_gaps_are_lost_where_values_are_missing():
+    value = np.full(100, np.nan)
+    value[57], value[91] = 3.0, -3.0
+    at = thin_indices(value, 10)
+    assert {57, 91} <= set(at.tolist())
+    assert np.all(np.diff(at) > 0)
+    value = np.sin(np.arange(1000.0))
+    value[501] = np.nan
+    assert 501 in thin_indices(value, 100)
+
+
 def test_an_unstable_loop_says_so(made):
     from dataclasses import replace
 

@@ -48,11 +48,16 @@ const updynReport = (() => {
   }
 
   // "options" are those of plotly that differ from other figures.
+  function react(place, { data, own, height }, options = {}) {
+    return Plotly.react(place, paint(data), layout(own, height), { ...config, ...options });
+  }
+  // Draws a figure now, for pages that decide when.
+  const show = (place, figure) => react(place, fitted(figure, place));
+
   function draw(place, make, options = {}) {
     const painter = { place, done: false };
     painter.again = () => {
-      const { data, own, height } = make();
-      const made = Plotly.react(place, paint(data), layout(own, height), { ...config, ...options });
+      const made = react(place, make(), options);
       if (!painter.done) {
         painter.done = true;
         document.documentElement.dataset.drawn = String(document.querySelectorAll(".main-svg").length);
@@ -181,5 +186,5 @@ const updynReport = (() => {
     if (place?.classList.contains("js-plotly-plot")) act(place);
     else place?.addEventListener("updyn-drawn", () => act(place), { once: true });
   }
-  return { read, draw, follow, reveal, start, whenDrawn };
+  return { read, draw, show, follow, reveal, start, whenDrawn };
 })();

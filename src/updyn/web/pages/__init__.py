@@ -8,10 +8,12 @@ from typing import Any
 
 from fastapi import FastAPI, Query
 from fastapi.responses import HTMLResponse
+from fastapi.staticfiles import StaticFiles
 from nicegui import ui
 
 from updyn.errors import UpdynError
 from updyn.style import LOOKS
+from updyn.web.look import FIGURE_SCRIPTS
 from updyn.web.looking import render_structure
 from updyn.web.pages import job, measurement, model, results, running, start, unknowns
 from updyn.web.pages.frame import add_frame
@@ -43,6 +45,8 @@ def add_pages(app: FastAPI, workspace: Workspace) -> None:
     places = {place: name for place, (name, _) in PAGES.items()}
     for place, (name, fill) in PAGES.items():
         ui.page(place, title=f"{name} – updyn")(add_frame(workspace, places, place, fill))
+
+    app.mount(FIGURE_SCRIPTS, StaticFiles(packages=[("updyn.report", "assets")]))
 
     @app.get("/embedded/structure")
     def serve_structure(modes: int = Query(0, ge=0, le=WEB_PAGE.most_modes)) -> HTMLResponse:

@@ -9,13 +9,13 @@ from typing import Any, TypeVar
 from nicegui import run, ui
 
 from updyn.errors import UpdynError
-from updyn.style import PAPER
+from updyn.style import LOOKS, PAPER
 from updyn.web.document import JobDocument
 from updyn.web.look import HEAD, THEMES
 from updyn.web.settings import WEB_PAGE
 from updyn.web.workspace import Workspace
 
-__all__ = ["add_frame", "complain", "embed_page", "redraw", "run_slow", "show_errors", "watch"]
+__all__ = ["add_frame", "complain", "embed_page", "run_slow", "show_errors", "watch"]
 
 T = TypeVar("T")
 
@@ -32,6 +32,10 @@ def add_frame(
 
     async def page() -> None:
         ui.add_head_html(HEAD)
+        if workspace.theme in LOOKS:
+            ui.add_head_html(
+                f"<script>document.documentElement.dataset.look = '{workspace.theme}'</script>"
+            )
         ui.colors(primary=PAPER["after"], negative=PAPER["bad"], positive=PAPER["good"])
         ui.dark_mode(_DARK[workspace.theme])
         ui.query(".nicegui-content").classes("w-full max-w-screen-2xl mx-auto")
@@ -129,16 +133,6 @@ def watch(version: Callable[[], object], refresh: Callable[[], Any]) -> None:
             refresh()
 
     ui.timer(WEB_PAGE.refresh_interval, check)
-
-
-def redraw(chart: ui.echart, options: Mapping[str, Any]) -> None:
-    """Update the options of an existing chart.
-
-    A rebuilt chart might be removed before the browser has drawn it, which causes an error there.
-    """
-    chart.options.clear()
-    chart.options.update(options)
-    chart.update()
 
 
 def show_errors(action: Callable[..., Any]) -> Callable[..., None]:

@@ -8,9 +8,10 @@ import numpy as np
 from nicegui import events, ui
 
 from updyn.web import edits
-from updyn.web.charts import SCALES, coherence_chart, edges, frf_chart, unused_bands
+from updyn.web.charts import SCALES, edges, frf_chart, unused_bands
+from updyn.web.figure import FigureView
 from updyn.web.looking import FindingRow, ModalView, TestView, count_counterparts, find_faults
-from updyn.web.pages.frame import redraw, run_slow, show_errors, watch
+from updyn.web.pages.frame import run_slow, show_errors, watch
 from updyn.web.pages.job import has_no_job, show_view_errors
 from updyn.web.settings import WEB_PAGE
 from updyn.web.workspace import Workspace
@@ -23,13 +24,6 @@ _MODES = [
     {"name": "frequency", "label": "frequency (Hz)", "field": "frequency"},
     {"name": "damping", "label": "loss factor (1)", "field": "damping"},
 ]
-#: Scripts that send the frequency of a click, if the pointer moved by at most 3 px.
-_ON_PRESS = "(e) => { window.updynPressed = e.offsetX; }"
-_ON_CLICK = """(e) => {
-  if (Math.abs(e.offsetX - window.updynPressed) > 3) return;
-  const at = getElement(ID).chart.convertFromPixel({ xAxisIndex: 0 }, e.offsetX);
-  if (Number.isFinite(at)) emit(at);
-}"""
 
 
 async def show(workspace: Workspace) -> None:
@@ -101,16 +95,7 @@ class _Measurement:
         used = test.freq[test.used]
         text = f"{len(used)} of {len(test.freq)} lines are used"
         ui.label(f"{text}, {used[0]:g} to {used[-1]:g} Hz." if len(used) else f"{text}.")
-        self._chart = ui.echart(self._make_chart()).classes("w-full h-96").mark("frf")
-        self._chart.on("chart:brushEnd", self._apply_drag, ["areas"])
-        self._chart.on("chart:finished", self._enable_drag, [])
-        self._chart.on("mousedown", js_handler=_ON_PRESS)
-        on_click = _ON_CLICK.replace("ID", str(self._chart.id))
-        self._chart.on("click", self._exclude_click, js_handler=on_click)
-        self._is_ready = False
-        self._coherence = ui.echart(coherence_chart(test.freq[:0], test.freq[:0]))
-        self._coherence.classes("w-full h-32").mark("coherence")
-        self._show_coherence()
+        self._chart = FigureView(self._make_chart(), show_errors(self._apply)).classes("w-full")
         self._show_validation()
 
     def _show_validation(self) -> None:
@@ -133,17 +118,6 @@ class _Measurement:
         chosen = ui.select(options, value=shown, multiple=True, label=label)
         chosen.classes("min-w-64 max-w-full").props("use-chips").on_value_change(set_validation)
 
-    def _enable_drag(self) -> None:
-        """Enable dragging after the chart is drawn."""
-        if not self._is_ready:
-            self._is_ready = True
-            cursor = {
-                "type": "takeGlobalCursor",
-                "key": "brush",
-                "brushOption": {"brushType": "lineX", "brushMode": "single"},
-            }
-            self._chart.run_chart_method("dispatchAction", cursor)
-
     def _make_chart(self) -> dict[str, Any]:
         test, choice = self._test, self._choice
         rows = _find_positions(choice.response, len(test.responses))
@@ -158,49 +132,32 @@ class _Measurement:
         }
         names = list(curves)[: WEB_PAGE.most_channels]
         used = test.freq[test.used]
+        coherence = None
+        if test.coherence is not None and _ALL not in (choice.response, choice.reference):
+            coherence = test.coherence[:, choice.response, choice.reference]
         return frf_chart(
             test.quantity,
             {name: curves[name] for name in names},
             scale=choice.scale,
             band=(float(used[0]), float(used[-1])) if len(used) else None,
             excluded=unused_bands(test.freq, test.used),
-            brush=True,
+            coherence=coherence,
+            pickable=True,
             **({} if len(names) == 1 else {"points": WEB_PAGE.shared_points}),
         )
 
-    def _show_coherence(self) -> None:
-        """Show the coherence of the channel, if one is selected and its coherence is known."""
-        test, choice = self._test, self._choice
-        known = test.coherence is not None and _ALL not in (choice.response, choice.reference)
-        self._coherence.set_visibility(known)
-        if known:
-            assert test.coherence is not None
-            values = test.coherence[:, choice.response, choice.reference]
-            redraw(self._coherence, coherence_chart(test.freq, values))
-
     def _redraw(self) -> None:
-        redraw(self._chart, self._make_chart())
-        self._show_coherence()
-
-    def _apply_drag(self, event: events.GenericEventArguments) -> None:
-        areas = event.args.get("areas") or []
-        if areas and areas[0].get("coordRange"):
-            low, high = sorted(map(float, areas[0]["coordRange"][:2]))
-            show_errors(self._apply)(low, high)
-
-    def _exclude_click(self, event: events.GenericEventArguments) -> None:
-        """Exclude the line nearest to a click."""
-        if self._choice.mode == "exclude" and isinstance(event.args, int | float):
-            freq = self._test.freq
-            line = float(freq[np.argmin(np.abs(freq - event.args))])
-            show_errors(self._apply)(line, line)
+        self._chart.draw(self._make_chart())
 
     def _apply(self, low: float, high: float) -> None:
-        """Apply a dragged band, unless it contains no line."""
-        inside = np.flatnonzero((self._test.freq >= low) & (self._test.freq <= high))
-        if not inside.size:
+        """Apply a dragged band that contains lines, or a click (`low` equals `high`)."""
+        freq = self._test.freq
+        inside = np.flatnonzero((freq >= low) & (freq <= high))
+        if low == high:
+            inside = np.array([np.argmin(np.abs(freq - low))])
+        if not inside.size or (low == high and self._choice.mode == "band"):
             return
-        low, high = edges(self._test.freq, inside[0], inside[-1])
+        low, high = edges(freq, inside[0], inside[-1])
         if self._choice.mode == "band":
             self._edit("band", edits.set_band(low, high, self._test.number))
         elif np.any(self._test.used[inside]):

@@ -10,8 +10,9 @@ from nicegui import background_tasks, ui
 from numpy.typing import NDArray
 
 from updyn.web.charts import SCALES, cost_chart, frf_chart, parameter_chart
+from updyn.web.figure import FigureView
 from updyn.web.looking import ChannelCurve, TestView, compute_curve
-from updyn.web.pages.frame import redraw, run_slow, watch
+from updyn.web.pages.frame import run_slow, watch
 from updyn.web.pages.job import has_no_job, show_view_errors
 from updyn.web.pages.task import show_controls, show_worker
 from updyn.web.workspace import Workspace
@@ -50,12 +51,12 @@ def _show_state(workspace: Workspace) -> None:
             ui.link("Results", "/results")
 
     show_state()
-    chart = ui.echart(cost_chart(())).classes("w-full h-72")
+    chart = FigureView(cost_chart(())).classes("w-full")
 
     def draw() -> None:
         steps = [] if workspace.run is None else list(workspace.run.steps)
         chart.set_visibility(len(steps) > 1)
-        redraw(chart, cost_chart(steps))
+        chart.draw(cost_chart(steps))
 
     def refresh() -> None:
         show_state.refresh()
@@ -100,10 +101,9 @@ async def _overlay(workspace: Workspace, test: TestView, start: Mapping[str, flo
         if updated is not None:
             curves["updated"] = _as_pair(updated)
         curves["start"] = _as_pair(start_curves[row, column])
-        redraw(overlay, frf_chart(test.quantity, curves, scale=shown["scale"]))
+        overlay.draw(frf_chart(test.quantity, curves, scale=shown["scale"]))
         bars.set_visibility(bool(values))
-        bars.style(f"height: {max(160, 60 + 22 * len(values))}px")
-        redraw(bars, parameter_chart(start, values))
+        bars.draw(parameter_chart(start, values))
 
     with ui.row():
         for what, names in (("response", test.responses), ("reference", test.references)):
@@ -113,8 +113,8 @@ async def _overlay(workspace: Workspace, test: TestView, start: Mapping[str, flo
         ui.select(SCALES, label="magnitude").bind_value(shown, "scale").on_value_change(
             draw
         ).classes("min-w-32")
-    overlay = ui.echart(frf_chart(test.quantity, {})).classes("w-full h-96").mark("overlay")
-    bars = ui.echart(parameter_chart(start, {})).classes("w-full")
+    overlay = FigureView(frf_chart(test.quantity, {})).classes("w-full")
+    bars = FigureView(parameter_chart(start, {})).classes("w-full")
     bars.set_visibility(False)
     place = ui.column()
     watch(lambda: _step_version(workspace), lambda: background_tasks.create(draw()))

@@ -1,0 +1,30 @@
+"""`FigureView`: a figure of the report on a page of the window."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from nicegui.element import Element
+
+from updyn.report.plots import Figure
+
+__all__ = ["FigureView"]
+
+
+class FigureView(Element, component="figure.js"):
+    """A figure of the report.
+
+    If it is pickable, `on_pick` is called with the lowest and the highest selected frequency in Hz.
+    """
+
+    def __init__(
+        self, figure: Figure, on_pick: Callable[[float, float], Any] = lambda *_: None
+    ) -> None:
+        super().__init__()
+        self.draw(figure)
+        self.on("pick", lambda event: on_pick(*sorted(map(float, event.args))))
+
+    def draw(self, figure: Figure) -> None:
+        """Show another figure in the place of the present one."""
+        self._props["figure"] = figure
