@@ -121,13 +121,13 @@ def check_materials(
 
 def _is_plausible(modulus: float | None, density: float | None, chosen: UnitSystem) -> bool:
     """Return whether modulus and density in given units are those of a solid."""
-    limits = MATERIAL_RANGE
     E = None if not modulus else modulus * chosen.pressure
     rho = None if not density else density * chosen.density
-    if E is not None and not limits.least_modulus <= E <= limits.most_modulus:
+    if E is not None and not MATERIAL_RANGE.least_modulus <= E <= MATERIAL_RANGE.most_modulus:
         return False
-    if rho is not None and not limits.least_density <= rho <= limits.most_density:
+    if rho is not None and not MATERIAL_RANGE.least_density <= rho <= MATERIAL_RANGE.most_density:
         return False
     if E is None or rho is None:
         return True
-    return bool(limits.least_speed <= np.sqrt(abs(E / rho)) <= limits.most_speed)
+    speed = float(np.sqrt(abs(E / rho)))
+    return MATERIAL_RANGE.least_speed <= speed <= MATERIAL_RANGE.most_speed
