@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from updyn.errors import DataError, SolverError
+from updyn.frf import FRF
 from updyn.modal import (
     fits,
     identify,
@@ -69,6 +70,14 @@ def test_a_window_has_twenty_lines_and_four_for_each_mode():
 def test_a_window_has_a_fixed_pole_for_five_lines():
     others = np.array([pole(f, 0.01) for f in np.linspace(20.0, 30.0, 30)])
     assert len(measured().window(slice(80, 130), others).fixed_poles) == 10
+
+
+def test_modes_need_four_lines():
+    lines = np.arange(1.0, 5.0)
+    four = FRF(lines, np.ones((4, 1, 1)), ["1:X"], ["1:X"], "mobility")
+    assert len(Measured.of(four, mirrored=False).freq) == 4
+    with pytest.raises(DataError, match="3 lines are too few"):
+        Measured.of(four.select(lines=lines[:3]), mirrored=False)
 
 
 # -- noise -----------------------------------------------------------------------------------------
