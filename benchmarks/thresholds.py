@@ -166,20 +166,28 @@ def record(tests: list[str], path: Path) -> Reads:
     return recorder.reads
 
 
+def _first_failure(setting: Setting, value: Any, tests: list[str]) -> str:
+    """Return the first test that fails with another value, in this process."""
+    with Path(os.devnull).open("w") as silent:
+        os.dup2(silent.fileno(), 1)
+        os.dup2(silent.fileno(), 2)
+    vars(setting.object)[setting.field] = value
+    failure = FirstFailure()
+    code = pytest.main([*_QUIET, *(str(ROOT / test) for test in tests)], plugins=[failure])
+    return failure.test or ("" if code == 0 else f"exit {code}")
+
+
 def run_changed(setting: Setting, value: Any, tests: list[str], limit: float) -> str:
     """Return the first test that fails with another value, in another process."""
     with tempfile.NamedTemporaryFile("r", suffix=".txt") as answer:
+        Path(answer.name).write_text("crash")
         child = os.fork()
         if child == 0:
             signal.alarm(int(limit))
-            with Path(os.devnull).open("w") as silent:
-                os.dup2(silent.fileno(), 1)
-                os.dup2(silent.fileno(), 2)
-            vars(setting.object)[setting.field] = value
-            failure = FirstFailure()
-            code = pytest.main([*_QUIET, *(str(ROOT / test) for test in tests)], plugins=[failure])
-            Path(answer.name).write_text(failure.test or ("" if code == 0 else f"exit {code}"))
-            os._exit(0)
+            try:
+                Path(answer.name).write_text(_first_failure(setting, value, tests))
+            finally:
+                os._exit(0)
         _, status = os.waitpid(child, 0)
         if os.WIFSIGNALED(status):
             return "time" if os.WTERMSIG(status) == signal.SIGALRM else "crash"
