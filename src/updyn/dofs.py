@@ -15,6 +15,7 @@ from typing import Any, TypeVar, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from updyn.arrays import BoolArray, IndexArray, IntArray, NumberArray, RealArray
 from updyn.errors import DofError, InputError, in_all
 
 _T = TypeVar("_T", bound=np.generic)
@@ -115,8 +116,8 @@ class Dof:
 class Match:
     """Positions of the DOFs of one set in another, and products of both signs, shape (n,)."""
 
-    index: NDArray[np.intp]
-    sign: NDArray[np.float64]
+    index: IndexArray
+    sign: RealArray
 
 
 class DofSet(Sequence[Dof]):
@@ -146,12 +147,12 @@ class DofSet(Sequence[Dof]):
     __slots__ = ("_by_key", "_order", "_sorted", "axes", "nodes", "signs")
     __hash__ = None  # type: ignore[assignment]
 
-    nodes: NDArray[np.int64]
+    nodes: IntArray
     axes: NDArray[np.int8]
     signs: NDArray[np.int8]
-    _by_key: NDArray[np.int64]
-    _order: NDArray[np.intp]
-    _sorted: NDArray[np.int64]
+    _by_key: IntArray
+    _order: IndexArray
+    _sorted: IntArray
 
     def __init__(self, dofs: Iterable[str | Dof]) -> None:
         if isinstance(dofs, DofSet):
@@ -214,12 +215,10 @@ class DofSet(Sequence[Dof]):
         out._set(node, axis.astype(np.int8), sign.astype(np.int8))
         return out
 
-    def _set(
-        self, nodes: NDArray[np.int64], axes: NDArray[np.int8], signs: NDArray[np.int8]
-    ) -> None:
+    def _set(self, nodes: IntArray, axes: NDArray[np.int8], signs: NDArray[np.int8]) -> None:
         key = nodes * 6 + axes
         order = np.argsort(key, kind="stable")
-        arrays: dict[str, NDArray[Any]]
+        arrays: dict[str, NumberArray]
         arrays = {
             "nodes": nodes,
             "axes": axes,
@@ -247,7 +246,7 @@ class DofSet(Sequence[Dof]):
     @overload
     def __getitem__(self, item: int) -> Dof: ...
     @overload
-    def __getitem__(self, item: slice | NDArray[Any] | list[int]) -> DofSet: ...
+    def __getitem__(self, item: slice | NumberArray | list[int]) -> DofSet: ...
     def __getitem__(self, item: Any) -> Dof | DofSet:
         if isinstance(item, int | np.integer):
             return Dof(int(self.nodes[item]), DIRECTIONS[self.axes[item]], int(self.signs[item]))
@@ -292,7 +291,7 @@ class DofSet(Sequence[Dof]):
             )
         ]
 
-    def _find(self, other: DofSet) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
+    def _find(self, other: DofSet) -> tuple[IndexArray, BoolArray]:
         if len(self) == 0:
             return np.zeros(len(other), dtype=np.intp), np.zeros(len(other), dtype=np.bool_)
         at = np.minimum(np.searchsorted(self._sorted, other._by_key), len(self) - 1)
@@ -329,7 +328,7 @@ class DofSet(Sequence[Dof]):
             )
         return Match(index, (self.signs[index] * wanted.signs).astype(np.float64))
 
-    def complement(self, other: Iterable[str | Dof]) -> NDArray[np.intp]:
+    def complement(self, other: Iterable[str | Dof]) -> IndexArray:
         """Return the positions of the DOFs of this set that are not in `other`, ascending.
 
         Parameters
@@ -361,7 +360,7 @@ class DofSet(Sequence[Dof]):
 
 def positions(
     given: ArrayLike, n: int, what: str, error: type[InputError] = DofError
-) -> NDArray[np.intp]:
+) -> IndexArray:
     """Return the positions of items given by their numbers from 0 (each once) or by `n` flags.
 
     Raises `error`, with the name `what`, for a number out of range or twice, or another type.
@@ -377,9 +376,7 @@ def positions(
     return found.astype(np.intp)
 
 
-def whole_numbers(
-    given: ArrayLike, what: str, error: type[InputError] = DofError
-) -> NDArray[np.int64]:
+def whole_numbers(given: ArrayLike, what: str, error: type[InputError] = DofError) -> IntArray:
     """Return `given` as a new integer array; raise `error` for fractions and booleans."""
     array = _as_array(given, what, error)
     if array.dtype.kind not in "iuf":
@@ -396,7 +393,7 @@ def whole_numbers(
     return array.astype(np.int64)
 
 
-def _as_array(given: ArrayLike, what: str, error: type[InputError]) -> NDArray[Any]:
+def _as_array(given: ArrayLike, what: str, error: type[InputError]) -> NumberArray:
     try:
         return np.asarray(given)
     except (ValueError, OverflowError) as cause:

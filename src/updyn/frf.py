@@ -10,8 +10,9 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from updyn.arrays import ComplexArray, IndexArray, NumberArray, RealArray
 from updyn.dofs import Dof, DofSet
 from updyn.errors import DataError, DofError, in_all, key_path, suggest
 from updyn.geometry import Geometry
@@ -121,13 +122,13 @@ class FRF:
     array([20.])
     """
 
-    freq: NDArray[np.float64]
-    values: NDArray[np.complex128]
+    freq: RealArray
+    values: ComplexArray
     responses: DofSet
     references: DofSet
     quantity: str
-    coherence: NDArray[np.float64] | None
-    variance: NDArray[np.float64] | None
+    coherence: RealArray | None
+    variance: RealArray | None
     averages: int | None
     geometry: Geometry | None
     source: str
@@ -173,7 +174,7 @@ class FRF:
 
     def _check_range(
         self, name: str, given: ArrayLike | None, high: float, shape: tuple[int, ...]
-    ) -> NDArray[np.float64] | None:
+    ) -> RealArray | None:
         if given is None:
             return None
         array = self._array(name, given, np.float64, shape)
@@ -188,7 +189,7 @@ class FRF:
             )
         return array
 
-    def _place_text(self, at: Sequence[int] | NDArray[Any]) -> str:
+    def _place_text(self, at: Sequence[int] | NumberArray) -> str:
         line, row, column = map(int, at)
         return (
             f"at {self.freq[line]:g} Hz, response {self.responses[row]}, reference"
@@ -197,7 +198,7 @@ class FRF:
 
     def _array(
         self, name: str, given: ArrayLike, dtype: type, shape: tuple[int, ...]
-    ) -> NDArray[Any]:
+    ) -> NumberArray:
         array = _numbers(name, given, dtype)
         if array.shape != shape:
             raise DataError(
@@ -250,7 +251,7 @@ class FRF:
 
     # -- conversion ----------------------------------------------------------------------------
     @property
-    def s(self) -> NDArray[np.complex128]:
+    def s(self) -> ComplexArray:
         """Laplace variable s = i omega + decay of the values, in 1/s, shape (n_f,)."""
         return np.asarray(2j * np.pi * self.freq + self.decay)
 
@@ -439,7 +440,7 @@ class FRF:
         """
         return self.select(band=(low, high))
 
-    def _lines_outside(self, keep: NDArray[np.intp], band: tuple[float, float]) -> NDArray[np.intp]:
+    def _lines_outside(self, keep: IndexArray, band: tuple[float, float]) -> IndexArray:
         """Return the positions of lines without those in a band."""
         low, high = check_band(band)
         rest = keep[(self.freq[keep] < low) | (self.freq[keep] > high)]
@@ -453,7 +454,7 @@ class FRF:
             raise DataError(f"exclude: without {low:g} to {high:g} Hz no line remains")
         return rest
 
-    def find_lines(self, lines: ArrayLike) -> NDArray[np.intp]:
+    def find_lines(self, lines: ArrayLike) -> IndexArray:
         """Return the positions of `lines` in the data, ascending.
 
         Parameters
@@ -672,7 +673,7 @@ def _matches(pattern: str, dof: Dof) -> bool:
     return fnmatchcase(str(dof), pattern) or fnmatchcase(f"{dof.node}:{dof.direction}", pattern)
 
 
-def _numbers(name: str, given: ArrayLike, dtype: type) -> NDArray[Any]:
+def _numbers(name: str, given: ArrayLike, dtype: type) -> NumberArray:
     """Return an array of `dtype`; reject texts, booleans, masks and lost imaginary parts.
 
     The result is a copy unless the given array is immutable and owns its memory.
@@ -776,7 +777,7 @@ def check_decay(decay: object) -> float:
     return float(decay)  # type: ignore[arg-type]
 
 
-def check_lines(freq: ArrayLike) -> NDArray[np.float64]:
+def check_lines(freq: ArrayLike) -> RealArray:
     """Return lines in Hz as a read-only array; DataError unless finite, >= 0 and ascending."""
     array = _numbers("freq", freq, np.float64)
     if array.ndim != 1 or array.size == 0:

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from updyn.arrays import IndexArray, IntArray, RealArray
 from updyn.dofs import whole_numbers
 from updyn.errors import InputError, in_all
 
@@ -46,11 +47,11 @@ class Geometry:
     array([[1., 0., 0.]])
     """
 
-    nodes: NDArray[np.int64]
-    xyz: NDArray[np.float64]
-    lines: NDArray[np.int64]
-    axes: NDArray[np.float64] | None
-    faces: NDArray[np.int64]
+    nodes: IntArray
+    xyz: RealArray
+    lines: IntArray
+    axes: RealArray | None
+    faces: IntArray
 
     def __init__(
         self,
@@ -101,20 +102,20 @@ class Geometry:
         return Geometry, (self.nodes, self.xyz, self.lines, self.axes, self.faces)
 
     @property
-    def line_ends(self) -> NDArray[np.intp]:
+    def line_ends(self) -> IndexArray:
         """The ends of each line as indices of `nodes`, shape (m, 2)."""
         return self._places(self.lines)
 
     @property
-    def face_corners(self) -> NDArray[np.intp]:
+    def face_corners(self) -> IndexArray:
         """The corners of each face as indices of `nodes`, shape (k, 4)."""
         return self._places(self.faces)
 
-    def _places(self, numbers: NDArray[np.int64]) -> NDArray[np.intp]:
+    def _places(self, numbers: IntArray) -> IndexArray:
         order = np.argsort(self.nodes)
         return np.asarray(order[np.searchsorted(self.nodes, numbers, sorter=order)])
 
-    def position(self, nodes: ArrayLike) -> NDArray[np.float64]:
+    def position(self, nodes: ArrayLike) -> RealArray:
         """Return the positions of nodes.
 
         Parameters
@@ -144,14 +145,14 @@ class Geometry:
         return np.asarray(self.xyz[order[at]])
 
 
-def _floats(given: ArrayLike, what: str) -> NDArray[np.float64]:
+def _floats(given: ArrayLike, what: str) -> RealArray:
     try:
         return np.array(given, dtype=np.float64)
     except (TypeError, ValueError) as cause:
         raise InputError(f"geometry: {what} are not an array of numbers ({cause})") from cause
 
 
-def _node_numbers(given: ArrayLike | None, what: str, rows: str, columns: int) -> NDArray[np.int64]:
+def _node_numbers(given: ArrayLike | None, what: str, rows: str, columns: int) -> IntArray:
     if given is None:
         given = np.empty((0, columns))
     numbers = whole_numbers(given, f"geometry: {what}", InputError)
@@ -164,7 +165,7 @@ def _node_numbers(given: ArrayLike | None, what: str, rows: str, columns: int) -
     return numbers
 
 
-def _directions(given: ArrayLike, ids: NDArray[np.int64]) -> NDArray[np.float64]:
+def _directions(given: ArrayLike, ids: IntArray) -> RealArray:
     axes = _floats(given, "axes")
     if axes.shape != (len(ids), 3, 3):
         raise InputError(f"geometry: expected axes of shape {(len(ids), 3, 3)}, found {axes.shape}")
@@ -182,7 +183,7 @@ def _directions(given: ArrayLike, ids: NDArray[np.int64]) -> NDArray[np.float64]
     return axes
 
 
-def _near(nodes: NDArray[np.int64], node: np.int64) -> str:
+def _near(nodes: IntArray, node: np.int64) -> str:
     if not nodes.size:
         return "the geometry is empty"
     best = nodes[np.argsort(np.abs(nodes - node), kind="stable")[:3]]

@@ -21,8 +21,9 @@ from typing import Any, TypeAlias
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from updyn.arrays import RealArray
 from updyn.errors import ModelError, suggest
 from updyn.exchanged import AxisExchange
 from updyn.settings import ROUNDING
@@ -522,8 +523,8 @@ class LossTable:
     LossTable(2 lines, 10 to 100 Hz)
     """
 
-    freq: NDArray[np.float64]
-    relative: NDArray[np.float64]
+    freq: RealArray
+    relative: RealArray
 
     def __init__(self, freq: ArrayLike, relative: ArrayLike) -> None:
         for name, given in (("freq", freq), ("relative", relative)):
@@ -563,7 +564,7 @@ class LossTable:
     def __repr__(self) -> str:
         return f"LossTable({len(self.freq)} lines, {self.freq[0]:g} to {self.freq[-1]:g} Hz)"
 
-    def at(self, freq: NDArray[np.float64], group: str) -> NDArray[np.float64]:
+    def at(self, freq: RealArray, group: str) -> RealArray:
         """Return the factor at given frequencies.
 
         Parameters

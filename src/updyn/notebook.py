@@ -13,8 +13,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from updyn.arrays import RealArray
 from updyn.registry import Registry
 from updyn.settings import MESSAGES, NOTEBOOK
 from updyn.style import FIGURE_TEXT, PAPER, SPACES, category
@@ -39,7 +40,6 @@ VIEWERS: Registry[Callable[[Any], str | None]] = Registry(
     {"Model": "updyn.viewer.notebook:model_frame"},
 )
 
-_Real = NDArray[np.float64]
 
 #: Size of a picture in px, and its margins: left, right, top, bottom.
 _WIDTH, _HEIGHT = 620, 210
@@ -148,7 +148,7 @@ def curves(
     return _svg(parts, _HEIGHT)
 
 
-def _on_axis(values: ArrayLike, logarithmic: bool) -> _Real:
+def _on_axis(values: ArrayLike, logarithmic: bool) -> RealArray:
     array = np.asarray(values, dtype=np.float64)
     if logarithmic:
         array = np.log10(np.where(array > 0, array, np.nan))
@@ -171,7 +171,7 @@ class _Axis:
         room = 0.03 * (high - low) or 0.05 * abs(high) or 1.0
         return cls(low - room * (low != 0.0 or log), high + room, first, last, log)
 
-    def __call__(self, values: ArrayLike) -> _Real:
+    def __call__(self, values: ArrayLike) -> RealArray:
         share = (np.asarray(values, dtype=np.float64) - self.low) / (self.high - self.low)
         return np.asarray(self.first + share * (self.last - self.first))
 
@@ -237,7 +237,7 @@ def _legend(names: Sequence[str]) -> str:
     return f'<text x="{_WIDTH - _RIGHT}" y="14" text-anchor="end">{"".join(spans)}</text>'
 
 
-def _path(x: _Real, y: _Real, _floor: _Real) -> str:
+def _path(x: RealArray, y: RealArray, _floor: RealArray) -> str:
     """Return a curve; of many points only the minimum and maximum of each bin, to keep peaks."""
     if len(x) > 2 * NOTEBOOK.curve_bins:
         edges = np.linspace(0, len(x), NOTEBOOK.curve_bins + 1).round().astype(np.intp)
@@ -257,7 +257,7 @@ def _path(x: _Real, y: _Real, _floor: _Real) -> str:
     return "".join(parts)
 
 
-def _stems(x: _Real, y: _Real, floor: _Real) -> str:
+def _stems(x: RealArray, y: RealArray, floor: RealArray) -> str:
     known = np.isfinite(x) & np.isfinite(y)
     stems = zip(x[known].tolist(), y[known].tolist(), strict=True)
     return "".join(f"M{px:.1f} {float(floor):.1f}V{py:.1f}" for px, py in stems)

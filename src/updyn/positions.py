@@ -15,10 +15,10 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
+from updyn.arrays import BoolArray, IntArray, RealArray
 from updyn.errors import UpdynWarning
 from updyn.frf import FRF
 from updyn.geometry import Geometry
@@ -40,7 +40,7 @@ __all__ = [
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
 
 
-Points = NDArray[np.float64]
+Points = RealArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -117,7 +117,7 @@ def model_size(model: Model) -> float:
     return float(np.linalg.norm(np.ptp(model.geometry.xyz[used], axis=0))) if used.any() else 0.0
 
 
-def _has_dof_mask(model: Model) -> NDArray[np.bool_]:
+def _has_dof_mask(model: Model) -> BoolArray:
     """Return a mask of the nodes of the geometry of a model that have a DOF."""
     assert model.geometry is not None
     return np.isin(model.geometry.nodes, model.dofs.nodes)
@@ -161,7 +161,7 @@ class _Comparison:
 
     def __init__(
         self,
-        nodes: NDArray[np.int64],
+        nodes: IntArray,
         test: Geometry,
         model: Model,
         size: float,
@@ -210,7 +210,7 @@ class _Comparison:
 
     # -- distances
     @cached_property
-    def tree(self) -> tuple[KDTree, NDArray[np.int64]]:
+    def tree(self) -> tuple[KDTree, IntArray]:
         """Tree of the positions of the used nodes of the model, and these nodes."""
         geometry = self.model.geometry
         assert geometry is not None
@@ -221,13 +221,13 @@ class _Comparison:
         """Return the vectors between the nodes of each pair, shape (n, 3)."""
         return system.apply(self.x) - self.y
 
-    def nearest(self, system: CoordinateSystem) -> tuple[Points, NDArray[np.int64]]:
+    def nearest(self, system: CoordinateSystem) -> tuple[Points, IntArray]:
         """Return the distance to the nearest node of the model, and that node."""
         tree, names = self.tree
         distance, at = tree.query(system.apply(self.x))
         return distance, names[at]
 
-    def far_pairs(self, system: CoordinateSystem) -> NDArray[np.bool_]:
+    def far_pairs(self, system: CoordinateSystem) -> BoolArray:
         """Return a mask of the pairs that are too far apart."""
         distance = np.linalg.norm(self.pair_vectors(system), axis=1)
         far = distance > self.limit

@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import BoolArray, ComplexArray, IndexArray, RealArray
 from updyn.dynamics.affine import AffineSystem, State
 from updyn.dynamics.fields import FieldSolver
 from updyn.linalg.threads import use_one_thread
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 
 __all__ = ["Unknowns", "condensed_product", "contract", "fields_along", "receptance"]
 
-_Complex = NDArray[np.complex128]
 
 _FACTOR, _LOSS, _RATE = range(3)
 _NUMBER = {"loss_factor": _LOSS, "mass_damping": _RATE, "stiffness_damping": _RATE}
@@ -49,10 +48,10 @@ class Unknowns:
     """
 
     n: int
-    owner: NDArray[np.intp]
-    at: NDArray[np.intp]
-    number: NDArray[np.intp]
-    power: NDArray[np.float64]
+    owner: IndexArray
+    at: IndexArray
+    number: IndexArray
+    power: RealArray
 
     @classmethod
     def find(cls, system: AffineSystem, parameters: Iterable[Parameter]) -> Unknowns:
@@ -76,11 +75,11 @@ class Unknowns:
         )
 
     @property
-    def scales(self) -> NDArray[np.bool_]:
+    def scales(self) -> BoolArray:
         """Mask of drives that scale a matrix, shape (n_d,); others are a loss factor or a rate."""
         return np.asarray(self.number == _FACTOR)
 
-    def state(self, system: AffineSystem, values: NDArray[np.float64]) -> State:
+    def state(self, system: AffineSystem, values: RealArray) -> State:
         """Return the state of a compiled model at given values of the unknowns."""
         start, given = system.start, values[self.owner]
         factor, loss, rate = start.factor.copy(), start.loss.copy(), start.rate.copy()
@@ -96,9 +95,9 @@ class Unknowns:
         self,
         system: AffineSystem,
         state: State,
-        values: NDArray[np.float64],
-        omega: NDArray[np.float64],
-    ) -> _Complex:
+        values: RealArray,
+        omega: RealArray,
+    ) -> ComplexArray:
         """Return the derivative of each drive's coefficient by its unknown, shape (n_d, n_f)."""
         # Coefficients at a factor of 1: for a single linear drive, factor / value is exactly 1.
         unit = system.coefficients(replace(state, factor=np.ones_like(state.factor)), omega)[
@@ -123,15 +122,15 @@ class Unknowns:
 def receptance(
     solver: FieldSolver,
     unknowns: Unknowns,
-    values: NDArray[np.float64],
-    freq: NDArray[np.float64],
-    rows: NDArray[np.intp],
-    columns: NDArray[np.intp],
+    values: RealArray,
+    freq: RealArray,
+    rows: IndexArray,
+    columns: IndexArray,
     *,
     derivatives: bool = True,
-    lines: NDArray[np.float64] | None = None,
-    weights: _Complex | None = None,
-) -> tuple[_Complex, _Complex | None]:
+    lines: RealArray | None = None,
+    weights: ComplexArray | None = None,
+) -> tuple[ComplexArray, ComplexArray | None]:
     """Return H (m/N), (n_f, n_i, n_j), and dH, (n_p, n_f, n_i, n_j), per unit of each unknown.
 
     `freq` (Hz) is a block of `lines`, on which the choice of the solver depends. dH is multiplied
@@ -161,11 +160,11 @@ def receptance(
 def fields_along(
     solver: FieldSolver,
     unknowns: Unknowns,
-    values: NDArray[np.float64],
-    freq: NDArray[np.float64],
-    columns: NDArray[np.intp],
-    directions: NDArray[np.float64],
-) -> tuple[_Complex, _Complex]:
+    values: RealArray,
+    freq: RealArray,
+    columns: IndexArray,
+    directions: RealArray,
+) -> tuple[ComplexArray, ComplexArray]:
     """Return fields U, (N, n_f, n_j), of unit forces, and dU, (N, n_f, k, n_j), along directions.
 
     dU = -Z^-1 (dZ U). For many DOFs and few directions, (n_p, k), this takes fewer solves than one
@@ -177,7 +176,7 @@ def fields_along(
     slopes = -unknowns.slopes(system, state, values, omega)
     along = slopes[:, :, None] * directions[unknowns.owner, None, :]
 
-    def forces(U: _Complex, lines: slice) -> _Complex:
+    def forces(U: ComplexArray, lines: slice) -> ComplexArray:
         out = np.zeros((*U.shape[:2], directions.shape[1], U.shape[2]), dtype=np.complex128)
         for family in _by_rows(system, unknowns.at):
             own: Any = system.terms[family[0][0]].row_index
@@ -195,13 +194,13 @@ def fields_along(
 def condensed_product(
     solver: FieldSolver,
     unknowns: Unknowns,
-    values: NDArray[np.float64],
-    freq: NDArray[np.float64],
-    retained: NDArray[np.intp],
-    motion: _Complex,
+    values: RealArray,
+    freq: RealArray,
+    retained: IndexArray,
+    motion: ComplexArray,
     *,
     derivatives: bool = True,
-) -> tuple[_Complex, _Complex | None]:
+) -> tuple[ComplexArray, ComplexArray | None]:
     """Return Z_red h_X, (n_f, n, m), and derivatives T^T Z'_p (T h_X) for measured columns h_X.
 
     Columns of the identity if model and measurement agree. Raises SolverError if the structure with
@@ -219,14 +218,14 @@ def condensed_product(
     )
 
 
-def _in_order(dofs: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def _in_order(dofs: IndexArray) -> tuple[IndexArray, IndexArray]:
     """Return each DOF once, in order of first appearance, and the position of each of `dofs`."""
     _, first, place = np.unique(dofs, return_index=True, return_inverse=True)
     order = np.argsort(first)
     return dofs[first[order]], np.argsort(order)[place]
 
 
-def _view(places: NDArray[np.intp]) -> Any:
+def _view(places: IndexArray) -> Any:
     """Return an index for columns: a slice, which copies nothing, if they are the first columns."""
     if np.array_equal(places, np.arange(len(places))):
         return slice(len(places))
@@ -234,8 +233,8 @@ def _view(places: NDArray[np.intp]) -> Any:
 
 
 def contract(
-    system: AffineSystem, unknowns: Unknowns, slopes: _Complex, V: _Complex, U: _Complex
-) -> _Complex:
+    system: AffineSystem, unknowns: Unknowns, slopes: ComplexArray, V: ComplexArray, U: ComplexArray
+) -> ComplexArray:
     """Return the sum of slope_d V^T A_d U over the drives of each unknown, (n_p, n_f, n_v, n_u).
 
     V is transposed, not conjugated.
@@ -262,12 +261,12 @@ def contract(
     return out
 
 
-def _product(V: _Complex, U: _Complex) -> _Complex:
+def _product(V: ComplexArray, U: ComplexArray) -> ComplexArray:
     """Return V^T U at each line, shape (n_f, n_v, n_u), for fields (n, n_f, columns)."""
     return np.asarray(V.transpose(1, 2, 0) @ U.transpose(1, 0, 2))
 
 
-def _by_rows(system: AffineSystem, at: NDArray[np.intp]) -> Iterable[list[tuple[int, list[int]]]]:
+def _by_rows(system: AffineSystem, at: IndexArray) -> Iterable[list[tuple[int, list[int]]]]:
     """Return the terms at given positions, each with these positions, grouped by equal rows."""
     positions: dict[int, list[int]] = {}
     for d, t in enumerate(at.tolist()):

@@ -9,7 +9,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+
+from updyn.arrays import IntArray
 
 __all__ = [
     "HEXAHEDRON",
@@ -82,7 +83,7 @@ HEXAHEDRON = Shape(
 )
 
 
-def unique_edges(elements: Iterable[tuple[Shape, NDArray[np.int64]]]) -> NDArray[np.int64]:
+def unique_edges(elements: Iterable[tuple[Shape, IntArray]]) -> IntArray:
     """Return the edges of elements, each once, as two nodes, (n, 2), that do not coincide."""
     pairs = [np.empty((0, 2), dtype=np.int64)]
     for shape, nodes in elements:
@@ -91,7 +92,7 @@ def unique_edges(elements: Iterable[tuple[Shape, NDArray[np.int64]]]) -> NDArray
     return np.asarray(joined[joined[:, 0] != joined[:, 1]])
 
 
-def unique_faces(elements: Iterable[tuple[Shape, NDArray[np.int64]]]) -> NDArray[np.int64]:
+def unique_faces(elements: Iterable[tuple[Shape, IntArray]]) -> IntArray:
     """Return the outer faces of elements, each once, (n, 4); triangles repeat the last node."""
     solid = [np.empty((0, 4), dtype=np.int64)]
     open_ = [np.empty((0, 4), dtype=np.int64)]
@@ -101,7 +102,7 @@ def unique_faces(elements: Iterable[tuple[Shape, NDArray[np.int64]]]) -> NDArray
     return outer_faces(np.concatenate(solid), np.concatenate(open_))
 
 
-def as_quadrangles(faces: NDArray[np.int64]) -> NDArray[np.int64]:
+def as_quadrangles(faces: IntArray) -> IntArray:
     """Return faces of three or more distinct nodes, (m, 4); triangles repeat the last node."""
     given = faces if faces.shape[1] == 4 else faces[:, [0, 1, 2, 2]]
     stands = given != np.roll(given, -1, axis=1)  # last of coincident neighbours
@@ -112,7 +113,7 @@ def as_quadrangles(faces: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.asarray(out[count >= 3])
 
 
-def outer_faces(solid: NDArray[np.int64], open_: NDArray[np.int64]) -> NDArray[np.int64]:
+def outer_faces(solid: IntArray, open_: IntArray) -> IntArray:
     """Return shell faces, and faces of solids that occur once, in order and without repetition."""
     _, first, count = np.unique(_sort_nodes(solid), axis=0, return_index=True, return_counts=True)
     every = np.concatenate([solid[np.sort(first[count == 1])], open_])
@@ -120,7 +121,7 @@ def outer_faces(solid: NDArray[np.int64], open_: NDArray[np.int64]) -> NDArray[n
     return np.asarray(every[np.sort(first)])
 
 
-def _sort_nodes(faces: NDArray[np.int64]) -> NDArray[np.int64]:
+def _sort_nodes(faces: IntArray) -> IntArray:
     """Return faces, shape (n, 4), with sorted nodes; a triangle has its smallest node twice."""
     out = np.sort(faces, axis=1)
     triangle = faces[:, 2] == faces[:, 3]

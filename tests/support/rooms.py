@@ -14,6 +14,7 @@ SRC = Path(updyn.__file__).parent
 #: Rooms from the bottom up, as in the design; those on one line are siblings and do not import each
 #: other.
 ORDER = (
+    ("arrays",),
     ("settings",),
     ("errors",),
     ("units",),

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import BoolArray, RealArray
 from updyn.cli.settings import DESCRIPTION
 from updyn.dofs import DIRECTIONS, DofSet
 from updyn.dynamics.modes import modes
@@ -262,7 +262,7 @@ def _count_dofs(group: Group) -> int:
     return len(np.unique(np.concatenate(used)))
 
 
-def _rigid_mass(mass: Matrix | None, dofs: DofSet, translations: NDArray[np.float64]) -> str:
+def _rigid_mass(mass: Matrix | None, dofs: DofSet, translations: RealArray) -> str:
     """Return the largest mass in rigid translation, or inertia about an axis, as text."""
     if mass is None:
         return "-"
@@ -273,7 +273,7 @@ def _rigid_mass(mass: Matrix | None, dofs: DofSet, translations: NDArray[np.floa
     return f"{float(np.diag(turned.T @ (mass @ turned)).max()):.4g} kg m2"
 
 
-def _rigid_translations(model: Model) -> NDArray[np.float64]:
+def _rigid_translations(model: Model) -> RealArray:
     """Return the unit translations of the whole structure along X, Y, Z, shape (N, 3).
 
     A DOF of a node without position is a generalised displacement and does not move; displacements
@@ -292,7 +292,7 @@ def _rigid_translations(model: Model) -> NDArray[np.float64]:
     return translations
 
 
-def _find_placed(model: Model) -> NDArray[np.bool_]:
+def _find_placed(model: Model) -> BoolArray:
     """Return which DOFs are at nodes with a position, shape (N,); all if no node has one."""
     nodes = model.dofs.nodes
     if model.geometry is None:

@@ -9,8 +9,8 @@ from typing import Annotated
 
 import numpy as np
 from cyclopts import Parameter
-from numpy.typing import NDArray
 
+from updyn.arrays import RealArray
 from updyn.cli.describe import describe_frf
 from updyn.cli.new_file import check_free, write_new
 from updyn.cli.settings import DESCRIPTION
@@ -113,7 +113,7 @@ def _deviation_table(frf: FRF) -> str:
     size = np.maximum(np.abs(frf.values), np.finfo(float).tiny)
     share = np.sqrt(frf.variance) / size
 
-    def cells(column: NDArray[np.float64]) -> list[str]:
+    def cells(column: RealArray) -> list[str]:
         values = np.median(column), np.quantile(column, 0.95)
         return [f"{100.0 * value:.2g} %" for value in values]
 
@@ -125,7 +125,7 @@ def _coherence_table(frf: FRF) -> str:
     """Return a table of the coherence of each pair, lowest first."""
     assert frf.coherence is not None
 
-    def cells(column: NDArray[np.float64]) -> list[str]:
+    def cells(column: RealArray) -> list[str]:
         lowest = int(np.argmin(column))
         return [
             f"{np.median(column):.3f}",
@@ -139,10 +139,10 @@ def _coherence_table(frf: FRF) -> str:
 
 def _pair_table(
     frf: FRF,
-    values: NDArray[np.float64],
+    values: RealArray,
     sign: float,
     header: tuple[str, ...],
-    cells: Callable[[NDArray[np.float64]], list[str]],
+    cells: Callable[[RealArray], list[str]],
     rest: str,
 ) -> str:
     """Return a table of the pairs with the smallest (`sign` 1) or largest (-1) medians.

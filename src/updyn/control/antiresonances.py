@@ -11,8 +11,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import BoolArray, ComplexArray, RealArray
 from updyn.control.offsets import mirror_offsets
 from updyn.control.settings import ANTIRESONANCES
 
@@ -25,9 +25,6 @@ __all__ = [
     "find_dips",
     "resolve_antiresonances",
 ]
-
-_Real = NDArray[np.float64]
-_Complex = NDArray[np.complex128]
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +51,7 @@ class ZeroShift:
     plant_depth: float
 
 
-def find_dips(freq: _Real, values: _Complex) -> list[Dip]:
+def find_dips(freq: RealArray, values: ComplexArray) -> list[Dip]:
     """Return the dips of a channel: complex zeros of (a + b f) / (1 + c f) at each minimum."""
     size = np.abs(values)
     low = 1 + np.flatnonzero((size[1:-1] < size[:-2]) & (size[1:-1] <= size[2:]))
@@ -75,7 +72,7 @@ def find_dips(freq: _Real, values: _Complex) -> list[Dip]:
     return out
 
 
-def find_antiresonances(freq: _Real, values: _Complex) -> list[Dip]:
+def find_antiresonances(freq: RealArray, values: ComplexArray) -> list[Dip]:
     """Return the antiresonances of one channel with the phase change of a zero."""
     out = []
     for dip in find_dips(freq, values):
@@ -88,14 +85,14 @@ def find_antiresonances(freq: _Real, values: _Complex) -> list[Dip]:
 
 
 def resolve_antiresonances(
-    response: Callable[[_Real], _Complex], freq: _Real, values: _Complex
-) -> tuple[_Real, _Complex]:
+    response: Callable[[RealArray], ComplexArray], freq: RealArray, values: ComplexArray
+) -> tuple[RealArray, ComplexArray]:
     """Return lines in Hz and values, with additional lines around every antiresonance."""
     low, high = freq[0], freq[-1]
     every = mirror_offsets(ANTIRESONANCES.line_offsets)
     for number in range(ANTIRESONANCES.rounds):
         steps = every if number == ANTIRESONANCES.rounds - 1 else np.array([-1.0, 0.0, 1.0])
-        new: list[_Real] = []
+        new: list[RealArray] = []
         for i, j in np.ndindex(values.shape[1:]):
             for dip in find_dips(freq, values[:, i, j]):
                 new.append(dip.frequency + dip.width * steps)
@@ -115,7 +112,7 @@ def resolve_antiresonances(
     return freq, values
 
 
-def fill_antiresonances(freq: _Real, values: _Complex) -> _Real:
+def fill_antiresonances(freq: RealArray, values: ComplexArray) -> RealArray:
     """Return the magnitude of each channel, at antiresonances that one width away.
 
     Around a resonance sharper than a loss factor of 0.0005 it is that of the peak. The lines must
@@ -132,7 +129,7 @@ def fill_antiresonances(freq: _Real, values: _Complex) -> _Real:
     return out
 
 
-def _highest(freq: _Real, size: _Real) -> _Real:
+def _highest(freq: RealArray, size: RealArray) -> RealArray:
     """Return the largest magnitude of the neighbours of each line."""
     first = np.searchsorted(freq, freq * (1.0 - ANTIRESONANCES.neighbour_distance))
     last = np.searchsorted(freq, freq * (1.0 + ANTIRESONANCES.neighbour_distance), side="right")
@@ -140,7 +137,7 @@ def _highest(freq: _Real, size: _Real) -> _Real:
 
 
 def antiresonance_shifts(
-    freq: _Real, values: _Complex, answer: _Complex, zeros: _Complex
+    freq: RealArray, values: ComplexArray, answer: ComplexArray, zeros: ComplexArray
 ) -> list[tuple[float, float, float, float]]:
     """Return frequency, shift (percent), depth and plant depth (dB) of each antiresonance."""
     size, plant_size = np.abs(values), np.abs(answer)
@@ -159,7 +156,7 @@ def antiresonance_shifts(
     return out
 
 
-def _depth(size: _Real, inside: NDArray[np.bool_]) -> float:
+def _depth(size: RealArray, inside: BoolArray) -> float:
     """Return the ratio of the lower adjacent maximum to the minimum within some lines, in dB."""
     at = int(np.argmin(np.where(inside, size, np.inf)))
     tops = []

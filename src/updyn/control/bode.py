@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from updyn.arrays import ComplexArray, RealArray
 from updyn.control.family import PlantFamily
 from updyn.control.lines import channel_zeros, dense_lines
 from updyn.control.plant import Plant
@@ -89,7 +90,7 @@ def bode(
     return figure.figure
 
 
-def _lines(plant: Plant) -> NDArray[np.float64]:
+def _lines(plant: Plant) -> RealArray:
     """Return lines over the band that resolve every resonance and antiresonance."""
     low, high = max(plant.band[0], 1e-3 * plant.band[1]), plant.band[1]
     poles, zeros = plant.poles, []
@@ -104,11 +105,11 @@ def _lines(plant: Plant) -> NDArray[np.float64]:
 def _magnitude(
     axes: Axes,
     plant: Plant,
-    lines: NDArray[np.float64],
-    values: NDArray[np.complex128],
+    lines: RealArray,
+    values: ComplexArray,
     at: tuple[int, int],
     level: str,
-    spread: tuple[NDArray[np.float64], NDArray[np.float64]] | None,
+    spread: tuple[RealArray, RealArray] | None,
 ) -> None:
     """Draw the magnitude of a channel, with its largest error, and the family."""
     i, j = at
@@ -133,23 +134,21 @@ def _magnitude(
     level_axis(axes, name[plant.quantities[i]], channel_unit(plant, i, j), level)
 
 
-def _largest_error(
-    plant: Plant, size: NDArray[np.float64]
-) -> tuple[float, NDArray[np.float64], str]:
+def _largest_error(plant: Plant, size: RealArray) -> tuple[float, RealArray, str]:
     """Return the error with a tolerance, its denominator, and the denominator in words."""
     if plant.facts.get("error") == "relative":
         return plant.relative_error, size, "|H|"
     return plant.error, np.full_like(size, size.max()), "the peak"
 
 
-def _phase(axes: Axes, lines: NDArray[np.float64], values: NDArray[np.complex128]) -> None:
+def _phase(axes: Axes, lines: RealArray, values: ComplexArray) -> None:
     """Draw the continuous phase."""
     degrees = phases(values)[0]
     axes.plot(lines, degrees, color=PAPER["after"])
     _degree_axis(axes, degrees)
 
 
-def _degree_axis(axes: Axes, degrees: NDArray[np.float64]) -> None:
+def _degree_axis(axes: Axes, degrees: RealArray) -> None:
     span = float(np.ptp(degrees))
     step = next((s for s in (45, 90, 180, 360) if span / s <= 6), 720)
     low = np.floor(float(degrees.min()) / step) * step

@@ -19,10 +19,10 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.sparse.linalg import LinearOperator, eigsh
 
+from updyn.arrays import ComplexArray, IndexArray, RealArray
 from updyn.control.settings import CAUSAL_BOUND
 from updyn.control.space import Conversion
 from updyn.control.target import CandidateSelection
@@ -35,8 +35,6 @@ __all__ = [
     "hankel_norm",
 ]
 
-_Real = NDArray[np.float64]
-_Complex = NDArray[np.complex128]
 _TWO_PI = 2.0 * np.pi
 
 
@@ -64,16 +62,16 @@ class Circle:
         return cls(n, float(np.sqrt(low * high)), width * max(1.0, float(needed) / n))
 
     @property
-    def freq(self) -> _Real:
+    def freq(self) -> RealArray:
         """Frequency of each point in Hz, negative on the lower half; neither 0 nor infinite."""
         theta = _TWO_PI * (np.arange(self.n) + 0.5) / self.n
         return np.asarray(self.scale * np.tan(0.5 * theta))
 
-    def coefficients(self, values: NDArray[np.float64] | _Complex) -> _Complex:
+    def coefficients(self, values: RealArray | ComplexArray) -> ComplexArray:
         """Return the Fourier coefficients of values at the points, in the order of an FFT."""
         return np.asarray(np.fft.fft(values) / self.n * self._turn.conj())
 
-    def outer(self, logarithm: _Real) -> _Complex:
+    def outer(self, logarithm: RealArray) -> ComplexArray:
         """Return log W of the outer function with a given log |W|, at the points."""
         c = self.coefficients(logarithm)
         k = np.fft.fftfreq(self.n, 1.0 / self.n)
@@ -82,12 +80,12 @@ class Circle:
         return np.asarray(np.fft.ifft(c * self._turn) * self.n)
 
     @property
-    def _turn(self) -> _Complex:
+    def _turn(self) -> ComplexArray:
         return _half_steps(self.n)
 
 
 @lru_cache(maxsize=2)
-def _half_steps(n: int) -> _Complex:
+def _half_steps(n: int) -> ComplexArray:
     """Return the factors that shift the points by half of their distance, by coefficient."""
     turn = np.asarray(np.exp(1j * np.pi * np.fft.fftfreq(n, 1.0 / n) / n))
     turn.flags.writeable = False
@@ -95,7 +93,7 @@ def _half_steps(n: int) -> _Complex:
 
 
 @lru_cache(maxsize=2)
-def _outer_inside(circle: Circle, band: tuple[float, float]) -> tuple[_Real, _Complex]:
+def _outer_inside(circle: Circle, band: tuple[float, float]) -> tuple[RealArray, ComplexArray]:
     """Return the share of the band at each point, and the logarithm of its outer function."""
     share = _band_share(np.abs(circle.freq), band, circle.margin)
     follows = circle.outer(share)
@@ -103,7 +101,7 @@ def _outer_inside(circle: Circle, band: tuple[float, float]) -> tuple[_Real, _Co
     return share, follows
 
 
-def hankel_norm(circle: Circle, values: _Complex) -> float:
+def hankel_norm(circle: Circle, values: ComplexArray) -> float:
     """Return the largest distance of a function on the axis from the nearest stable one (Nehari).
 
     `values` are those of a real system: conjugate at negative frequencies.
@@ -113,7 +111,7 @@ def hankel_norm(circle: Circle, values: _Complex) -> float:
     length = 4 * n
     spectrum = np.fft.rfft(c, length)
 
-    def product(v: _Real) -> _Real:
+    def product(v: RealArray) -> RealArray:
         return np.fft.irfft(spectrum * np.fft.rfft(np.ravel(v)[::-1], length), length)[
             n - 1 : 2 * n - 1
         ]
@@ -135,8 +133,8 @@ class ChannelDifference:
     plant by at most `above`, or below it `below` |1 + low / (i f)|^growth.
     """
 
-    difference: Callable[[_Real], _Complex]
-    reference: Callable[[_Real], _Real]
+    difference: Callable[[RealArray], ComplexArray]
+    reference: Callable[[RealArray], RealArray]
     below: float
     above: float
     growth: int = 0
@@ -183,7 +181,7 @@ def error_lower_bound(
     return float(np.exp(brentq(excess, np.log(floor), np.log(reached), xtol=CAUSAL_BOUND.accuracy)))
 
 
-def _band_share(size: _Real, band: tuple[float, float], margin: float) -> _Real:
+def _band_share(size: RealArray, band: tuple[float, float], margin: float) -> RealArray:
     """Return 1 in the band, 0 outside, and a smooth step within its margins."""
     low, high = band
     with np.errstate(divide="ignore", over="ignore"):
@@ -195,12 +193,12 @@ def _band_share(size: _Real, band: tuple[float, float], margin: float) -> _Real:
 
 
 def channel_differences(
-    freq: _Real,
-    structure: Callable[[_Real], _Complex],
-    level: _Real,
+    freq: RealArray,
+    structure: Callable[[RealArray], ComplexArray],
+    level: RealArray,
     found: CandidateSelection,
     outside: Conversion,
-    growth: NDArray[np.intp],
+    growth: IndexArray,
 ) -> list[ChannelDifference]:
     """Return the differences of a structure from a selection of candidates, channel by channel.
 
@@ -208,9 +206,9 @@ def channel_differences(
     `growth` is the power of the growth of each output towards 0 Hz.
     """
     band = float(freq[0]), float(freq[-1])
-    cache: dict[bytes, _Complex] = {}
+    cache: dict[bytes, ComplexArray] = {}
 
-    def difference(lines: _Real) -> _Complex:
+    def difference(lines: RealArray) -> ComplexArray:
         key = lines.tobytes()
         if key not in cache:
             parts = np.array_split(lines, 1 + len(lines) // CAUSAL_BOUND.block_lines)
@@ -226,9 +224,9 @@ def channel_differences(
         if not len(lines):
             limits.append(np.ones(level.shape[1:]))
             continue
-        grown: _Real = np.ones((len(lines), len(growth), 1))
+        grown: RealArray = np.ones((len(lines), len(growth), 1))
         if lines[-1] < band[0]:
-            slower: _Real = np.abs(1.0 + band[0] / (1j * lines))
+            slower: RealArray = np.abs(1.0 + band[0] / (1j * lines))
             grown = np.power(slower[:, None], growth)[:, :, None]
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             structure_size = np.abs(outside.response(whole, lines)) / grown
@@ -251,7 +249,7 @@ def channel_differences(
     return [channel(i, j) for i, j in np.ndindex(*level.shape[1:])]
 
 
-def _adjacent_lines(band: tuple[float, float], natural: _Real) -> tuple[_Real, _Real]:
+def _adjacent_lines(band: tuple[float, float], natural: RealArray) -> tuple[RealArray, RealArray]:
     """Return lines below and above a band, including natural frequencies."""
     low, high = band
     factor, count = CAUSAL_BOUND.outside_factor, CAUSAL_BOUND.outside_lines

@@ -23,12 +23,11 @@ feed-through in the band, which a real pole above the band removes.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
+from updyn.arrays import BoolArray, ComplexArray, IndexArray, NumberArray, RealArray
 from updyn.control.settings import COMPLEX_MODES
 from updyn.control.space import Matrices, ModalSpace, derivative_factors, laplace_variable
 from updyn.control.target import ResponseTarget
@@ -42,8 +41,6 @@ __all__ = [
     "slow_motion",
 ]
 
-_Real = NDArray[np.float64]
-_Complex = NDArray[np.complex128]
 
 _TWO_PI = 2.0 * np.pi
 
@@ -57,21 +54,21 @@ class ComplexModes:
     1, 2 for displacement, velocity, acceleration. `fast` is the real pole above the band, in rad/s.
     """
 
-    poles: _Complex
-    at_outputs: _Complex
-    at_inputs: _Complex
-    slow: tuple[_Real, _Real, _Real]
-    powers: NDArray[np.intp]
+    poles: ComplexArray
+    at_outputs: ComplexArray
+    at_inputs: ComplexArray
+    slow: tuple[RealArray, RealArray, RealArray]
+    powers: IndexArray
     fast: float
     name: str = "complex"
 
     @property
-    def frequency(self) -> _Real:
+    def frequency(self) -> RealArray:
         """Natural frequency of each mode in Hz."""
         return np.abs(self.poles) / _TWO_PI
 
     @property
-    def always_kept(self) -> NDArray[np.bool_]:
+    def always_kept(self) -> BoolArray:
         """Mask without any candidate, as rigid-body motion is not a candidate."""
         return np.zeros(len(self.poles), dtype=np.bool_)
 
@@ -82,7 +79,7 @@ class ComplexModes:
         largest = max(size.max(initial=0.0), np.abs(self.poles).max(initial=0.0))
         return bool((size > COMPLEX_MODES.zero_share * largest).all())
 
-    def costs(self, freq: _Real, level: _Real) -> _Real:
+    def costs(self, freq: RealArray, level: RealArray) -> RealArray:
         """Return the relative change without each mode."""
         s = laplace_variable(freq)
         out = np.empty(len(self.poles))
@@ -95,7 +92,7 @@ class ComplexModes:
             out[j] = (np.abs(contribution - static) / level).max()
         return out
 
-    def response(self, kept: NDArray[np.bool_], freq: _Real) -> _Complex:
+    def response(self, kept: BoolArray, freq: RealArray) -> ComplexArray:
         """Return the response with a selection of modes."""
         s = laplace_variable(freq)
         out = self.slow_response(s)
@@ -109,7 +106,7 @@ class ComplexModes:
         through, jump = self._through(kept)
         return out + through + jump * (self.fast / (s + self.fast))[:, None, None]
 
-    def slow_response(self, s: _Complex) -> _Complex:
+    def slow_response(self, s: ComplexArray) -> ComplexArray:
         """Return the response of the part with real poles, shape (n_f, n_y, n_u)."""
         A, B, _ = self.slow
         if not len(A):
@@ -119,12 +116,12 @@ class ComplexModes:
             self.slow_rows() @ np.linalg.solve(shift, np.broadcast_to(B, (len(s), *B.shape)))
         )
 
-    def slow_rows(self) -> _Real:
+    def slow_rows(self) -> RealArray:
         """Return the output rows of the motion with real poles."""
         A, _, C = self.slow
         return np.stack([C, C @ A, C @ A @ A])[self.powers, np.arange(len(C))]
 
-    def _through(self, kept: NDArray[np.bool_]) -> tuple[_Real, _Real]:
+    def _through(self, kept: BoolArray) -> tuple[RealArray, RealArray]:
         """Return the feed-through, and the part that acts in the band only.
 
         The first is the static flexibility of omitted modes, or the jump of an acceleration; the
@@ -143,7 +140,7 @@ class ComplexModes:
         whole = np.choose(self.powers[:, None], [static, nothing, jump])
         return whole, np.choose(self.powers[:, None], [nothing, speed, nothing])
 
-    def blocks(self, kept: NDArray[np.bool_], right: _Complex) -> tuple[_Real, _Real]:
+    def blocks(self, kept: BoolArray, right: ComplexArray) -> tuple[RealArray, RealArray]:
         """Return A and B: the slow part, and real blocks [[a, b], [-b, a]] of the poles a + ib."""
         A0, B0, _ = self.slow
         poles = self.poles[kept]
@@ -157,7 +154,7 @@ class ComplexModes:
         B[first], B[second] = right.real.T, -right.imag.T
         return A, B
 
-    def matrices(self, kept: NDArray[np.bool_]) -> Matrices:
+    def matrices(self, kept: BoolArray) -> Matrices:
         """Return A, B, C, D: the slow part, a block per pair of poles, and the fast part."""
         left, right = self.at_outputs[:, kept], self.at_inputs[:, kept]
         # Scale both sides of a residue to equal norms.
@@ -176,7 +173,7 @@ class ComplexModes:
         return A, B, np.hstack([self.slow_rows(), pairs, jump[:, rolled]]), through
 
 
-def complex_modes(space: ModalSpace, powers: NDArray[np.intp], top: float) -> ComplexModes:
+def complex_modes(space: ModalSpace, powers: IndexArray, top: float) -> ComplexModes:
     """Return the complex modes, `top` in Hz; raises ModelError for a defective pole."""
     slow_A, slow_B, slow_C, n_slow = _slow_matrices(space)
     r = len(space)
@@ -193,21 +190,23 @@ def complex_modes(space: ModalSpace, powers: NDArray[np.intp], top: float) -> Co
     return ComplexModes(poles, space.outputs @ vectors, space.inputs @ vectors, slow, powers, fast)
 
 
-def slow_motion(space: ModalSpace) -> tuple[_Real, _Real, _Real, NDArray[np.intp]]:
+def slow_motion(space: ModalSpace) -> tuple[RealArray, RealArray, RealArray, IndexArray]:
     """Return A, B, C (of displacements) of the motion with real poles, and its velocity states."""
     A, B, C, n = _slow_matrices(space)
     still = len(_undamped_rigid(space))
     return A, B @ space.inputs.T, space.outputs @ C, np.arange(n - still, n)
 
 
-def _first_order(space: ModalSpace, stiffness: NDArray[Any]) -> NDArray[Any]:
+def _first_order(space: ModalSpace, stiffness: NumberArray) -> NumberArray:
     r = len(space)
-    out: NDArray[Any] = np.zeros((2 * r, 2 * r), dtype=stiffness.dtype)
+    out: NumberArray = np.zeros((2 * r, 2 * r), dtype=stiffness.dtype)
     out[:r, r:], out[r:, :r], out[r:, r:] = np.eye(r), -stiffness, -space.viscous
     return out
 
 
-def _highest_poles(space: ModalSpace, D: _Real, wanted: int) -> tuple[_Complex, _Complex]:
+def _highest_poles(
+    space: ModalSpace, D: RealArray, wanted: int
+) -> tuple[ComplexArray, ComplexArray]:
     """Return the poles with the largest imaginary parts, and their vectors."""
     values, vectors = np.linalg.eig(_first_order(space, np.diag(space.omega**2) + 1j * D))
     top = np.argsort(-values.imag, kind="stable")[:wanted]
@@ -219,8 +218,8 @@ def _highest_poles(space: ModalSpace, D: _Real, wanted: int) -> tuple[_Complex, 
 
 
 def _follow_poles(
-    space: ModalSpace, poles: _Complex, vectors: _Complex, wanted: int
-) -> tuple[_Complex, _Complex]:
+    space: ModalSpace, poles: ComplexArray, vectors: ComplexArray, wanted: int
+) -> tuple[ComplexArray, ComplexArray]:
     """Return each pole for the loss factors at its own frequency."""
     poles, vectors = poles.copy(), vectors.copy()
     for j in range(len(poles)):
@@ -232,7 +231,7 @@ def _follow_poles(
     return poles, vectors
 
 
-def _slow_matrices(space: ModalSpace) -> tuple[_Real, _Real, _Real, int]:
+def _slow_matrices(space: ModalSpace) -> tuple[RealArray, RealArray, RealArray, int]:
     """Return A, B (of modal forces) and C (modal motion) of the real poles, without D."""
     r, still = len(space), _undamped_rigid(space)
     A = np.zeros((0, 0))
@@ -256,7 +255,7 @@ def _slow_matrices(space: ModalSpace) -> tuple[_Real, _Real, _Real, int]:
     return whole, forces, motion, len(whole)
 
 
-def _undamped_rigid(space: ModalSpace) -> NDArray[np.intp]:
+def _undamped_rigid(space: ModalSpace) -> IndexArray:
     """Return rigid-body modes without a damper: double poles at 0."""
     damping = np.abs(space.viscous[: space.rigid]).max(axis=1, initial=0.0)
     return np.flatnonzero(
@@ -264,7 +263,7 @@ def _undamped_rigid(space: ModalSpace) -> NDArray[np.intp]:
     )
 
 
-def _real_poles(space: ModalSpace) -> tuple[_Real, _Real, _Real]:
+def _real_poles(space: ModalSpace) -> tuple[RealArray, RealArray, RealArray]:
     """Return A, B, C of the part with real poles, by Schur form and a Sylvester equation."""
     A = _first_order(space, np.diag(space.omega**2))
     r = len(space)
@@ -292,31 +291,31 @@ class FittedModes:
 
     base: ComplexModes
     target: ResponseTarget
-    extra: _Real
+    extra: RealArray
     at_rest: bool = True
     name: str = "complex"
 
     @property
-    def frequency(self) -> _Real:
+    def frequency(self) -> RealArray:
         """Natural frequency of each mode in Hz."""
         return self.base.frequency
 
     @property
-    def always_kept(self) -> NDArray[np.bool_]:
+    def always_kept(self) -> BoolArray:
         """Mask without any candidate, as rigid-body motion is not a candidate."""
         return self.base.always_kept
 
-    def costs(self, freq: _Real, level: _Real) -> _Real:
+    def costs(self, freq: RealArray, level: RealArray) -> RealArray:
         """Return the relative change without each mode, before the fit."""
         return self.base.costs(freq, level)
 
-    def response(self, kept: NDArray[np.bool_], freq: _Real) -> _Complex:
+    def response(self, kept: BoolArray, freq: RealArray) -> ComplexArray:
         """Return the response with a selection of modes."""
         rows, through = self._fit(kept)
         modal = np.einsum("yk,fku->fyu", rows, self._states(kept, freq))
         return np.asarray(self.base.slow_response(laplace_variable(freq)) + modal + through)
 
-    def matrices(self, kept: NDArray[np.bool_]) -> Matrices:
+    def matrices(self, kept: BoolArray) -> Matrices:
         """Return A, B, C, D: the slow part, a block per pair of poles, real poles."""
         rows, through = self._fit(kept)
         A0, B0 = self.base.blocks(kept, self.base.at_inputs[:, kept])
@@ -325,7 +324,7 @@ class FittedModes:
         B = np.vstack([B0, *(rate * np.eye(n_u) for rate in self.extra)])
         return A, B, np.hstack([self.base.slow_rows(), rows]), through
 
-    def _states(self, kept: NDArray[np.bool_], freq: _Real) -> _Complex:
+    def _states(self, kept: BoolArray, freq: RealArray) -> ComplexArray:
         """Return the states of modes and real poles, shape (n_f, k, n_u), for unit inputs."""
         s, right = laplace_variable(freq), self.base.at_inputs[:, kept].T
         poles = self.base.poles[kept]
@@ -344,7 +343,7 @@ class FittedModes:
             axis=1,
         )
 
-    def _fit(self, kept: NDArray[np.bool_]) -> tuple[_Real, _Real]:
+    def _fit(self, kept: BoolArray) -> tuple[RealArray, RealArray]:
         """Return the rows of the outputs for these states, and the feed-through."""
         target, n_u = self.target, len(self.base.at_inputs)
         states = self._states(kept, target.freq)
@@ -378,7 +377,7 @@ class FittedModes:
                 through[i] = found[states.shape[1] :]
         return rows, through
 
-    def _rest(self, kept: NDArray[np.bool_]) -> tuple[_Real, _Real]:
+    def _rest(self, kept: BoolArray) -> tuple[RealArray, RealArray]:
         """Return the states at s = 0, shape (k, n_u), and the slow part of a supported model."""
         zero = np.zeros(1)
         slow = np.zeros((len(self.base.powers), len(self.base.at_inputs)))
@@ -387,12 +386,12 @@ class FittedModes:
         return self._states(kept, zero)[0].real, slow
 
 
-def _constrained_least_squares(A: _Real, b: _Real, E: _Real, d: _Real) -> _Real:
+def _constrained_least_squares(A: RealArray, b: RealArray, E: RealArray, d: RealArray) -> RealArray:
     """Return x of the least |A x - b| with E x = d, by a basis of the null space of E."""
     scale = np.maximum(np.linalg.norm(A, axis=0), 1e-300)
     A, E = A / scale, E / scale
-    start: _Real = np.zeros(A.shape[1])
-    free: _Real = np.eye(A.shape[1])
+    start: RealArray = np.zeros(A.shape[1])
+    free: RealArray = np.eye(A.shape[1])
     if len(E):
         size = np.maximum(np.linalg.norm(E, axis=1), 1e-300)
         E, d = E / size[:, None], d / size

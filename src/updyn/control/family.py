@@ -7,8 +7,9 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from updyn.arrays import BoolArray, ComplexArray, RealArray
 from updyn.control.build import plant
 from updyn.control.lines import sweep
 from updyn.control.plant import Plant
@@ -35,8 +36,6 @@ if TYPE_CHECKING:
 
 __all__ = ["PlantFamily", "plant_family"]
 
-_Real = NDArray[np.float64]
-_Complex = NDArray[np.complex128]
 
 #: Accepted status of an update.
 _ACCEPTED_STATUS = ("converged", "not-credible", "not-identifiable", "stalled")
@@ -56,7 +55,7 @@ class PlantFamily:
     nominal: Plant
     members: tuple[Plant, ...]
     names: tuple[str, ...] = ()
-    values: _Real = field(default_factory=lambda: np.zeros((0, 0)))
+    values: RealArray = field(default_factory=lambda: np.zeros((0, 0)))
     facts: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -104,7 +103,7 @@ class PlantFamily:
         """Largest error of a plant of the family against its model, as `Plant.error`."""
         return max(p.error for p in (self.nominal, *self.members))
 
-    def response(self, freq: ArrayLike) -> _Complex:
+    def response(self, freq: ArrayLike) -> ComplexArray:
         """Return the responses of the members at lines in Hz, shape (n, n_f, n_y, n_u)."""
         lines = check_lines(np.atleast_1d(np.asarray(freq)))
         if (
@@ -113,7 +112,7 @@ class PlantFamily:
             return np.array([member.response(lines).values for member in self.members])
         return np.array([sweep(member, lines) for member in self.members])
 
-    def spread(self, freq: ArrayLike) -> tuple[_Real, _Real]:
+    def spread(self, freq: ArrayLike) -> tuple[RealArray, RealArray]:
         """Return the smallest and largest magnitude over all plants at lines in Hz."""
         size = np.abs(
             np.concatenate([self.nominal.response(freq).values[None], self.response(freq)])
@@ -279,8 +278,8 @@ class _ParameterDraws:
     are the shares that were clipped at a bound, by parameter.
     """
 
-    values: _Real
-    training: _Real
+    values: RealArray
+    training: RealArray
     source: str
     note: str = ""
     cut: Mapping[str, float] = field(default_factory=dict)
@@ -293,7 +292,7 @@ class _FamilyBasis:
     plants: SharedPlantBasis
     estimate: State
     states: tuple[State, ...]
-    holds: NDArray[np.bool_]
+    holds: BoolArray
 
 
 def _share_basis(result: UpdateResult, making: _PlantMaker, drawn: _ParameterDraws) -> _FamilyBasis:
@@ -335,7 +334,12 @@ class _PlantMaker:
         )
 
     def plants(
-        self, model: Model, shared: _FamilyBasis | None, values: _Real, route: str, engine: Engine
+        self,
+        model: Model,
+        shared: _FamilyBasis | None,
+        values: RealArray,
+        route: str,
+        engine: Engine,
     ) -> tuple[Plant, tuple[Plant, ...]]:
         """Return the plant of the estimate and those of the members, by one route.
 
@@ -361,12 +365,12 @@ class _PlantMaker:
     def _members(
         self,
         shared: _FamilyBasis | None,
-        values: _Real,
+        values: RealArray,
         route: str,
         kept: CandidateSelection | None,
         engine: Engine,
     ) -> tuple[Plant, ...]:
-        items: list[tuple[int, _Real, State | None]] = []
+        items: list[tuple[int, RealArray, State | None]] = []
         for number, row in enumerate(values):
             state = None
             if shared is not None and shared.holds[number]:
@@ -378,7 +382,7 @@ class _PlantMaker:
 
 def _member(
     about: tuple[_PlantMaker, SharedPlantBasis | None, str, CandidateSelection | None],
-    item: tuple[int, _Real, State | None],
+    item: tuple[int, RealArray, State | None],
 ) -> Plant:
     """Return a member, with the shared basis if it is accurate, else without."""
     (making, shared, route, kept), (number, values, state) = about, item
@@ -422,7 +426,7 @@ def _draw_from_covariance(result: UpdateResult, n: int, seed: int) -> _Parameter
     # The symmetric root does not depend on the sign or order of eigenvectors.
     root = (axes * np.sqrt(np.maximum(size, 0.0))) @ axes.T
 
-    def values(z: _Real) -> tuple[_Real, NDArray[np.bool_]]:
+    def values(z: RealArray) -> tuple[RealArray, BoolArray]:
         drawn = x + z @ root
         within = np.clip(drawn, *coordinates.bounds)
         found = np.clip(coordinates.to_values(within), parameters.lower, parameters.upper) + 0.0

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import ComplexArray, RealArray
 from updyn.control.offsets import mirror_offsets
 from updyn.control.plant import Plant
 from updyn.control.servo.state_space import StateSpace, Transfer
@@ -15,18 +15,15 @@ from updyn.control.settings import PLANT_LINES
 
 __all__ = ["channel_zeros", "dense_lines", "sweep"]
 
-_Real = NDArray[np.float64]
-_Complex = NDArray[np.complex128]
 
-
-def sweep(plant: Plant, freq: _Real) -> _Complex:
+def sweep(plant: Plant, freq: RealArray) -> ComplexArray:
     """Return the response of a plant at many lines in Hz (none on a pole), by one Schur form."""
     s = 2j * np.pi * freq
     points = s if plant.dt is None else np.exp(s * plant.dt)
     return Transfer.of(StateSpace(plant.A, plant.B, plant.C, plant.D)).at(points)
 
 
-def channel_zeros(plant: Plant, output: int, input: int) -> _Complex:
+def channel_zeros(plant: Plant, output: int, input: int) -> ComplexArray:
     """Return the finite zeros of one channel of a continuous plant, in rad/s."""
     B, C = plant.B[:, [input]], plant.C[[output]]
     if not B.any() or not C.any():
@@ -35,12 +32,12 @@ def channel_zeros(plant: Plant, output: int, input: int) -> _Complex:
 
 
 def dense_lines(
-    sharp: Iterable[_Complex],
-    others: Iterable[_Complex],
+    sharp: Iterable[ComplexArray],
+    others: Iterable[ComplexArray],
     low: float,
     high: float,
     per_decade: int | None = None,
-) -> _Real:
+) -> RealArray:
     """Return ascending lines in Hz that resolve poles and zeros in rad/s, `sharp` ones finely."""
     per_decade = PLANT_LINES.lines_per_decade if per_decade is None else per_decade
     count = int(np.ceil(np.log10(high / low) * per_decade)) + 1
@@ -56,7 +53,7 @@ def dense_lines(
     return np.asarray(every[kept])
 
 
-def _lines_around(roots: _Complex, offsets: _Real) -> _Real:
+def _lines_around(roots: ComplexArray, offsets: RealArray) -> RealArray:
     size = np.abs(roots)
     is_sharp = np.abs(roots.real) < PLANT_LINES.largest_damping * size
     is_relevant = (roots.imag > 0) & (size > 0) & is_sharp

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import ComplexArray, RealArray
 from updyn.control.ports import Port
 from updyn.control.settings import MEASURED_PLANT
 from updyn.control.target import ResponseTarget
@@ -18,8 +18,6 @@ from updyn.updating.problem.noise.known import Coherence
 
 __all__ = ["PortMeasurement", "select_measurement"]
 
-_Real = NDArray[np.float64]
-_Complex = NDArray[np.complex128]
 
 _TWO_PI = 2.0 * np.pi
 
@@ -33,12 +31,12 @@ class PortMeasurement:
     """
 
     target: ResponseTarget
-    deviation: _Real
-    poles: _Complex
+    deviation: RealArray
+    poles: ComplexArray
     noise: str
 
     @property
-    def reference(self) -> _Real:
+    def reference(self) -> RealArray:
         """Denominator of a relative error."""
         return self.target.reference
 
@@ -81,7 +79,7 @@ def select_measurement(
     return PortMeasurement(target, deviation, np.asarray(poles), noise)
 
 
-def _weights(ports: tuple[Port, ...], dofs: DofSet, what: str) -> _Real:
+def _weights(ports: tuple[Port, ...], dofs: DofSet, what: str) -> RealArray:
     weights = np.zeros((len(ports), len(dofs)))
     for row, port in enumerate(ports):
         try:
@@ -92,7 +90,7 @@ def _weights(ports: tuple[Port, ...], dofs: DofSet, what: str) -> _Real:
     return weights
 
 
-def _variance(frf: FRF) -> tuple[_Real, str]:
+def _variance(frf: FRF) -> tuple[RealArray, str]:
     """Return the variance of the values, and its source."""
     if frf.variance is not None:
         return frf.variance, "variance"

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
+
+from updyn.arrays import RealArray
 
 __all__ = ["mirror_offsets"]
 
 
-def mirror_offsets(offsets: Sequence[float]) -> NDArray[np.float64]:
+def mirror_offsets(offsets: Sequence[float]) -> RealArray:
     """Return ascending distances above 0 with 0 and their negatives."""
     above = np.array(offsets, dtype=np.float64)
     return np.concatenate([-above[::-1], [0.0], above])

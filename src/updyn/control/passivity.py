@@ -10,13 +10,12 @@ Grivet-Talocia, IEEE Trans. Circuits Syst. I 51 (2004) 1755-1769).
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 from scipy.optimize import nnls
 
+from updyn.arrays import ComplexArray, IndexArray, NumberArray, RealArray
 from updyn.control.plant import Plant
 from updyn.control.ports import Port
 from updyn.control.settings import PASSIVITY, RATIONAL_FIT
@@ -28,9 +27,6 @@ __all__ = [
     "passive_channels",
     "violations",
 ]
-
-_Real = NDArray[np.float64]
-_Complex = NDArray[np.complex128]
 
 
 def collocated_channels(
@@ -64,14 +60,14 @@ def _unsigned_weights(port: Port) -> dict[str, float]:
     return out
 
 
-def active_part(values: NDArray[Any], power: int) -> _Real:
+def active_part(values: NumberArray, power: int) -> RealArray:
     """Return Re Y over a positive factor: -Im G, Re G or Im G for displacement to acceleration."""
     if power == 1:
         return np.asarray(values.real)
     return np.asarray(values.imag if power == 2 else -values.imag)
 
 
-def passive_channels(plant: Plant, powers: NDArray[np.intp]) -> dict[tuple[int, int], bool]:
+def passive_channels(plant: Plant, powers: IndexArray) -> dict[tuple[int, int], bool]:
     """Return whether each collocated channel of a continuous plant is passive."""
     out = {}
     for i, j in collocated_channels(plant.output_ports, plant.input_ports):
@@ -80,7 +76,9 @@ def passive_channels(plant: Plant, powers: NDArray[np.intp]) -> dict[tuple[int, 
     return out
 
 
-def violations(matrices: tuple[_Real, _Real, _Real, _Real], power: int) -> _Real:
+def violations(
+    matrices: tuple[RealArray, RealArray, RealArray, RealArray], power: int
+) -> RealArray:
     """Return one frequency in rad/s of each interval in which a channel generates power."""
     A, B, C, D = matrices
     crossings = _crossings(A, B, C, D, -1.0 if power != 1 else 1.0)
@@ -102,13 +100,15 @@ def violations(matrices: tuple[_Real, _Real, _Real, _Real], power: int) -> _Real
     return np.array(found)
 
 
-def _response(A: _Real, B: _Real, C: _Real, D: _Real, omega: _Real) -> _Complex:
+def _response(
+    A: RealArray, B: RealArray, C: RealArray, D: RealArray, omega: RealArray
+) -> ComplexArray:
     shift = 1j * omega[:, None, None] * np.eye(len(A)) - A
     solved = np.linalg.solve(shift, np.broadcast_to(B, (len(omega), *B.shape)))
     return np.asarray((C @ solved + D)[:, 0, 0])
 
 
-def _crossings(A: _Real, B: _Real, C: _Real, D: _Real, sign: float) -> _Real:
+def _crossings(A: RealArray, B: RealArray, C: RealArray, D: RealArray, sign: float) -> RealArray:
     """Return omega > 0 at which G(s) + sign G(-s) has a zero near the imaginary axis."""
     n = len(A)
     if n == 0:
@@ -135,7 +135,9 @@ def _crossings(A: _Real, B: _Real, C: _Real, D: _Real, sign: float) -> _Real:
     return np.asarray(np.sort(zeros.imag[near]) * unit)
 
 
-def constrained_least_squares(A: _Real, b: _Real, G: _Real, h: _Real) -> _Real | None:
+def constrained_least_squares(
+    A: RealArray, b: RealArray, G: RealArray, h: RealArray
+) -> RealArray | None:
     """Return x that minimises |A x - b| with G x >= h; None if infeasible.
 
     Least distance programming by non-negative least squares (C. L. Lawson & R. J. Hanson, Solving

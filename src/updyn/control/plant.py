@@ -7,8 +7,9 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from updyn.arrays import ComplexArray, NumberArray, RealArray
 from updyn.control.antiresonances import ZeroShift
 from updyn.control.ports import Port
 from updyn.errors import DataError, ModelError, OptionError, suggest
@@ -17,8 +18,6 @@ from updyn.notebook import PlotCurve, card, curves, table
 
 __all__ = ["Plant", "PlantResponse"]
 
-_Real = NDArray[np.float64]
-_Complex = NDArray[np.complex128]
 
 #: Number of channels in a notebook, and of lines of their curves.
 _DRAWN, _DRAWN_LINES = 8, 300
@@ -28,12 +27,12 @@ _DRAWN, _DRAWN_LINES = 8, 300
 class PlantResponse:
     """The frequency response of a plant at lines in Hz, values (n_f, n_outputs, n_inputs)."""
 
-    freq: _Real
-    values: _Complex
+    freq: RealArray
+    values: ComplexArray
     outputs: tuple[str, ...]
     inputs: tuple[str, ...]
 
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NumberArray:
         return np.array(self.values, dtype=dtype, copy=copy)
 
     def __getitem__(self, item: Any) -> Any:
@@ -101,10 +100,10 @@ class Plant:
     (1, 1, 1)
     """
 
-    A: _Real
-    B: _Real
-    C: _Real
-    D: _Real
+    A: RealArray
+    B: RealArray
+    C: RealArray
+    D: RealArray
     input_ports: tuple[Port, ...]
     output_ports: tuple[Port, ...]
     quantities: tuple[str, ...]
@@ -114,7 +113,7 @@ class Plant:
     peak_error: float
     route: str
     rigid: int = 0
-    modes: _Real = field(default_factory=lambda: np.zeros(0))
+    modes: RealArray = field(default_factory=lambda: np.zeros(0))
     dt: float | None = None
     delay: int = 0
     facts: Mapping[str, Any] = field(default_factory=dict)
@@ -231,7 +230,7 @@ class Plant:
         )
 
     @property
-    def poles(self) -> _Complex:
+    def poles(self) -> ComplexArray:
         """Eigenvalues of A, shape (n,), in rad/s (z if sampled); 0 (1) for rigid-body motion."""
         return np.asarray(np.linalg.eigvals(self.A), dtype=np.complex128)
 
@@ -264,7 +263,7 @@ class Plant:
             points = np.exp(points * self.dt)
         return PlantResponse(lines, self.at(points), self.outputs, self.inputs)
 
-    def at(self, s: ArrayLike) -> _Complex:
+    def at(self, s: ArrayLike) -> ComplexArray:
         """Return C (s I - A)^-1 B + D.
 
         Parameters

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import IndexArray, RealArray
 from updyn.dofs import Dof, DofSet
 from updyn.errors import DofError, OptionError
 from updyn.group import is_number
@@ -168,9 +168,7 @@ def as_ports(given: Iterable[str | Dof | Port] | str | Dof | Port, what: str) ->
     return ports
 
 
-def port_matrix(
-    ports: tuple[Port, ...], model: Model, what: str
-) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
+def port_matrix(ports: tuple[Port, ...], model: Model, what: str) -> tuple[IndexArray, RealArray]:
     """Return indices (k,) and weights (len(ports), k) of the DOFs of ports; raises DofError."""
     matches = []
     for port in ports:

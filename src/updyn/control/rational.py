@@ -14,14 +14,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
+from updyn.arrays import BoolArray, ComplexArray, IndexArray, RealArray
 from updyn.control.space import Matrices, laplace_variable
 
 __all__ = ["Rational", "SlowMotion", "states_of_poles"]
 
-_Real = NDArray[np.float64]
-_Complex = NDArray[np.complex128]
 
 _TWO_PI = 2.0 * np.pi
 
@@ -35,27 +33,27 @@ class SlowMotion:
     its oscillating modes, those below the band, in Hz.
     """
 
-    A: _Real
-    B: _Real
-    displacements: _Real
-    velocities: NDArray[np.intp]
-    frequency: _Real = field(default_factory=lambda: np.zeros(0))
+    A: RealArray
+    B: RealArray
+    displacements: RealArray
+    velocities: IndexArray
+    frequency: RealArray = field(default_factory=lambda: np.zeros(0))
 
     @classmethod
     def none(cls, n_y: int, n_u: int) -> SlowMotion:
         """Return a part without states."""
         return cls(np.zeros((0, 0)), np.zeros((0, n_u)), np.zeros((n_y, 0)), np.zeros(0, np.intp))
 
-    def rows(self, powers: NDArray[np.intp]) -> _Real:
+    def rows(self, powers: IndexArray) -> RealArray:
         """Return the output rows of the states."""
         C = self.displacements
         return np.stack([C, C @ self.A, C @ self.A @ self.A])[powers, np.arange(len(C))]
 
-    def jumps(self, powers: NDArray[np.intp]) -> _Real:
+    def jumps(self, powers: IndexArray) -> RealArray:
         """Return the feed-through of accelerations, shape (n_y, n_u)."""
         return np.where((powers == 2)[:, None], self.displacements @ self.A @ self.B, 0.0)
 
-    def response(self, s: _Complex, powers: NDArray[np.intp]) -> _Complex:
+    def response(self, s: ComplexArray, powers: IndexArray) -> ComplexArray:
         """Return the response, shape (n_f, n_y, n_u)."""
         through = self.jumps(powers)
         out = np.broadcast_to(through.astype(np.complex128), (len(s), *through.shape)).copy()
@@ -78,23 +76,23 @@ class Rational:
     """
 
     slow: SlowMotion
-    powers: NDArray[np.intp]
-    pairs: _Complex
-    rates: _Real
-    right: _Complex
-    rows: _Real
-    drift: _Real
-    through: _Real
-    structure: _Complex
+    powers: IndexArray
+    pairs: ComplexArray
+    rates: RealArray
+    right: ComplexArray
+    rows: RealArray
+    drift: RealArray
+    through: RealArray
+    structure: ComplexArray
     name: str = "rational"
 
     @property
-    def frequency(self) -> _Real:
+    def frequency(self) -> RealArray:
         """Natural frequency of each pair in Hz, including those below the band."""
         return np.concatenate([self.slow.frequency, np.abs(self.pairs) / _TWO_PI])
 
     @property
-    def always_kept(self) -> NDArray[np.bool_]:
+    def always_kept(self) -> BoolArray:
         """Mask without any pair, as none is rigid."""
         return np.zeros(len(self.frequency), dtype=np.bool_)
 
@@ -103,11 +101,11 @@ class Rational:
         """Number of states, including those of the rigid-body motion."""
         return len(self.slow.A) + 2 * len(self.pairs) + len(self.rates)
 
-    def costs(self, freq: _Real, level: _Real) -> _Real:
+    def costs(self, freq: RealArray, level: RealArray) -> RealArray:
         """Return infinity, as no pair may be omitted."""
         return np.full(len(self.frequency), np.inf)
 
-    def response(self, kept: NDArray[np.bool_], freq: _Real) -> _Complex:
+    def response(self, kept: BoolArray, freq: RealArray) -> ComplexArray:
         """Return the response."""
         s = laplace_variable(freq)
         pole_response = np.einsum(
@@ -119,7 +117,7 @@ class Rational:
             )
         return np.asarray(self.slow.response(s, self.powers) + pole_response + self.through)
 
-    def matrices(self, kept: NDArray[np.bool_]) -> Matrices:
+    def matrices(self, kept: BoolArray) -> Matrices:
         """Return A, B, C, D: the slow part, blocks [[a, b], [-b, a]] of pairs, real poles."""
         m, n_u = len(self.pairs), len(self.right)
         oscillating = np.zeros((2 * m, 2 * m))
@@ -136,7 +134,9 @@ class Rational:
         return A, B, np.hstack([slow, self.rows]), self.through + self.slow.jumps(self.powers)
 
 
-def states_of_poles(s: _Complex, pairs: _Complex, rates: _Real, right: _Complex) -> _Complex:
+def states_of_poles(
+    s: ComplexArray, pairs: ComplexArray, rates: RealArray, right: ComplexArray
+) -> ComplexArray:
     """Return the states of poles for unit inputs at s in rad/s, shape (n_f, 2 m + k, n_u)."""
     m = len(pairs)
     b = right.T[None]

@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
+from updyn.arrays import ComplexArray, IndexArray, NumberArray, RealArray
 from updyn.control.passivity import active_part, constrained_least_squares, violations
 from updyn.control.rational import Rational, SlowMotion, states_of_poles
 from updyn.control.settings import PASSIVITY, RATIONAL_FIT
@@ -26,8 +26,6 @@ from updyn.modal.vector_fitting import RationalBasis, compute_sigma_zeros, stack
 
 __all__ = ["Approximation"]
 
-_Real = NDArray[np.float64]
-_Complex = NDArray[np.complex128]
 
 _BASIS = RationalBasis(0, mirrored=True)
 _TWO_PI = 2.0 * np.pi
@@ -44,11 +42,11 @@ class Approximation:
 
     target: ResponseTarget
     slow: SlowMotion
-    powers: NDArray[np.intp]
-    poles: _Complex
+    powers: IndexArray
+    poles: ComplexArray
     collocated: Sequence[tuple[int, int]]
-    weight: _Real | None = None
-    known: _Complex = field(init=False)
+    weight: RealArray | None = None
+    known: ComplexArray = field(init=False)
 
     def __post_init__(self) -> None:
         s = laplace_variable(self.target.freq)
@@ -57,7 +55,7 @@ class Approximation:
             object.__setattr__(self, "weight", 1.0 / self.level)
 
     @property
-    def level(self) -> _Real:
+    def level(self) -> RealArray:
         """Reference magnitude of relative errors, shape (n_f, n_y, n_u)."""
         target = self.target
         if target.measure == "relative":
@@ -79,7 +77,7 @@ class Approximation:
         freq = self.target.freq
         return 0.0 if freq[0] > 0.0 else _TWO_PI * float(freq[1])
 
-    def initial_poles(self, n: int) -> tuple[_Complex, _Real]:
+    def initial_poles(self, n: int) -> tuple[ComplexArray, RealArray]:
         """Return initial pairs and initial rates of real poles for n states."""
         count = n // 2
         pairs = self.poles[:count]
@@ -121,7 +119,7 @@ class Approximation:
             pairs, rates, right = self._refine(pairs, rates, right, weight, steps)
         return self._fit_all_outputs(pairs, rates, right, weight, tolerance)
 
-    def _move_pairs(self, like: Rational) -> _Complex:
+    def _move_pairs(self, like: Rational) -> ComplexArray:
         """Return the pairs of another approximation, moved with the poles of the structure."""
         pairs = like.pairs.copy()
         if not len(self.poles):
@@ -131,7 +129,7 @@ class Approximation:
             pairs[j] += self.poles[np.argmin(np.abs(self.poles - pole))] - pole
         return np.where(pairs.real < 0.0, pairs, like.pairs)
 
-    def _nearest_poles(self, pairs: _Complex) -> _Complex:
+    def _nearest_poles(self, pairs: ComplexArray) -> ComplexArray:
         """Return the nearest pole of the structure for each pair; nan if none is near."""
         if not len(self.poles):
             return np.full(len(pairs), np.nan, dtype=np.complex128)
@@ -141,8 +139,8 @@ class Approximation:
 
     # -- poles ----------------------------------------------------------------------------------
     def _relocate_poles(
-        self, pairs: _Complex, rates: _Real, tolerance: float
-    ) -> tuple[_Complex, _Real, _Real, _Complex]:
+        self, pairs: ComplexArray, rates: RealArray, tolerance: float
+    ) -> tuple[ComplexArray, RealArray, RealArray, ComplexArray]:
         """Return poles, weights and residues (m + k, n_y, n_u) of the best vector fit."""
         x = laplace_variable(self.target.freq) / self.unit
         poles = np.asarray(np.concatenate([pairs, -rates]) / self.unit, dtype=np.complex128)
@@ -179,7 +177,9 @@ class Approximation:
             residues * self.unit,
         )
 
-    def _input_vectors(self, pairs: _Complex, rates: _Real, residues: _Complex) -> _Complex:
+    def _input_vectors(
+        self, pairs: ComplexArray, rates: RealArray, residues: ComplexArray
+    ) -> ComplexArray:
         """Return the vectors b of the nearest residues of rank one, shape (n_u, n)."""
         n_u = residues.shape[2]
         poles = np.concatenate([np.abs(pairs), rates])
@@ -191,7 +191,7 @@ class Approximation:
             size = np.maximum(self.level[at[k]], 1e-300)
             rows = np.exp(np.mean(np.log(size), axis=1))
             columns = np.exp(np.mean(np.log(size), axis=0))
-            scaled: NDArray[Any] = R / rows[:, None] / columns
+            scaled: NumberArray = R / rows[:, None] / columns
             if k >= len(pairs):
                 scaled = scaled.real
             out[:, k] = np.linalg.svd(scaled)[2][0] * columns
@@ -200,12 +200,12 @@ class Approximation:
 
     def _refine(
         self,
-        pairs: _Complex,
-        rates: _Real,
-        right: _Complex,
-        weight: _Real,
+        pairs: ComplexArray,
+        rates: RealArray,
+        right: ComplexArray,
+        weight: RealArray,
         steps: int,
-    ) -> tuple[_Complex, _Real, _Complex]:
+    ) -> tuple[ComplexArray, RealArray, ComplexArray]:
         """Return poles and vectors b after damped Gauss-Newton steps, outputs eliminated."""
         current = self._fit_least_squares(pairs, rates, right, weight)
         cost, damping = self._cost(current, weight), 1e-3
@@ -229,18 +229,18 @@ class Approximation:
                 break
         return current.pairs, current.rates, current.right
 
-    def _cost(self, found: Rational, weight: _Real) -> float:
+    def _cost(self, found: Rational, weight: RealArray) -> float:
         G = found.response(found.always_kept, self.target.freq)
         return float(np.sum((np.abs(G - self.target.values) * weight) ** 2))
 
-    def _jacobian(self, found: Rational, weight: _Real) -> tuple[_Real, _Real]:
+    def _jacobian(self, found: Rational, weight: RealArray) -> tuple[RealArray, RealArray]:
         """Return derivatives by poles and vectors b, outputs eliminated, and the residual."""
         s = laplace_variable(self.target.freq)
         m, k = len(found.pairs), len(found.rates)
         n_f, n_y, n_u = self.target.values.shape
         c = 0.5 * (found.rows[:, : 2 * m : 2] + 1j * found.rows[:, 1 : 2 * m : 2])
-        columns: list[_Complex] = []
-        b: NDArray[Any]
+        columns: list[ComplexArray] = []
+        b: NumberArray
         for j in range(m):
             p, b, output_vector = found.pairs[j], found.right[:, j], c[:, j]
             up = np.asarray(1.0 / (s - p), dtype=np.complex128)
@@ -278,7 +278,7 @@ class Approximation:
         stack = np.vstack(parts)
         return stack[:, :-1], stack[:, -1]
 
-    def _take_step(self, found: Rational, step: _Real, weight: _Real) -> Rational:
+    def _take_step(self, found: Rational, step: RealArray, weight: RealArray) -> Rational:
         """Return the approximation after a step of poles and vectors b, with fitted outputs."""
         m, n_u = len(found.pairs), len(found.right)
         width = 2 + 2 * n_u
@@ -299,8 +299,13 @@ class Approximation:
 
     # -- outputs --------------------------------------------------------------------------------
     def _basis_functions(
-        self, s: _Complex, pairs: _Complex, rates: _Real, right: _Complex, output: int
-    ) -> _Complex:
+        self,
+        s: ComplexArray,
+        pairs: ComplexArray,
+        rates: RealArray,
+        right: ComplexArray,
+        output: int,
+    ) -> ComplexArray:
         """Return the basis functions of an output, shape (n_f, k, n_u)."""
         states = states_of_poles(s, pairs, rates, right)
         power, n_u = self.powers[output], right.shape[0]
@@ -314,8 +319,8 @@ class Approximation:
         return np.concatenate([states, still, eye], axis=1)
 
     def _admissible_coefficients(
-        self, pairs: _Complex, rates: _Real, right: _Complex, output: int
-    ) -> tuple[_Real, _Real]:
+        self, pairs: ComplexArray, rates: RealArray, right: ComplexArray, output: int
+    ) -> tuple[RealArray, RealArray]:
         """Return a particular solution and a basis of the admissible coefficients of an output.
 
         Velocities without rigid-body motion are 0 at s = 0 and have no feed-through.
@@ -331,7 +336,7 @@ class Approximation:
         return start, scipy.linalg.null_space(rest)
 
     def _fit_least_squares(
-        self, pairs: _Complex, rates: _Real, right: _Complex, weight: _Real
+        self, pairs: ComplexArray, rates: RealArray, right: ComplexArray, weight: RealArray
     ) -> Rational:
         """Return the approximation with least-squares outputs."""
         s = laplace_variable(self.target.freq)
@@ -342,15 +347,15 @@ class Approximation:
 
     def _fit_output(
         self,
-        s: _Complex,
-        pairs: _Complex,
-        rates: _Real,
-        right: _Complex,
-        weight: _Real,
+        s: ComplexArray,
+        pairs: ComplexArray,
+        rates: RealArray,
+        right: ComplexArray,
+        weight: RealArray,
         output: int,
-        passive_at: _Real | None,
-        columns: _Complex | None = None,
-    ) -> _Real | None:
+        passive_at: RealArray | None,
+        columns: ComplexArray | None = None,
+    ) -> RealArray | None:
         """Return the coefficients of an output, passive at some frequencies in rad/s; else None."""
         power = self.powers[output]
         if columns is None:
@@ -388,15 +393,20 @@ class Approximation:
         return None if x is None else offset + free @ x
 
     def _fit_all_outputs(
-        self, pairs: _Complex, rates: _Real, right: _Complex, weight: _Real, tolerance: float
+        self,
+        pairs: ComplexArray,
+        rates: RealArray,
+        right: ComplexArray,
+        weight: RealArray,
+        tolerance: float,
     ) -> Rational:
         """Return the approximation with the smallest maximum error, collocated channels passive."""
         s = laplace_variable(self.target.freq)
         assert self.weight is not None
-        found: list[_Real] = []
+        found: list[RealArray] = []
         for i in range(len(self.powers)):
             columns = self._basis_functions(s, pairs, rates, right, i)
-            at: _Real | None = None
+            at: RealArray | None = None
             best = self._equalise_errors(s, pairs, rates, right, weight, i, at, columns, tolerance)
             channels = [u for o, u in self.collocated if o == i]
             for _ in range(PASSIVITY.iterations if channels else 0):
@@ -428,14 +438,14 @@ class Approximation:
 
     def _equalise_errors(
         self,
-        s: _Complex,
-        pairs: _Complex,
-        rates: _Real,
-        right: _Complex,
-        weight: _Real,
+        s: ComplexArray,
+        pairs: ComplexArray,
+        rates: RealArray,
+        right: ComplexArray,
+        weight: RealArray,
         output: int,
-        at: _Real | None,
-        columns: _Complex,
+        at: RealArray | None,
+        columns: ComplexArray,
         tolerance: float,
     ) -> Any:
         """Return the coefficients of an output after iterations with updated weights."""
@@ -458,10 +468,10 @@ class Approximation:
 
     def _assemble(
         self,
-        pairs: _Complex,
-        rates: _Real,
-        right: _Complex,
-        found: Sequence[_Real],
+        pairs: ComplexArray,
+        rates: RealArray,
+        right: ComplexArray,
+        found: Sequence[RealArray],
         only: int | None = None,
     ) -> Rational:
         """Return the approximation with given coefficients of its outputs."""
@@ -481,26 +491,28 @@ class Approximation:
         return Rational(self.slow, self.powers, *parts)
 
 
-def _move_outwards(size: _Real, least: float) -> _Real:
+def _move_outwards(size: RealArray, least: float) -> RealArray:
     """Return factors that move poles below a modulus out to it."""
     return np.maximum(1.0, least / np.maximum(size, 1e-300))
 
 
-def _weighted_columns(columns: _Complex, weight: _Real, output: int) -> _Real:
+def _weighted_columns(columns: ComplexArray, weight: RealArray, output: int) -> RealArray:
     """Return weighted equations with real coefficients, shape (2 n_f n_u, k)."""
     n_f, k, n_u = columns.shape
     A = (columns * weight[:, output][:, None, :]).transpose(0, 2, 1).reshape(n_f * n_u, k)
     return np.asarray(_BASIS.parts(A))
 
 
-def _least_squares(A: _Real, b: _Real) -> _Real:
+def _least_squares(A: RealArray, b: RealArray) -> RealArray:
     """Return a least-squares solution by pivoted QR, which is faster than an SVD."""
     least = RATIONAL_FIT.singular_share
     found = scipy.linalg.lstsq(A, b, cond=least, lapack_driver="gelsy", check_finite=False)
     return np.asarray(found[0])
 
 
-def _numerators(x: _Complex, inner: _Complex, rest: _Complex, power: int, still: bool) -> _Complex:
+def _numerators(
+    x: ComplexArray, inner: ComplexArray, rest: ComplexArray, power: int, still: bool
+) -> ComplexArray:
     """Return the basis functions of a channel without rigid-body motion."""
     if power == 0:
         extra = [np.ones((len(x), 1), dtype=np.complex128)]
@@ -513,8 +525,13 @@ def _numerators(x: _Complex, inner: _Complex, rest: _Complex, power: int, still:
 
 
 def _fit_poles(
-    x: _Complex, Y: _Complex, W: _Real, poles: _Complex, powers: NDArray[np.intp], still: bool
-) -> _Complex:
+    x: ComplexArray,
+    Y: ComplexArray,
+    W: RealArray,
+    poles: ComplexArray,
+    powers: IndexArray,
+    still: bool,
+) -> ComplexArray:
     """Return the poles after one iteration of vector fitting with a weight for each value."""
     inner = _BASIS.fractions(x, poles)
     rest = _BASIS.fractions(np.zeros(1, dtype=np.complex128), poles)
@@ -531,8 +548,13 @@ def _fit_poles(
 
 
 def _residues(
-    x: _Complex, Y: _Complex, W: _Real, poles: _Complex, powers: NDArray[np.intp], still: bool
-) -> tuple[_Complex, _Complex]:
+    x: ComplexArray,
+    Y: ComplexArray,
+    W: RealArray,
+    poles: ComplexArray,
+    powers: IndexArray,
+    still: bool,
+) -> tuple[ComplexArray, ComplexArray]:
     """Return the fit with given poles, shape (n_f, p), and its residues, shape (k, p)."""
     inner = _BASIS.fractions(x, poles)
     rest = _BASIS.fractions(np.zeros(1, dtype=np.complex128), poles)

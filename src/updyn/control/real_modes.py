@@ -15,9 +15,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import nnls
 
+from updyn.arrays import BoolArray, ComplexArray, IndexArray, RealArray
 from updyn.control.settings import REAL_MODES
 from updyn.control.space import (
     Lossy,
@@ -40,8 +40,6 @@ __all__ = [
     "single_frequency_modes",
 ]
 
-_Real = NDArray[np.float64]
-_Complex = NDArray[np.complex128]
 _TWO_PI = 2.0 * np.pi
 
 
@@ -51,20 +49,20 @@ class SecondOrder:
 
     name: str
     space: ModalSpace
-    damping: _Real
-    powers: NDArray[np.intp]
+    damping: RealArray
+    powers: IndexArray
 
     @property
-    def frequency(self) -> _Real:
+    def frequency(self) -> RealArray:
         """Natural frequency of each mode in Hz."""
         return self.space.omega / _TWO_PI
 
     @property
-    def always_kept(self) -> NDArray[np.bool_]:
+    def always_kept(self) -> BoolArray:
         """Mask of rigid-body modes."""
         return np.arange(len(self.space)) < self.space.rigid
 
-    def costs(self, freq: _Real, level: _Real) -> _Real:
+    def costs(self, freq: RealArray, level: RealArray) -> RealArray:
         """Return the relative change without each mode, neglecting its coupling."""
         space, s = self.space, laplace_variable(freq)
         square = np.where(self.always_kept, 1.0, space.omega**2)
@@ -84,7 +82,7 @@ class SecondOrder:
                 out = np.maximum(out, largest * np.abs(space.outputs[i] * shape))
         return out
 
-    def potential(self, freq: _Real) -> _Real:
+    def potential(self, freq: RealArray) -> RealArray:
         """Return a bound of each channel, (n_f, n_y, n_u): |H_ij|^2 <= H_ii H_jj of its ports."""
         space, s = self.space, laplace_variable(freq)
         size = np.abs(derivative_factors(self.powers, s)[:, :, 0])
@@ -99,7 +97,7 @@ class SecondOrder:
         )
         return np.asarray((size * outputs)[:, :, None] * inputs[:, None, :])
 
-    def response(self, kept: NDArray[np.bool_], freq: _Real) -> _Complex:
+    def response(self, kept: BoolArray, freq: RealArray) -> ComplexArray:
         """Return the response with a selection of modes."""
         space, s = self.space, laplace_variable(freq)
         Z = s[:, None, None] * self.damping[np.ix_(kept, kept)]
@@ -112,13 +110,13 @@ class SecondOrder:
             kept
         )
 
-    def _static(self, kept: NDArray[np.bool_]) -> _Real:
+    def _static(self, kept: BoolArray) -> RealArray:
         """Return the static flexibility of omitted modes for displacements."""
         space, out = self.space, ~kept
         rest = (space.outputs[:, out] / space.omega[out] ** 2) @ space.inputs[:, out].T
         return np.where((self.powers == 0)[:, None], rest, 0.0)
 
-    def matrices(self, kept: NDArray[np.bool_]) -> Matrices:
+    def matrices(self, kept: BoolArray) -> Matrices:
         """Return A, B, C, D in the states omega q (q of rigid-body modes) and q'."""
         space = self.space
         omega, damping = space.omega[kept], self.damping[np.ix_(kept, kept)]
@@ -138,25 +136,25 @@ class SecondOrder:
         return A, B, C, D
 
 
-def full_damping_modes(space: ModalSpace, powers: NDArray[np.intp]) -> SecondOrder:
+def full_damping_modes(space: ModalSpace, powers: IndexArray) -> SecondOrder:
     """Return the modes with the full modal damping matrix."""
     return SecondOrder("modal", space, space.viscous + _structural(space), powers)
 
 
-def diagonal_damping_modes(space: ModalSpace, powers: NDArray[np.intp]) -> SecondOrder:
+def diagonal_damping_modes(space: ModalSpace, powers: IndexArray) -> SecondOrder:
     """Return the modes with the diagonal of the damping matrix: modal damping ratios."""
     return SecondOrder(
         "diagonal", space, np.diag(np.diag(space.viscous + _structural(space))), powers
     )
 
 
-def single_frequency_modes(space: ModalSpace, powers: NDArray[np.intp], freq: float) -> SecondOrder:
+def single_frequency_modes(space: ModalSpace, powers: IndexArray, freq: float) -> SecondOrder:
     """Return the modes with D divided by one circular frequency, given in Hz."""
     D = space.structural(freq)
     return SecondOrder("single-frequency", space, space.viscous + D / (_TWO_PI * freq), powers)
 
 
-def _structural(space: ModalSpace) -> _Real:
+def _structural(space: ModalSpace) -> RealArray:
     n = space.rigid
     root = np.sqrt(space.omega[n:])
     C = np.zeros((len(space), len(space)))
@@ -173,10 +171,10 @@ def _structural(space: ModalSpace) -> _Real:
 class Relaxation:
     """Relaxation function g(s) = sum of a s / (s + b), with a >= 0 and b in rad/s."""
 
-    a: _Real
-    b: _Real
+    a: RealArray
+    b: RealArray
 
-    def at(self, omega: _Real) -> _Complex:
+    def at(self, omega: RealArray) -> ComplexArray:
         """Return g(i omega), of the shape of `omega`, in rad/s."""
         s = 1j * np.asarray(omega)[..., None]
         return np.asarray((self.a * (s / (s + self.b))).sum(axis=-1))
@@ -219,20 +217,20 @@ class Biot:
     name: str = "biot"
 
     @property
-    def frequency(self) -> _Real:
+    def frequency(self) -> RealArray:
         """Natural frequency of each mode in Hz."""
         return self.base.frequency
 
     @property
-    def always_kept(self) -> NDArray[np.bool_]:
+    def always_kept(self) -> BoolArray:
         """Mask of rigid-body modes."""
         return self.base.always_kept
 
-    def costs(self, freq: _Real, level: _Real) -> _Real:
+    def costs(self, freq: RealArray, level: RealArray) -> RealArray:
         """Return the relative change without each mode."""
         return self.ranking.costs(freq, level)
 
-    def _stiffness(self, kept: NDArray[np.bool_]) -> _Real:
+    def _stiffness(self, kept: BoolArray) -> RealArray:
         """Return the static stiffness of the selected modes, without that of the relaxing terms."""
         space = self.base.space
         omega = space.omega[kept]
@@ -251,7 +249,7 @@ class Biot:
             )
         return K
 
-    def _relaxing_terms(self, kept: NDArray[np.bool_]) -> list[tuple[float, _Real]]:
+    def _relaxing_terms(self, kept: BoolArray) -> list[tuple[float, RealArray]]:
         """Return rate and factor L of each term with the stiffness L L^T."""
         out = []
         lossy = self.base.space.lossy
@@ -267,7 +265,7 @@ class Biot:
                 out.append((float(self.terms[0].b[k]), vectors[:, use] * np.sqrt(values[use])))
         return out
 
-    def response(self, kept: NDArray[np.bool_], freq: _Real) -> _Complex:
+    def response(self, kept: BoolArray, freq: RealArray) -> ComplexArray:
         """Return the response with a selection of modes."""
         space, s = self.base.space, laplace_variable(freq)
         Z = s[:, None, None] * self.base.damping[np.ix_(kept, kept)] + self._stiffness(kept)
@@ -282,7 +280,7 @@ class Biot:
             self.base.powers, s
         ) + self.base._static(kept)
 
-    def matrices(self, kept: NDArray[np.bool_]) -> Matrices:
+    def matrices(self, kept: BoolArray) -> Matrices:
         """Return A, B, C, D; the last states are the internal variables, z' = -b z + L^T q'."""
         A0, B0, C0, D = self.base.matrices(kept)
         n = int(kept.sum())

@@ -7,8 +7,8 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import BoolArray, ComplexArray
 from updyn.control.antiresonances import ZeroShift, antiresonance_shifts
 from updyn.control.complex_modes import FittedModes
 from updyn.control.lines import sweep
@@ -65,7 +65,7 @@ def realise(
     return measure_errors(plant, task.target)
 
 
-def _flexible(found: CandidateSelection) -> NDArray[np.bool_]:
+def _flexible(found: CandidateSelection) -> BoolArray:
     return ~found.conversion.always_kept
 
 
@@ -91,9 +91,7 @@ def measure_errors(plant: Plant, target: ResponseTarget) -> Plant:
     )
 
 
-def _zero_shifts(
-    plant: Plant, target: ResponseTarget, G: NDArray[np.complex128]
-) -> Iterator[ZeroShift]:
+def _zero_shifts(plant: Plant, target: ResponseTarget, G: ComplexArray) -> Iterator[ZeroShift]:
     for i, j in np.ndindex(*target.level.shape):
         matrices = StateSpace(plant.A, plant.B[:, [j]], plant.C[[i]], plant.D[[i]][:, [j]])
         names = plant.outputs[i], plant.inputs[j]

@@ -8,8 +8,8 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import ComplexArray, RealArray
 from updyn.control.plant import Plant
 from updyn.control.servo.state_space import StateSpace, bilinear, interval_matrices
 from updyn.control.settings import DISCRETISATION
@@ -18,9 +18,7 @@ from updyn.group import is_number
 
 __all__ = ["sampled"]
 
-_Real = NDArray[np.float64]
-_Complex = NDArray[np.complex128]
-_Matrices = tuple[_Real, _Real, _Real, _Real]
+_Matrices = tuple[RealArray, RealArray, RealArray, RealArray]
 
 _METHODS = ("zoh", "tustin")
 
@@ -194,7 +192,7 @@ def _tustin(plant: Plant, dt: float, prewarp: float | None) -> _Matrices:
 
 
 # -- delay ----------------------------------------------------------------------------------------
-def _delay_input(A: _Real, B: _Real, C: _Real, D: _Real, whole: int) -> _Matrices:
+def _delay_input(A: RealArray, B: RealArray, C: RealArray, D: RealArray, whole: int) -> _Matrices:
     """Return the matrices with the input delayed by whole intervals; states x, u[k-1], ...."""
     if not whole:
         return A, B, C, D
@@ -234,7 +232,7 @@ def _deviations(plant: Plant, prompt: Plant, delay: float, whole: int) -> Mappin
     return {**figures, "above_nyquist": [float(f) for f in above]}
 
 
-def _lines(plant: Plant) -> _Real:
+def _lines(plant: Plant) -> RealArray:
     """Return nonzero lines over the band with each damped pole and its half-power points."""
     low, high = plant.band
     start = max(low, 1e-3 * high)
@@ -248,7 +246,7 @@ def _lines(plant: Plant) -> _Real:
     return np.unique(lines[(lines >= start) & (lines <= high)])
 
 
-def _largest_difference(found: _Complex, exact: _Complex) -> float:
+def _largest_difference(found: ComplexArray, exact: ComplexArray) -> float:
     """Return the largest difference of a channel as a share of its peak."""
     off, peak = np.abs(found - exact).max(axis=0), np.abs(exact).max(axis=0)
     return float(np.max(off / np.where(peak > 0, peak, 1.0), initial=0.0))

@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
+from updyn.arrays import BoolArray
 from updyn.control.choice import check_route, choose_route, reuse_selection
 from updyn.control.options import check_band, check_error, check_quantities, check_tolerance
 from updyn.control.plant import Plant
@@ -46,7 +44,7 @@ class SharedPlantBasis:
         quantity: str | Sequence[str],
         error: str,
         backend: str | None,
-    ) -> tuple[SharedPlantBasis, NDArray[np.bool_]]:
+    ) -> tuple[SharedPlantBasis, BoolArray]:
         """Return the common part, and for which states the basis is accurate.
 
         `states` are those that enrich the basis, and those of the members.

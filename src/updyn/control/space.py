@@ -8,8 +8,8 @@ from typing import Any, Protocol
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
+from updyn.arrays import BoolArray, ComplexArray, IndexArray, RealArray
 from updyn.control.ports import Port, port_matrix
 from updyn.control.settings import MODAL_SPACE
 from updyn.control.structure import CompiledStructure
@@ -36,11 +36,9 @@ __all__ = [
     "shared_projection",
 ]
 
-_Real = NDArray[np.float64]
-_Complex = NDArray[np.complex128]
 
 #: A, B, C, D.
-Matrices = tuple[_Real, _Real, _Real, _Real]
+Matrices = tuple[RealArray, RealArray, RealArray, RealArray]
 _TWO_PI = 2.0 * np.pi
 
 
@@ -55,29 +53,29 @@ class Conversion(Protocol):
         """Name of the conversion."""
 
     @property
-    def frequency(self) -> _Real:
+    def frequency(self) -> RealArray:
         """Natural frequency of each candidate in Hz, shape (n,)."""
 
     @property
-    def always_kept(self) -> NDArray[np.bool_]:
+    def always_kept(self) -> BoolArray:
         """Mask of candidates that are always kept: rigid-body motion."""
 
-    def costs(self, freq: _Real, level: _Real) -> _Real:
+    def costs(self, freq: RealArray, level: RealArray) -> RealArray:
         """Return the largest change without each candidate relative to a level, shape (n,)."""
 
-    def response(self, kept: NDArray[np.bool_], freq: _Real) -> _Complex:
+    def response(self, kept: BoolArray, freq: RealArray) -> ComplexArray:
         """Return the response with a selection of candidates, shape (n_f, n_y, n_u)."""
 
-    def matrices(self, kept: NDArray[np.bool_]) -> Matrices:
+    def matrices(self, kept: BoolArray) -> Matrices:
         """Return real A, B, C, D with a selection of candidates."""
 
 
-def laplace_variable(freq: _Real) -> _Complex:
+def laplace_variable(freq: RealArray) -> ComplexArray:
     """Return s = i omega at lines in Hz."""
     return np.asarray(2j * np.pi * freq, dtype=np.complex128)
 
 
-def derivative_factors(powers: NDArray[np.intp], s: _Complex) -> _Complex:
+def derivative_factors(powers: IndexArray, s: ComplexArray) -> ComplexArray:
     """Return s to the power (0, 1, 2) of each output, shape (n_f, n_y, 1)."""
     return np.asarray((s[:, None] ** powers)[:, :, None])
 
@@ -87,10 +85,10 @@ class Lossy:
     """Structural damping of a group in real modes: phi^T (gamma K_e) phi in 1/s2, (r, r)."""
 
     name: str
-    matrix: _Real
+    matrix: RealArray
     table: LossTable | None
 
-    def relative(self, freq: _Real) -> _Real:
+    def relative(self, freq: RealArray) -> RealArray:
         """Return the factor at lines in Hz, shape (n_f,); constant beyond a table."""
         if self.table is None:
             return np.ones(len(freq))
@@ -107,11 +105,11 @@ class ModalSpace:
     these vectors, is valid at any line of the band.
     """
 
-    omega: _Real
+    omega: RealArray
     rigid: int
-    outputs: _Real
-    inputs: _Real
-    viscous: _Real
+    outputs: RealArray
+    inputs: RealArray
+    viscous: RealArray
     lossy: tuple[Lossy, ...]
     source: str
     solver: ReducedSolver | None = None
@@ -124,18 +122,18 @@ class ModalSpace:
         """Whether a loss factor depends on frequency."""
         return any(part.table is not None for part in self.lossy)
 
-    def structural(self, freq: float) -> _Real:
+    def structural(self, freq: float) -> RealArray:
         """Return phi^T D phi at a frequency in Hz, shape (r, r), in 1/s2, positive semidefinite."""
         return self.weighted_sum(lambda part: float(part.relative(np.array([freq]))[0]))
 
-    def weighted_sum(self, weight: Callable[[Lossy], Any]) -> _Real:
+    def weighted_sum(self, weight: Callable[[Lossy], Any]) -> RealArray:
         """Return the weighted sum of the groups' matrices without negative eigenvalues, (r, r)."""
         total = np.zeros((len(self), len(self)))
         for part in self.lossy:
             total += weight(part) * part.matrix
         return nearest_semidefinite(total)
 
-    def loss_factors(self) -> _Real:
+    def loss_factors(self) -> RealArray:
         """Return the loss factor of each mode by strain energy, shape (r,); 0 for rigid bodies."""
         out = np.zeros(len(self))
         for i in range(self.rigid, len(self)):
@@ -146,7 +144,7 @@ class ModalSpace:
         return out
 
 
-def nearest_semidefinite(A: _Real) -> _Real:
+def nearest_semidefinite(A: RealArray) -> RealArray:
     """Return the nearest positive semidefinite matrix (Higham 1988)."""
     A = 0.5 * (A + A.T)
     values, vectors = np.linalg.eigh(A)
@@ -164,15 +162,15 @@ class ModalProjection:
     """
 
     system: AffineSystem
-    matrices: tuple[_Real, ...]
-    outputs: _Real
-    inputs: _Real
+    matrices: tuple[RealArray, ...]
+    outputs: RealArray
+    inputs: RealArray
     rigid: int
     band: tuple[float, float]
     source: str
     solver: ReducedSolver | None
 
-    def combine(self, state: State, quantity: str) -> _Real:
+    def combine(self, state: State, quantity: str) -> RealArray:
         """Return the stiffness, mass or total viscous damping of a state, shape (r, r)."""
         total = np.zeros_like(self.matrices[0])
         for term, matrix, factor, rate in zip(
@@ -259,7 +257,7 @@ def shared_projection(
     *,
     backend: str | None = None,
     accuracy: float = MODAL_SPACE.basis_accuracy,
-) -> tuple[ModalProjection, NDArray[np.bool_]]:
+) -> tuple[ModalProjection, BoolArray]:
     """Return a model on one basis for several states, and for which of them it is accurate.
 
     The fields of the `training` states enrich the basis if it lacks them; its error at `states` is
@@ -356,7 +354,7 @@ class _Projector:
         return int((lacking < MODAL_SPACE.slow_share**2).sum())
 
     @property
-    def _ports(self) -> tuple[tuple[NDArray[np.intp], _Real], tuple[NDArray[np.intp], _Real]]:
+    def _ports(self) -> tuple[tuple[IndexArray, RealArray], tuple[IndexArray, RealArray]]:
         return (
             port_matrix(self.inputs, self.model, "input"),
             port_matrix(self.outputs, self.model, "output"),
@@ -365,8 +363,8 @@ class _Projector:
     def _build_projection(
         self,
         system: AffineSystem,
-        matrices: Sequence[_Real],
-        at: Callable[[NDArray[np.intp]], _Real],
+        matrices: Sequence[RealArray],
+        at: Callable[[IndexArray], RealArray],
         rigid: int,
         source: str,
         solver: ReducedSolver | None,
@@ -384,7 +382,7 @@ class _Projector:
         )
 
 
-def _rigid_motions(model: Model) -> _Real:
+def _rigid_motions(model: Model) -> RealArray:
     """Return the rigid-body modes, shape (N, r), with unit modal mass."""
     n = 8
     while True:
@@ -401,7 +399,9 @@ def _rigid_motions(model: Model) -> _Real:
         n = min(2 * n, model.n_dofs)
 
 
-def _modes(K: _Real, M: _Real, rigid: int, band: tuple[float, float]) -> tuple[_Real, _Real]:
+def _modes(
+    K: RealArray, M: RealArray, rigid: int, band: tuple[float, float]
+) -> tuple[RealArray, RealArray]:
     """Return frequencies in rad/s and shapes; the first `rigid` frequencies are 0."""
     top = (_TWO_PI * band[1]) ** 2
     P = K + top * M

@@ -21,8 +21,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
+from updyn.arrays import ComplexArray, RealArray
 from updyn.control.settings import SPECTRAL
 from updyn.control.space import ModalProjection
 from updyn.dynamics.affine import State
@@ -30,8 +30,6 @@ from updyn.errors import ModelError, SolverError
 
 __all__ = ["SpectralDecomposition"]
 
-_Real = NDArray[np.float64]
-_Complex = NDArray[np.complex128]
 _TWO_PI = 2.0 * np.pi
 
 
@@ -46,8 +44,8 @@ class SpectralDecomposition:
 
     projection: ModalProjection
     state: State
-    poles: _Complex
-    modes: tuple[_Complex, _Complex, _Complex] | None
+    poles: ComplexArray
+    modes: tuple[ComplexArray, ComplexArray, ComplexArray] | None
 
     @classmethod
     def of(cls, projection: ModalProjection, state: State) -> SpectralDecomposition:
@@ -79,7 +77,7 @@ class SpectralDecomposition:
             return cls(projection, state, poles, None)
         return found
 
-    def receptance(self, freq: _Real) -> _Complex:
+    def receptance(self, freq: RealArray) -> ComplexArray:
         """Return the receptance at lines in Hz, shape (n_f, n_y, n_u)."""
         if self.modes is None:
             return self.solve_lines(freq)
@@ -95,7 +93,7 @@ class SpectralDecomposition:
             H = H - rate * (whole[:, :n_y, n_u:] @ np.linalg.solve(around, whole[:, n_y:, :n_u]))
         return np.asarray(H)
 
-    def solve_lines(self, freq: _Real) -> _Complex:
+    def solve_lines(self, freq: RealArray) -> ComplexArray:
         """Return the receptance by a solution per line; raises SolverError if it is not finite."""
         projection, parts = self.projection, []
         stack = np.stack(projection.matrices)
@@ -120,14 +118,16 @@ class SpectralDecomposition:
         return bool((np.abs(found - exact) <= SPECTRAL.agreement * np.abs(exact)).all())
 
 
-def _dampers(C: _Real) -> _Real:
+def _dampers(C: RealArray) -> RealArray:
     """Return L of C = L L^T, shape (r, k)."""
     size, axes = np.linalg.eigh(0.5 * (C + C.T))
     kept = size > SPECTRAL.damper_share * max(float(size.max(initial=0.0)), 1e-300)
     return np.asarray(axes[:, kept] * np.sqrt(size[kept]))
 
 
-def _poles(mu: _Complex, V: _Complex, share: _Real, dampers: _Real, top: float) -> _Complex:
+def _poles(
+    mu: ComplexArray, V: ComplexArray, share: RealArray, dampers: RealArray, top: float
+) -> ComplexArray:
     """Return the poles above the real axis, in rad/s: s^2 + c s + omega^2 = 0 for each vector."""
     mass = np.einsum("im,i,im->m", V, share, V) / top
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -6,8 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import BoolArray, ComplexArray, IndexArray, RealArray
 from updyn.control.antiresonances import fill_antiresonances, resolve_antiresonances
 from updyn.control.offsets import mirror_offsets
 from updyn.control.ports import Port, port_matrix
@@ -27,9 +27,6 @@ __all__ = [
     "target_lines",
 ]
 
-_Real = NDArray[np.float64]
-_Complex = NDArray[np.complex128]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ResponseTarget:
@@ -45,24 +42,24 @@ class ResponseTarget:
     tolerance.
     """
 
-    freq: _Real
-    values: _Complex
-    level: _Real
-    broad: _Real
-    lift: _Real
-    floor: _Real
-    reference: _Real
+    freq: RealArray
+    values: ComplexArray
+    level: RealArray
+    broad: RealArray
+    lift: RealArray
+    floor: RealArray
+    reference: RealArray
     measure: str = "relative"
 
     @classmethod
     def of(
         cls,
-        receptance: Callable[[_Real], _Complex],
+        receptance: Callable[[RealArray], ComplexArray],
         quantities: tuple[str, ...],
-        freq: _Real,
+        freq: RealArray,
         *,
         slow: bool,
-        potential: Callable[[_Real], _Real],
+        potential: Callable[[RealArray], RealArray],
         measure: str = "relative",
         reduced: bool = False,
     ) -> ResponseTarget:
@@ -74,7 +71,7 @@ class ResponseTarget:
         """
         power = np.array([QUANTITIES[q] for q in quantities])
 
-        def answer(lines: _Real) -> _Complex:
+        def answer(lines: RealArray) -> ComplexArray:
             rate = (2j * np.pi * lines[:, None]) ** power
             return np.asarray(receptance(lines) * rate[:, :, None])
 
@@ -91,10 +88,10 @@ class ResponseTarget:
     @classmethod
     def at(
         cls,
-        freq: _Real,
-        values: _Complex,
+        freq: RealArray,
+        values: ComplexArray,
         quantities: tuple[str, ...],
-        resolution: _Real,
+        resolution: RealArray,
         *,
         slow: bool,
         measure: str = "relative",
@@ -128,28 +125,28 @@ class ResponseTarget:
         """Whether rigid-body motion or a mode below the band exists."""
         return bool((self.lift != 1.0).any())
 
-    def error(self, G: _Complex) -> float:
+    def error(self, G: ComplexArray) -> float:
         """Return the largest error of a response G, as a share of the peak of its channel."""
         return float((np.abs(G - self.values) / self.level).max())
 
-    def relative_error(self, G: _Complex) -> float:
+    def relative_error(self, G: ComplexArray) -> float:
         """Return the largest error of a response G, as a share of `reference` at each line."""
         return float((np.abs(G - self.values) / self.reference).max())
 
-    def limits(self, tolerance: float) -> _Real:
+    def limits(self, tolerance: float) -> RealArray:
         """Return the limits of the errors of `all_errors` for a tolerance, shape (5,)."""
         if self.measure == "relative":
             return np.array([tolerance, np.inf, np.inf, np.inf, np.inf])
         return np.array([np.inf, *[tolerance] * 4])
 
-    def worst(self, G: _Complex) -> float:
+    def worst(self, G: ComplexArray) -> float:
         """Return the largest error as a share of the `broad` peak or of a larger response.
 
         A very sharp resonance thus does not hide errors elsewhere.
         """
         return float((np.abs(G - self.values) / np.maximum(self.broad, np.abs(self.values))).max())
 
-    def all_errors(self, G: _Complex) -> _Real:
+    def all_errors(self, G: ComplexArray) -> RealArray:
         """Return all errors of a response G, shape (5,).
 
         The errors that a plant states, `relative_error`, `error` and `peak_error`; and two that the
@@ -165,7 +162,7 @@ class ResponseTarget:
             ]
         )
 
-    def peak_error(self, G: _Complex, *, strict: bool = False) -> float:
+    def peak_error(self, G: ComplexArray, *, strict: bool = False) -> float:
         """Return the largest relative error of the height of a resonance; 0 without one.
 
         Only resonances above a tenth of the highest of their channel count. The highest values
@@ -179,7 +176,7 @@ class ResponseTarget:
                 worst = max(worst, abs(size[first:last, i, j].max() / height - 1.0))
         return float(worst)
 
-    def _magnitude(self, H: _Complex, strict: bool) -> _Real:
+    def _magnitude(self, H: ComplexArray, strict: bool) -> RealArray:
         return np.abs(H) * self.lift if strict else np.abs(H)
 
     def resonances(self, output: int, input: int, *, strict: bool = False) -> list[tuple[int, int]]:
@@ -206,12 +203,12 @@ def receptance_function(
     solver: ReducedSolver | None,
     tier: str | None,
     backend: str | None,
-) -> Callable[[_Real], _Complex]:
+) -> Callable[[RealArray], ComplexArray]:
     """Return the receptance of a model between ports as a function of lines in Hz."""
     columns, into = port_matrix(inputs, model, "input")
     rows, out = port_matrix(outputs, model, "output")
 
-    def receptance(lines: _Real) -> _Complex:
+    def receptance(lines: RealArray) -> ComplexArray:
         if solver is not None and tier is None:
             coefficients = solver.system.coefficients(solver.system.start, 2.0 * np.pi * lines)
             found = solver.at(solver.solve(coefficients, columns, lines), rows).transpose(1, 0, 2)
@@ -223,7 +220,7 @@ def receptance_function(
     return receptance
 
 
-def target_lines(poles: _Complex, band: tuple[float, float]) -> _Real:
+def target_lines(poles: ComplexArray, band: tuple[float, float]) -> RealArray:
     """Return ascending lines in Hz that resolve every resonance of a band, both ends included.
 
     `poles` are those of the damped structure, in rad/s: strong damping in one part moves the
@@ -250,9 +247,9 @@ class CandidateSelection:
     """
 
     conversion: Conversion
-    mask: NDArray[np.bool_]
-    errors: NDArray[np.float64]
-    limits: NDArray[np.float64]
+    mask: BoolArray
+    errors: RealArray
+    limits: RealArray
 
     @property
     def holds(self) -> bool:
@@ -266,7 +263,7 @@ class CandidateSelection:
         return float(stated[np.isfinite(self.limits[:3])].max())
 
 
-def _spread_lines(low: float, high: float) -> tuple[_Real, _Real]:
+def _spread_lines(low: float, high: float) -> tuple[RealArray, RealArray]:
     """Return lines with even spacing and with even ratios."""
     n = PLANT_TARGET.spread_lines
     return np.linspace(low, high, n), np.geomspace(max(low, 1e-4 * high), high, n)
@@ -317,7 +314,7 @@ def select_fewest(
     return best
 
 
-def _first_mask(order: NDArray[np.intp], count: int) -> NDArray[np.bool_]:
+def _first_mask(order: IndexArray, count: int) -> BoolArray:
     mask = np.zeros(len(order), dtype=np.bool_)
     mask[order[:count]] = True
     return mask
@@ -326,8 +323,8 @@ def _first_mask(order: NDArray[np.intp], count: int) -> NDArray[np.bool_]:
 def judge_selection(
     conversion: Conversion,
     target: ResponseTarget,
-    mask: NDArray[np.bool_],
-    limits: NDArray[np.float64],
+    mask: BoolArray,
+    limits: RealArray,
 ) -> CandidateSelection:
     """Return a selection of candidates with its errors."""
     return CandidateSelection(

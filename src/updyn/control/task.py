@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import BoolArray, ComplexArray, IndexArray, RealArray
 from updyn.control.causal import channel_differences, error_lower_bound
 from updyn.control.complex_modes import ComplexModes, complex_modes, fit_outputs, slow_motion
 from updyn.control.options import check_band, check_quantities
@@ -49,7 +49,7 @@ class PlantTask:
 
     space: ModalSpace
     target: ResponseTarget
-    powers: NDArray[np.intp]
+    powers: IndexArray
     band: tuple[float, float]
     ports: tuple[tuple[Port, ...], tuple[Port, ...]]
     spectrum: Callable[[], SpectralDecomposition]
@@ -65,7 +65,7 @@ class PlantTask:
 
         spectrum = self.spectrum()
 
-        def structure(lines: NDArray[np.float64]) -> NDArray[np.complex128]:
+        def structure(lines: RealArray) -> ComplexArray:
             return np.asarray(
                 spectrum.receptance(lines)
                 * derivative_factors(self.powers, laplace_variable(lines))
@@ -139,7 +139,7 @@ class PlantTask:
                             yield fit_outputs(conversion, self.target, n, at_rest=at_rest)
 
 
-def _with_modes(slow: SlowMotion, modes: ComplexModes, kept: NDArray[np.bool_]) -> SlowMotion:
+def _with_modes(slow: SlowMotion, modes: ComplexModes, kept: BoolArray) -> SlowMotion:
     """Return slow motion with additional complex modes."""
     A, B = modes.blocks(kept, modes.at_inputs[:, kept])
     left = 2.0 * modes.at_outputs[:, kept]
@@ -192,10 +192,10 @@ def make_task(
     ports: tuple[tuple[Port, ...], tuple[Port, ...]],
     quantities: tuple[str, ...],
     space: ModalSpace,
-    damped: tuple[NDArray[np.complex128], Callable[[], SpectralDecomposition]],
+    damped: tuple[ComplexArray, Callable[[], SpectralDecomposition]],
     band: tuple[float, float],
     measure: str,
-    receptance: Callable[[NDArray[np.float64]], NDArray[np.complex128]],
+    receptance: Callable[[RealArray], ComplexArray],
 ) -> PlantTask:
     """Return the task with the response at lines that resolve it.
 
@@ -219,7 +219,7 @@ def make_task(
     return PlantTask(space, target, powers, band, ports, damped[1])
 
 
-def _poles(space: ModalSpace) -> NDArray[np.complex128]:
+def _poles(space: ModalSpace) -> ComplexArray:
     """Return the poles of the damped structure; if defective, those of its separate modes."""
     try:
         return complex_modes(space, np.zeros(len(space.outputs), dtype=np.intp), 1.0).poles

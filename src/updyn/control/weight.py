@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from itertools import chain
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from updyn.arrays import ComplexArray, RealArray
 from updyn.control.family import PlantFamily
 from updyn.control.lines import channel_zeros, dense_lines, sweep
 from updyn.control.plant import Plant
@@ -30,8 +31,6 @@ __all__ = [
     "uncertainty_weight",
 ]
 
-_Real = NDArray[np.float64]
-_Complex = NDArray[np.complex128]
 
 _NO_ROOTS = np.zeros(0, dtype=np.complex128)
 
@@ -40,7 +39,7 @@ def _name(number: int) -> str:
     return "the nominal plant" if number == 0 else f"member {number - 1}"
 
 
-def refuse_undamped(roots: list[_Complex]) -> None:
+def refuse_undamped(roots: list[ComplexArray]) -> None:
     """Raise ModelError for poles on the imaginary axis, except at 0, or to the right of it.
 
     `roots` are the poles in rad/s of the nominal plant, then of the members.
@@ -61,7 +60,7 @@ def refuse_undamped(roots: list[_Complex]) -> None:
             )
 
 
-def family_lines(family: PlantFamily, poles: list[_Complex]) -> _Real:
+def family_lines(family: PlantFamily, poles: list[ComplexArray]) -> RealArray:
     """Return lines in Hz, shape (n_f,), dense around the poles and zeros of all plants."""
     plants = (family.nominal, *family.members)
     fastest = max(float(np.abs(p).max(initial=0.0)) for p in poles)
@@ -85,13 +84,13 @@ def channel_indices(family: PlantFamily) -> list[tuple[int, int]]:
     return list(np.ndindex(len(family.outputs), len(family.inputs)))
 
 
-def _finite(plant: Plant, i: int, j: int, low: float, high: float) -> _Complex:
+def _finite(plant: Plant, i: int, j: int, low: float, high: float) -> ComplexArray:
     zeros = channel_zeros(plant, i, j)
     size = np.abs(zeros)
     return np.asarray(zeros[(size > low) & (size < UNCERTAINTY_WEIGHT.band_factor * high)])
 
 
-def family_radius(family: PlantFamily, lines: _Real, kind: str) -> _Real:
+def family_radius(family: PlantFamily, lines: RealArray, kind: str) -> RealArray:
     """Return the largest deviation l over the members, shape (n_f, n_y, n_u)."""
     G = sweep(family.nominal, lines)
     largest = np.zeros(G.shape)
@@ -103,7 +102,7 @@ def family_radius(family: PlantFamily, lines: _Real, kind: str) -> _Real:
         return np.where(largest > 0.0, largest / np.abs(G), 0.0)
 
 
-def refuse_unbounded(family: PlantFamily, lines: _Real, radius: _Real, kind: str) -> None:
+def refuse_unbounded(family: PlantFamily, lines: RealArray, radius: RealArray, kind: str) -> None:
     """Raise ModelError for imaginary zeros of the nominal plant that members lack."""
     if np.isfinite(radius).all() and kind == "additive":
         return
@@ -128,7 +127,9 @@ def refuse_unbounded(family: PlantFamily, lines: _Real, radius: _Real, kind: str
             )
 
 
-def channel_floors(family: PlantFamily, radius: _Real, kind: str, floor: float | None) -> _Real:
+def channel_floors(
+    family: PlantFamily, radius: RealArray, kind: str, floor: float | None
+) -> RealArray:
     """Return the floor of each channel; 0 if the members equal the nominal plant."""
     peak = radius.max(axis=0)
     if floor is not None:
@@ -141,10 +142,14 @@ def channel_floors(family: PlantFamily, radius: _Real, kind: str, floor: float |
 
 
 def find_closest_lines(
-    lines: _Real, radius: _Real, floors: _Real, bounds: dict[tuple[int, int], Bound], within: float
-) -> _Real:
+    lines: RealArray,
+    radius: RealArray,
+    floors: RealArray,
+    bounds: dict[tuple[int, int], Bound],
+    within: float,
+) -> RealArray:
     """Return additional lines in Hz where weights are closest to their radius, `within` log |W|."""
-    more: list[_Real] = []
+    more: list[RealArray] = []
     for (i, j), bound in bounds.items():
         level = np.maximum(radius[:, i, j], floors[i, j])
         close = np.log(level) - bound.log_magnitude(2 * np.pi * lines)
@@ -172,9 +177,9 @@ class UncertaintyWeight:
     """
 
     kind: str
-    freq: _Real
-    radius: _Real
-    floor: _Real
+    freq: RealArray
+    radius: RealArray
+    floor: RealArray
     weights: tuple[tuple[Weight, ...], ...]
     outputs: tuple[str, ...]
     inputs: tuple[str, ...]
@@ -186,7 +191,7 @@ class UncertaintyWeight:
             f" orders {orders})"
         )
 
-    def at(self, freq: ArrayLike) -> _Complex:
+    def at(self, freq: ArrayLike) -> ComplexArray:
         """Return the weights at lines in Hz, shape (n_f, n_outputs, n_inputs)."""
         rows = [np.stack([w.at(freq) for w in row], axis=1) for row in self.weights]
         return np.stack(rows, axis=1)
@@ -350,9 +355,9 @@ def uncertainty_weight(
 
 
 def _fit(
-    lines: _Real,
-    radius: _Real,
-    floors: _Real,
+    lines: RealArray,
+    radius: RealArray,
+    floors: RealArray,
     at: tuple[int, int],
     order: int | None,
     tolerance: float,
@@ -392,7 +397,7 @@ def _check(
         )
 
 
-def _positive_lines(freq: ArrayLike) -> _Real:
+def _positive_lines(freq: ArrayLike) -> RealArray:
     lines = check_lines(np.atleast_1d(np.asarray(freq)))
     if lines[0] <= 0.0:
         raise OptionError("freq: expected lines above 0 Hz; remove 0")
@@ -400,7 +405,7 @@ def _positive_lines(freq: ArrayLike) -> _Real:
 
 
 # -- figures and notes of a channel ---------------------------------------------------------------
-def _weight(lines: _Real, radius: _Real, floor: float, bound: Bound, note: str) -> Weight:
+def _weight(lines: RealArray, radius: RealArray, floor: float, bound: Bound, note: str) -> Weight:
     excess = bound.log_magnitude(2 * np.pi * lines) - np.log(np.maximum(radius, floor))
     # The weight may lie below new lines; the gain corrects it.
     lift = max(-float(excess.min()), 0.0) + UNCERTAINTY_WEIGHT.margin
@@ -413,7 +418,7 @@ def _weight(lines: _Real, radius: _Real, floor: float, bound: Bound, note: str) 
     )
 
 
-def _end_notes(lines: _Real, radius: _Real, floor: float) -> str:
+def _end_notes(lines: RealArray, radius: RealArray, floor: float) -> str:
     """Return a note if the radius still grows beyond the lines."""
     notes = []
     for end, inside, what in ((0, 1, "below"), (-1, -2, "above")):
@@ -427,7 +432,9 @@ def _end_notes(lines: _Real, radius: _Real, floor: float) -> str:
     return " ".join(notes)
 
 
-def _peak_note(family: PlantFamily, lines: _Real, radius: _Real, at: tuple[int, int]) -> str:
+def _peak_note(
+    family: PlantFamily, lines: RealArray, radius: RealArray, at: tuple[int, int]
+) -> str:
     """Return a note if the radius exceeds 1, with its cause: a zero, or a pole that moves."""
     over = np.flatnonzero(radius >= 1.0)
     if not over.size:
@@ -454,7 +461,7 @@ def _peak_note(family: PlantFamily, lines: _Real, radius: _Real, at: tuple[int, 
     return f"{note} It reaches {radius.max():.3g} because of {what}."
 
 
-def _nearest(roots: _Complex, s: complex) -> complex | None:
+def _nearest(roots: ComplexArray, s: complex) -> complex | None:
     """Return the lightly damped root nearest to a point."""
     some = roots[(roots.imag > 0) & (np.abs(roots.real) < 0.3 * np.abs(roots))]
     return complex(some[np.argmin(np.abs(some - s))]) if some.size else None

@@ -6,9 +6,10 @@ from dataclasses import dataclass, field
 from itertools import chain, pairwise, product
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.optimize import linprog
 
+from updyn.arrays import ComplexArray, RealArray
 from updyn.control.servo.state_space import connect_sections, root_pair
 from updyn.control.settings import WEIGHT_FIT
 
@@ -19,9 +20,7 @@ __all__ = [
     "fit_above",
 ]
 
-_Real = NDArray[np.float64]
-_Complex = NDArray[np.complex128]
-_Lines = tuple[_Real, _Real, _Real]
+_Lines = tuple[RealArray, RealArray, RealArray]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,18 +33,18 @@ class Weight:
     ``control.ss(w.A, w.B, w.C, w.D)`` in python-control.
     """
 
-    zeros: _Complex
-    poles: _Complex
+    zeros: ComplexArray
+    poles: ComplexArray
     gain: float
     largest: float = 1.0
     mean: float = 1.0
     peak: float = 0.0
     peak_at: float = 0.0
     note: str = ""
-    A: _Real = field(init=False, repr=False)
-    B: _Real = field(init=False, repr=False)
-    C: _Real = field(init=False, repr=False)
-    D: _Real = field(init=False, repr=False)
+    A: RealArray = field(init=False, repr=False)
+    B: RealArray = field(init=False, repr=False)
+    C: RealArray = field(init=False, repr=False)
+    D: RealArray = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         system = connect_sections(self.zeros, self.poles, self.gain)
@@ -65,13 +64,13 @@ class Weight:
         """Number of poles."""
         return len(self.poles)
 
-    def at(self, freq: ArrayLike) -> _Complex:
+    def at(self, freq: ArrayLike) -> ComplexArray:
         """Return W at lines in Hz, shape (n_f,)."""
         s = 2j * np.pi * np.atleast_1d(np.asarray(freq, dtype=np.float64))[:, None]
         return np.asarray(self.gain * np.prod((s - self.zeros) / (s - self.poles), axis=1))
 
 
-def bound_roots(bound: Bound, lift: float = 0.0) -> tuple[_Complex, _Complex, float]:
+def bound_roots(bound: Bound, lift: float = 0.0) -> tuple[ComplexArray, ComplexArray, float]:
     """Return zeros and poles in rad/s and the gain of a bound whose log is increased by `lift`."""
     zeros: list[complex] = []
     poles: list[complex] = []
@@ -100,17 +99,17 @@ class Bound:
     """
 
     order: int
-    p: _Real
+    p: RealArray
     largest: float
     mean: float
 
-    def log_magnitude(self, omega: _Real) -> _Real:
+    def log_magnitude(self, omega: RealArray) -> RealArray:
         """Return log |W| at omega in rad/s, shape (n_f,)."""
         return _model(self.p, self.order, omega)[0]
 
 
 def fit_above(
-    omega: _Real, level: _Real, order: int | None, tolerance: float, largest_order: int
+    omega: RealArray, level: RealArray, order: int | None, tolerance: float, largest_order: int
 ) -> Bound:
     """Return a magnitude above a positive level at ascending lines in rad/s.
 
@@ -138,7 +137,7 @@ def _orders(last: int) -> list[int]:
     return sorted({n for n in (1, *range(2, last + 1, 2), last) if 0 < n <= last})
 
 
-def _thin_lines(omega: _Real, y: _Real, weight: _Real) -> _Lines:
+def _thin_lines(omega: RealArray, y: RealArray, weight: RealArray) -> _Lines:
     """Return fewer lines: the highest of each run, with the total weight of the run."""
     # Half of the share by the number of lines, dense around resonances, half by log frequency, as
     # in the mean.
@@ -152,7 +151,9 @@ def _thin_lines(omega: _Real, y: _Real, weight: _Real) -> _Lines:
     return omega[at], y[at], np.array([weight[run].sum() for run in runs])
 
 
-def _add_section(base: Bound, order: int, omega: _Real, y: _Real, weight: _Real) -> Bound:
+def _add_section(
+    base: Bound, order: int, omega: RealArray, y: RealArray, weight: RealArray
+) -> Bound:
     """Return the best bound of an order from one of lower order, by an additional pole and zero."""
     p, count, d = base.p, WEIGHT_FIT.trial_frequencies, WEIGHT_FIT.root_distance
     places = np.log(np.geomspace(omega[0], omega[-1], count))
@@ -182,7 +183,7 @@ def _add_section(base: Bound, order: int, omega: _Real, y: _Real, weight: _Real)
 
 
 def _touched_and_free(
-    bound: Bound, omega: _Real, y: _Real, weight: _Real
+    bound: Bound, omega: RealArray, y: RealArray, weight: RealArray
 ) -> tuple[list[float], list[float]]:
     """Return log frequencies where a bound is tight, and the middles of the widest gaps.
 
@@ -202,7 +203,7 @@ def _touched_and_free(
     return [float(x[i]) for i in touched], [float(0.5 * (x[i] + x[j])) for _, i, j in gaps]
 
 
-def _raise_bound(bound: Bound, omega: _Real, y: _Real, weight: _Real) -> Bound:
+def _raise_bound(bound: Bound, omega: RealArray, y: RealArray, weight: RealArray) -> Bound:
     """Return the bound shifted to the lowest level above all lines."""
     excess = bound.log_magnitude(omega) - y
     lift = -float(excess.min())
@@ -214,7 +215,7 @@ def _raise_bound(bound: Bound, omega: _Real, y: _Real, weight: _Real) -> Bound:
 
 
 def _polish_bound(
-    bound: Bound, few: _Lines, omega: _Real, y: _Real, weight: _Real
+    bound: Bound, few: _Lines, omega: RealArray, y: RealArray, weight: RealArray
 ) -> tuple[Bound, _Lines]:
     """Return a bound refitted with the lines that it violates, and the extended lines."""
     best, p = _raise_bound(bound, omega, y, weight), bound.p
@@ -236,8 +237,8 @@ def _polish_bound(
 
 
 def _descend(
-    p: _Real, order: int, omega: _Real, y: _Real, weight: _Real, steps: int
-) -> tuple[_Real, float]:
+    p: RealArray, order: int, omega: RealArray, y: RealArray, weight: RealArray, steps: int
+) -> tuple[RealArray, float]:
     """Reduce the excess by linear programs in a trust region; return parameters and cost."""
     lower, upper = _bounds(order, omega)
     p, f, J, cost = _lift_above(np.clip(p, lower, upper), order, omega, y, weight)
@@ -270,7 +271,7 @@ def _descend(
     return p, cost
 
 
-def _largest_step(p: _Real, order: int) -> _Real:
+def _largest_step(p: RealArray, order: int) -> RealArray:
     """Return the largest step: a few widths of a sharp section, else a factor of e."""
     reach = np.ones(len(p))
     first = 3 if order % 2 else 1
@@ -279,8 +280,8 @@ def _largest_step(p: _Real, order: int) -> _Real:
 
 
 def _lift_above(
-    p: _Real, order: int, omega: _Real, y: _Real, weight: _Real
-) -> tuple[_Real, _Real, _Real, float]:
+    p: RealArray, order: int, omega: RealArray, y: RealArray, weight: RealArray
+) -> tuple[RealArray, RealArray, RealArray, float]:
     """Return the parameters with the lowest gain above all lines, log |W|, slopes, and cost.
 
     The damping of a section is limited by the spacing of the lines, between which a sharper one
@@ -298,7 +299,7 @@ def _lift_above(
     return p, f, J, float(weight @ (f - y) + WEIGHT_FIT.largest_share * (f - y).max())
 
 
-def _bounds(order: int, omega: _Real) -> tuple[_Real, _Real]:
+def _bounds(order: int, omega: RealArray) -> tuple[RealArray, RealArray]:
     w = np.log(0.1 * omega[0]), np.log(10.0 * omega[-1])
     z = np.log((WEIGHT_FIT.least_damping, WEIGHT_FIT.largest_damping))
     single, pair = order % 2, order // 2
@@ -307,7 +308,7 @@ def _bounds(order: int, omega: _Real) -> tuple[_Real, _Real]:
     return np.array(lower), np.array(upper)
 
 
-def _model(p: _Real, order: int, omega: _Real) -> tuple[_Real, _Real]:
+def _model(p: RealArray, order: int, omega: RealArray) -> tuple[RealArray, RealArray]:
     """Return log |W|, shape (n_f,), and its derivatives, shape (n_f, n)."""
     f = np.full(len(omega), p[0])
     slopes = [np.ones(len(omega))]

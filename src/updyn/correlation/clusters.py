@@ -9,11 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import BoolArray, IndexArray, NumberArray, RealArray
 from updyn.correlation.settings import MODE_PAIRING
 from updyn.correlation.shapes import ModePairs, compute_cosines, mac, orthonormalise, unit_shapes
 
@@ -27,8 +26,7 @@ __all__ = [
     "principal_vectors",
 ]
 
-Array = NDArray[np.float64]
-_Indices = NDArray[np.intp]
+Array = RealArray
 
 #: The set with close modes, by whether computed and measured modes are close.
 _CLOSE_IN = {(True, True): "both", (True, False): "computed", (False, True): "measured"}
@@ -62,8 +60,8 @@ class Subspace:
         for any shapes.
     """
 
-    computed: _Indices
-    measured: _Indices
+    computed: IndexArray
+    measured: IndexArray
     frequency_computed: Array
     frequency_measured: Array
     cosines: Array
@@ -100,7 +98,7 @@ class Subspace:
         return text
 
 
-def _find_runs(modes: _Indices) -> list[tuple[int, int]]:
+def _find_runs(modes: IndexArray) -> list[tuple[int, int]]:
     """Return the first and last of each run of consecutive numbers."""
     parts = np.split(modes, np.flatnonzero(np.diff(modes) > 1) + 1)
     return [(int(part[0]), int(part[-1])) for part in parts]
@@ -131,25 +129,25 @@ class PairedModes:
     subspaces: tuple[Subspace, ...]
 
     @property
-    def computed_modes(self) -> _Indices:
+    def computed_modes(self) -> IndexArray:
         """Computed modes in a pair or a subspace."""
         return np.unique(np.concatenate([self.pairs.first, *(s.computed for s in self.subspaces)]))
 
-    def renumber(self, kept: NDArray[np.bool_]) -> PairedModes:
+    def renumber(self, kept: BoolArray) -> PairedModes:
         """Return the pairs for a subset of the computed modes, which contains `computed_modes`."""
         number = np.cumsum(kept) - 1
         subspaces = [replace(s, computed=number[s.computed]) for s in self.subspaces]
         return PairedModes(self.pairs._replace(first=number[self.pairs.first]), tuple(subspaces))
 
 
-def cluster_modes(frequency: Array, close: float | None = None) -> list[_Indices]:
+def cluster_modes(frequency: Array, close: float | None = None) -> list[IndexArray]:
     """Divide modes into clusters of close frequencies, by ascending frequency.
 
     `close` is the largest relative difference between the highest and the lowest frequency of a
     cluster; too large groups are divided at their largest gap.
     """
     close = MODE_PAIRING.close_frequencies if close is None else close
-    found: list[_Indices] = []
+    found: list[IndexArray] = []
     waiting = [np.argsort(frequency, kind="stable")]
     while waiting:
         part = waiting.pop()
@@ -166,7 +164,7 @@ def cluster_modes(frequency: Array, close: float | None = None) -> list[_Indices
 
 
 def pair_clusters(
-    a: NDArray[Any], b: NDArray[Any], frequency: tuple[Array, Array], rule: PairingRule
+    a: NumberArray, b: NumberArray, frequency: tuple[Array, Array], rule: PairingRule
 ) -> PairedModes:
     """Pair computed (a) and measured (b) modes one to one, and those of clusters by subspace.
 
@@ -224,13 +222,13 @@ def _differences(frequency: tuple[Array, Array], gate: float) -> tuple[Array, Ar
     return np.abs(one - two), gate * np.minimum(one, two)
 
 
-def _compute_bases(shapes: NDArray[Any], clusters: Sequence[_Indices]) -> list[NDArray[Any]]:
+def _compute_bases(shapes: NumberArray, clusters: Sequence[IndexArray]) -> list[NumberArray]:
     """Return an orthonormal basis of the shapes of each cluster."""
     unit = unit_shapes("shapes", shapes)
     return [orthonormalise(unit[:, cluster]) for cluster in clusters]
 
 
-def _membership(clusters: Sequence[_Indices]) -> _Indices:
+def _membership(clusters: Sequence[IndexArray]) -> IndexArray:
     """Return the index of the cluster of each mode."""
     number = np.zeros(sum(map(len, clusters)), dtype=np.intp)
     for k, cluster in enumerate(clusters):
@@ -240,7 +238,7 @@ def _membership(clusters: Sequence[_Indices]) -> _Indices:
 
 def _assign_pairs(
     similarity: Array, difference: Array, limit: Array, rule: PairingRule
-) -> tuple[_Indices, _Indices]:
+) -> tuple[IndexArray, IndexArray]:
     """Return the pairs with the largest total score, by ascending measured frequency."""
     from scipy.optimize import linear_sum_assignment
 
@@ -256,11 +254,11 @@ def _assign_pairs(
 
 def _limit_pairs(
     most: dict[tuple[int, int], int],
-    membership: tuple[_Indices, _Indices],
-    first: _Indices,
-    second: _Indices,
+    membership: tuple[IndexArray, IndexArray],
+    first: IndexArray,
+    second: IndexArray,
     difference: Array,
-) -> NDArray[np.bool_]:
+) -> BoolArray:
     """Return which pairs to keep: between two clusters, at most as many as common directions.
 
     The basis of a cluster is arbitrary, so any of its pairs can be dropped; pairs with the largest
@@ -277,9 +275,9 @@ def _limit_pairs(
 
 def _add_subspaces(
     pairs: ModePairs,
-    shapes: tuple[NDArray[Any], NDArray[Any]],
+    shapes: tuple[NumberArray, NumberArray],
     frequency: tuple[Array, Array],
-    clusters: tuple[list[_Indices], list[_Indices]],
+    clusters: tuple[list[IndexArray], list[IndexArray]],
     values: Array,
 ) -> PairedModes:
     """Return the pairs with the MAC of the subspaces of their clusters.
@@ -322,9 +320,7 @@ def _add_subspaces(
     return PairedModes(pairs._replace(mac=criterion), tuple(found))
 
 
-def principal_vectors(
-    a: NDArray[Any], b: NDArray[Any], n: int
-) -> tuple[NDArray[Any], NDArray[Any]]:
+def principal_vectors(a: NumberArray, b: NumberArray, n: int) -> tuple[NumberArray, NumberArray]:
     """Return orthonormal vectors, (N, n), of the n smallest principal angles between two spans."""
     one, two = orthonormalise(unit_shapes("shapes", a)), orthonormalise(unit_shapes("shapes", b))
     left, _, right = np.linalg.svd(one.conj().T @ two, full_matrices=False)

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from updyn.arrays import BoolArray, ComplexArray, NumberArray, RealArray
 from updyn.correlation.shapes import ratio
 from updyn.dofs import DofSet
 from updyn.errors import DataError
@@ -30,7 +30,7 @@ __all__ = [
     "relative_residual",
 ]
 
-Array = NDArray[np.float64]
+Array = RealArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -132,7 +132,7 @@ class Correlation:
         return out
 
     @property
-    def heard(self) -> NDArray[np.bool_]:
+    def heard(self) -> BoolArray:
         """Mask of channels above rounding error, shape (n_responses, n_references).
 
         The rms of the channel, measured or computed, exceeds 1e-11 of that of the largest measured
@@ -144,7 +144,7 @@ class Correlation:
         )
         return np.asarray(np.maximum(level, other) > ROUNDING.receptance_share * level.max())
 
-    def _figures_of(self, channels: NDArray[np.bool_]) -> dict[str, float]:
+    def _figures_of(self, channels: BoolArray) -> dict[str, float]:
         """Return median and worst value over given channels of the figures of each channel."""
         frac, correlation = self.frac[channels], self.frf_correlation[channels]
         residual = self.relative_residual[channels]
@@ -223,7 +223,7 @@ def _describe_lines(freq: Array) -> str:
     return f"{len(freq)} lines, {freq[0]:g}-{freq[-1]:g} Hz"
 
 
-def _select_heard(channels: NDArray[np.bool_], heard: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _select_heard(channels: BoolArray, heard: BoolArray) -> BoolArray:
     """Return the selected channels that are heard, or all selected ones if none are heard."""
     both = channels & heard
     return both if both.any() else channels
@@ -324,7 +324,7 @@ def relative_residual(HX: ArrayLike, HA: ArrayLike) -> Array:
     return out
 
 
-def nonzero_lines(HX: NDArray[np.complex128], HA: NDArray[np.complex128]) -> NDArray[np.bool_]:
+def nonzero_lines(HX: ComplexArray, HA: ComplexArray) -> BoolArray:
     """Return a mask, shape (n_f,), of the lines on which at least one of two FRFs is not zero."""
     return np.asarray((HX != 0).any(axis=(1, 2)) | (HA != 0).any(axis=(1, 2)))
 
@@ -440,7 +440,7 @@ def db_error(HX: ArrayLike, HA: ArrayLike) -> Array:
 
 def _check_functions(
     HX: ArrayLike, HA: ArrayLike, *, same_lines: bool = True
-) -> tuple[NDArray[Any], NDArray[Any]]:
+) -> tuple[NumberArray, NumberArray]:
     arrays = []
     for name, given in (("HX", HX), ("HA", HA)):
         array = np.asarray(given, dtype=np.complex128)

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import BoolArray, IndexArray, NumberArray, RealArray
 from updyn.correlation.clusters import (
     PairedModes,
     PairingRule,
@@ -44,7 +44,7 @@ __all__ = [
     "model_modes",
 ]
 
-Array = NDArray[np.float64]
+Array = RealArray
 
 #: Note on the pairing of modes without shapes.
 BY_FREQUENCY = (
@@ -66,7 +66,7 @@ class ModesLike(Protocol):
         """Modal loss factors, shape (n,); nan if unknown."""
 
     @property
-    def shapes(self) -> NDArray[Any]:
+    def shapes(self) -> NumberArray:
         """Shapes as columns, (N, n)."""
 
     @property
@@ -125,17 +125,17 @@ class ModeCorrelation:
         return 100.0 * change
 
     @property
-    def unpaired_computed(self) -> NDArray[np.intp]:
+    def unpaired_computed(self) -> IndexArray:
         """Computed modes without a pair."""
         return np.setdiff1d(np.arange(len(self.computed)), self.pairs.first)
 
     @property
-    def unpaired_measured(self) -> NDArray[np.intp]:
+    def unpaired_measured(self) -> IndexArray:
         """Measured modes without a pair."""
         return np.setdiff1d(np.arange(len(self.measured)), self.pairs.second)
 
     @property
-    def in_subspace(self) -> NDArray[np.bool_]:
+    def in_subspace(self) -> BoolArray:
         """Whether the MAC of a pair is that of a subspace, by pair."""
         close = [one.measured for one in self.subspaces]
         return np.isin(self.pairs.second, np.concatenate([np.zeros(0, np.intp), *close]))
@@ -179,7 +179,7 @@ class ModeCorrelation:
         computed, measured = (np.hstack(part) for part in zip(*columns, strict=True))
         return np.asarray(criterion(computed, measured))
 
-    def cross_orthogonality(self, mass: Any) -> NDArray[Any]:
+    def cross_orthogonality(self, mass: Any) -> NumberArray:
         """Return the cross-orthogonality of computed and measured modes.
 
         Parameters
@@ -466,7 +466,7 @@ def _compute_mac(a: Modes, b: Modes) -> Array:
     return mac(_scale_rotations(a, b), _scale_rotations(b, b))
 
 
-def _scale_rotations(of: Modes, measured: Modes) -> NDArray[Any]:
+def _scale_rotations(of: Modes, measured: Modes) -> NumberArray:
     """Return shapes with rotations scaled to the average size of translations in measured modes."""
     rotates = measured.dofs.axes >= 3
     size = np.abs(measured.shapes) ** 2

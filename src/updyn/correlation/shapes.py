@@ -10,8 +10,9 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from updyn.arrays import BoolArray, IndexArray, NumberArray, RealArray
 from updyn.correlation.settings import MODE_PAIRING
 from updyn.errors import DataError
 
@@ -31,7 +32,7 @@ __all__ = [
     "unit_shapes",
 ]
 
-Array = NDArray[np.float64]
+Array = RealArray
 
 
 def mac(A: ArrayLike, B: ArrayLike) -> Array:
@@ -87,7 +88,7 @@ def principal_cosines(A: ArrayLike, B: ArrayLike) -> Array:
     return compute_cosines(a, b)
 
 
-def orthonormalise(unit: NDArray[Any]) -> NDArray[Any]:
+def orthonormalise(unit: NumberArray) -> NumberArray:
     """Return an orthonormal basis of the span of shapes of unit length, shape (N, r)."""
     if unit.shape[1] == 1:
         return unit
@@ -95,7 +96,7 @@ def orthonormalise(unit: NDArray[Any]) -> NDArray[Any]:
     return np.asarray(left[:, size > MODE_PAIRING.least_spread * size[0]])
 
 
-def compute_cosines(a: NDArray[Any], b: NDArray[Any]) -> Array:
+def compute_cosines(a: NumberArray, b: NumberArray) -> Array:
     """Return the cosines of the principal angles between the spans of orthonormal bases."""
     return np.asarray(np.minimum(np.linalg.svd(a.conj().T @ b, compute_uv=False), 1.0))
 
@@ -123,7 +124,7 @@ def auto_mac(A: ArrayLike) -> Array:
     return mac(A, A)
 
 
-def cross_orthogonality(A: ArrayLike, M: Any, B: ArrayLike) -> NDArray[Any]:
+def cross_orthogonality(A: ArrayLike, M: Any, B: ArrayLike) -> NumberArray:
     """Mass-weighted cross-orthogonality, a^H M b / sqrt(a^H M a b^H M b) (Allemang 2003).
 
     Parameters
@@ -228,8 +229,8 @@ class ModePairs(NamedTuple):
         MAC of each pair.
     """
 
-    first: NDArray[np.intp]
-    second: NDArray[np.intp]
+    first: IndexArray
+    second: IndexArray
     mac: Array
 
 
@@ -262,7 +263,7 @@ def pair_modes(A: ArrayLike, B: ArrayLike, *, minimum: float = 0.0) -> ModePairs
     return ModePairs(first[keep], second[keep], found[keep])
 
 
-def find_moving(at_sensors: NDArray[Any], shapes: NDArray[Any]) -> NDArray[np.bool_]:
+def find_moving(at_sensors: NumberArray, shapes: NumberArray) -> BoolArray:
     """Return a mask of the shapes (N, n) that move at DOFs with values `at_sensors` (k, n)."""
     largest = np.abs(shapes).max(axis=0)
     return np.asarray(np.abs(at_sensors).max(axis=0) > MODE_PAIRING.rest_share * largest)
@@ -273,7 +274,7 @@ def ratio(above: Array, below: Array) -> Array:
     return np.minimum(np.divide(above, below, out=np.zeros_like(below), where=below > 0), 1.0)
 
 
-def _check_shapes(name: str, given: ArrayLike) -> NDArray[Any]:
+def _check_shapes(name: str, given: ArrayLike) -> NumberArray:
     array = np.asarray(given)
     if not (np.issubdtype(array.dtype, np.number)):
         raise DataError(f"{name}: expected numbers, found {array.dtype}")
@@ -291,7 +292,7 @@ def _check_shapes(name: str, given: ArrayLike) -> NDArray[Any]:
     return array * 1.0
 
 
-def unit_shapes(name: str, given: ArrayLike) -> NDArray[Any]:
+def unit_shapes(name: str, given: ArrayLike) -> NumberArray:
     """Return shapes as columns of unit length; errors mention the name."""
     array = _check_shapes(name, given)
     largest = np.abs(array).max(axis=0)
@@ -303,14 +304,14 @@ def unit_shapes(name: str, given: ArrayLike) -> NDArray[Any]:
     return np.asarray(array / np.linalg.norm(array, axis=0))
 
 
-def _check_same_rows(a: NDArray[Any], b: NDArray[Any]) -> None:
+def _check_same_rows(a: NumberArray, b: NumberArray) -> None:
     if len(a) != len(b):
         raise DataError(
             f"shapes at {len(a)} and at {len(b)} DOFs; expected the same DOFs in the same order"
         )
 
 
-def _check_paired(A: ArrayLike, B: ArrayLike) -> tuple[NDArray[Any], NDArray[Any]]:
+def _check_paired(A: ArrayLike, B: ArrayLike) -> tuple[NumberArray, NumberArray]:
     a, b = unit_shapes("A", A), unit_shapes("B", B)
     if a.shape != b.shape:
         raise DataError(

@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import RealArray
 from updyn.demos.antenna_model import AZIMUTH, ELEVATION, SKIN, STEEL, antenna, lock_rotors
 from updyn.dynamics.modes import modes
 from updyn.dynamics.response import response
@@ -181,7 +181,7 @@ def measure(model: Model, seed: int, *, torques: bool, n_lines: int = _LINES) ->
     # The unexplained power has n - 1 degrees of freedom: n averages less the one fitted number.
     unexplained = variance * np.random.default_rng((seed, 1)).gamma(_AVERAGES - 1, size=H.shape)
     power = np.abs(values) ** 2
-    coherence: NDArray[np.float64] = power / (power + unexplained)
+    coherence: RealArray = power / (power + unexplained)
     return FRF(
         exact.freq,
         values,

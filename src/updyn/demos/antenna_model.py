@@ -16,8 +16,9 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from updyn.arrays import IntArray, RealArray
 from updyn.elements.constraints import Equation, constrain, join
 from updyn.elements.drivetrain import GearPair, Inertia, Motor, Part, Shaft, drivetrain, mounted
 from updyn.elements.structure import (
@@ -152,7 +153,7 @@ class _Body:
     """Nodes, parts and rigid links of the structure while it is assembled."""
 
     def __init__(self) -> None:
-        self.xyz: dict[int, NDArray[np.float64]] = {}
+        self.xyz: dict[int, RealArray] = {}
         self.parts: list[Element] = []
         self.links: list[RigidLink] = []
 
@@ -281,7 +282,7 @@ def _add_tube(body: _Body) -> None:
         body.line("hub carrier", [at, NODES["hub"]], tube(0.16, 0.14))
 
 
-def _dish(along: float, up: float = 0.0, across: float = 0.0) -> NDArray[np.float64]:
+def _dish(along: float, up: float = 0.0, across: float = 0.0) -> RealArray:
     """Return a point `along` the axis of the dish, `up` and `across` from it, at 45 degrees."""
     s = math.sqrt(0.5)
     return np.array([s * along - s * up, across, _AXIS_HEIGHT + s * along + s * up])
@@ -292,7 +293,7 @@ def _paraboloid(r: float) -> float:
     return _VERTEX + r**2 / (4 * FOCUS)
 
 
-def _ring_points(r: float, along: float) -> Iterator[NDArray[np.float64]]:
+def _ring_points(r: float, along: float) -> Iterator[RealArray]:
     for angle in 2 * np.pi * np.arange(_AROUND) / _AROUND:
         yield _dish(along, r * math.cos(angle), r * math.sin(angle))
 
@@ -350,7 +351,7 @@ def _add_feed(body: _Body) -> None:
     body.parts.append(PointMass("feed", NODES["feed"], 18.0, inertia=[0.4, 0.4, 0.4]))
 
 
-def _quads(rings: Sequence[Sequence[int]]) -> NDArray[np.int64]:
+def _quads(rings: Sequence[Sequence[int]]) -> IntArray:
     """Return the quadrilaterals between closed rings of equal size, shape (m, 4)."""
     low = np.array(rings[:-1])
     high = np.array(rings[1:])

@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import ComplexArray, NumberArray, RealArray
 from updyn.correlation import Correlation, correlate
 from updyn.dynamics.modes import modes
 
@@ -362,7 +362,7 @@ def _largest_offset() -> float:
 def reciprocity(measured: FRF, computed: FRF) -> tuple[float, float]:
     """Return the median deviation of H_ij / H_ji from 1, and from the value of the model."""
 
-    def ratio(frf: FRF) -> NDArray[np.complex128]:
+    def ratio(frf: FRF) -> ComplexArray:
         H = frf.select(responses=_PAIRED_SENSORS, references=HAMMER).values
         i, j = np.triu_indices(len(HAMMER), 1)
         return np.asarray(H[:, i, j] / H[:, j, i])
@@ -392,7 +392,7 @@ def find_torsion(computed: Correlation, length: float) -> tuple[float, float]:
     return frequency, float(np.abs(shape @ twist) ** 2 / (twist @ twist))
 
 
-def fit_one_mode(frf: FRF, near: float) -> tuple[float, float, NDArray[np.complex128]]:
+def fit_one_mode(frf: FRF, near: float) -> tuple[float, float, ComplexArray]:
     """Return frequency in Hz, loss factor and residues of the mode within 5 % of a frequency in Hz.
 
     The least-squares model of receptance is a pole and a constant; the residues have an arbitrary
@@ -404,7 +404,7 @@ def fit_one_mode(frf: FRF, near: float) -> tuple[float, float, NDArray[np.comple
     square = (part.freq / near) ** 2
     Y = part.values.reshape(len(square), -1)
 
-    def amplitudes(pole: NDArray[np.float64]) -> tuple[NDArray[Any], NDArray[Any]]:
+    def amplitudes(pole: RealArray) -> tuple[NumberArray, NumberArray]:
         ratio, loss = pole
         shapes = square[:, None] * np.column_stack(
             [1.0 / (ratio * (1.0 + 1j * loss) - square), np.ones(len(square))]
@@ -412,7 +412,7 @@ def fit_one_mode(frf: FRF, near: float) -> tuple[float, float, NDArray[np.comple
         found = np.linalg.lstsq(shapes, Y, rcond=None)[0]
         return found, Y - shapes @ found
 
-    def misfit(pole: NDArray[np.float64]) -> NDArray[np.float64]:
+    def misfit(pole: RealArray) -> RealArray:
         r = amplitudes(pole)[1].ravel()
         return np.concatenate([r.real, r.imag])
 

@@ -25,6 +25,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from updyn.arrays import ComplexArray, IndexArray, IntArray, NumberArray, RealArray
 from updyn.dofs import DofSet
 from updyn.dynamics.settings import AFFINE
 from updyn.group import GROUP_QUANTITIES, MATRICES, LossTable
@@ -57,10 +58,10 @@ class Term:
 
     group: str
     quantity: str
-    rows: NDArray[np.intp]
+    rows: IndexArray
     local: Any
-    slots: NDArray[Any]
-    data: NDArray[np.float64]
+    slots: NumberArray
+    data: RealArray
     table: LossTable | None = None
 
     @property
@@ -73,7 +74,7 @@ class Term:
             return slice(first, end)
         return self.rows
 
-    def times(self, field: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    def times(self, field: ComplexArray) -> ComplexArray:
         """Return the matrix times a complex field on its DOFs, shape (n_t, ...)."""
         columns = math.prod(field.shape[1:])  # a matrix of zeros has no rows
         flat = np.ascontiguousarray(field).reshape(len(self.rows), columns).view(np.float64)
@@ -88,9 +89,9 @@ class State:
     stiffness; `rate` multiplies i omega: alpha (1/s) of mass, beta (s) of stiffness, 1 of viscous.
     """
 
-    factor: NDArray[np.float64]
-    loss: NDArray[np.float64]
-    rate: NDArray[np.float64]
+    factor: RealArray
+    loss: RealArray
+    rate: RealArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -104,14 +105,12 @@ class AffineSystem:
 
     terms: tuple[Term, ...]
     start: State
-    indptr: NDArray[Any]
-    indices: NDArray[Any]
+    indptr: NumberArray
+    indices: NumberArray
     dofs: DofSet
     columns: Any = None
     decay: float = 0.0
-    _kinds: tuple[NDArray[np.float64], NDArray[np.float64], list[int]] = field(
-        init=False, repr=False
-    )
+    _kinds: tuple[RealArray, RealArray, list[int]] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         quantity = np.array([[t.quantity] for t in self.terms])
@@ -182,7 +181,7 @@ class AffineSystem:
                 return i
         return None
 
-    def coefficients(self, state: State, omega: NDArray[np.float64]) -> NDArray[np.complex128]:
+    def coefficients(self, state: State, omega: RealArray) -> ComplexArray:
         """Return c_t at i omega + decay, shape (n_terms, n_lines); `omega` in rad/s."""
         factor, (static, inertial, tabled) = state.factor[:, None], self._kinds
         out = np.empty((len(self.terms), len(omega)), dtype=np.complex128)
@@ -194,7 +193,7 @@ class AffineSystem:
             out += factor * self.decay * more
         return out
 
-    def relative(self, at: Iterable[int], omega: NDArray[np.float64]) -> NDArray[np.float64]:
+    def relative(self, at: Iterable[int], omega: RealArray) -> RealArray:
         """Return relative loss factors, shape (n_terms, n_lines), or (n_terms, 1) without tables.
 
         `at` are the terms with tables to evaluate; others have 1. Raises ModelError if a line is
@@ -210,23 +209,23 @@ class AffineSystem:
             out[t] = table.at(omega / (2.0 * np.pi), self.terms[t].group)
         return out
 
-    def values(self, coefficients: NDArray[Any]) -> NDArray[Any]:
+    def values(self, coefficients: NumberArray) -> NumberArray:
         """Return the entries of Z, (nnz, n_lines), contiguous by line; real if the input is."""
         out = np.empty((coefficients.shape[1], len(self.indices)), dtype=coefficients.dtype)
         self._write(coefficients, out)
         return out.T
 
-    def real_values(self, weights: NDArray[np.float64]) -> NDArray[np.float64]:
+    def real_values(self, weights: RealArray) -> RealArray:
         """Return the entries, shape (nnz,), of the sum of terms with weights, shape (n_terms,)."""
         out = np.empty(len(self.indices))
         self.write(np.asarray(weights, dtype=np.float64), out)
         return out
 
-    def write(self, weights: NDArray[Any], out: NDArray[Any]) -> None:
+    def write(self, weights: NumberArray, out: NumberArray) -> None:
         """Write the sum of terms times `weights` (n_terms,) into `out` (nnz,) of the same dtype."""
         self._write(weights[:, None], out[None, :])
 
-    def _write(self, c: NDArray[Any], out: NDArray[Any]) -> None:
+    def _write(self, c: NumberArray, out: NumberArray) -> None:
         """Write the sum of c_t A_t into `out`, shape (n_lines, nnz); c is (n_terms, n_lines)."""
         if self.columns is not None:
             out[...] = (self.columns @ _parts(c)).view(c.dtype).T
@@ -241,7 +240,7 @@ class AffineSystem:
                 where = chunk if len(slots) == out.shape[1] else slots[chunk].astype(np.intp)
                 target[..., where] += _mix([self.terms[t].data[chunk] for t in at], c[at])
 
-    def _families(self, c: NDArray[Any]) -> Iterator[tuple[NDArray[Any], list[int]]]:
+    def _families(self, c: NumberArray) -> Iterator[tuple[NumberArray, list[int]]]:
         """Yield slots, and the positions of the terms with coefficients that share them."""
         members: dict[int, list[int]] = {}
         for t in np.flatnonzero(c.any(axis=1)).tolist():
@@ -249,7 +248,7 @@ class AffineSystem:
         for at in members.values():
             yield self.terms[at[0]].slots, at
 
-    def multiply(self, weights: NDArray[np.float64], X: NDArray[np.float64]) -> NDArray[np.float64]:
+    def multiply(self, weights: RealArray, X: RealArray) -> RealArray:
         """Return the weighted sum of terms, weights of shape (n_terms,), times X, shape (N, k)."""
         out = np.zeros_like(X)
         for term, weight in zip(self.terms, weights, strict=True):
@@ -257,7 +256,7 @@ class AffineSystem:
                 out[term.row_index] += weight * (term.local @ X[term.row_index])
         return out
 
-    def rows_of_entries(self) -> NDArray[np.intp]:
+    def rows_of_entries(self) -> IndexArray:
         """Return the row of each entry of the pattern, shape (nnz,)."""
         return np.asarray(np.repeat(np.arange(self.n), np.diff(self.indptr)), dtype=np.intp)
 
@@ -266,9 +265,9 @@ class AffineSystem:
         return np.array(self.indices[self.indptr[dof] : self.indptr[dof + 1]])
 
 
-def _mix(entries: list[NDArray[np.float64]], c: NDArray[Any]) -> NDArray[Any]:
+def _mix(entries: list[RealArray], c: NumberArray) -> NumberArray:
     """Return the sum of c_t times `entries` of term t, (n_lines, n_entries); 1-D for one line."""
-    mixed: NDArray[Any]
+    mixed: NumberArray
     if c.size == 1:
         mixed = entries[0] * c[0, 0]
         return mixed
@@ -276,7 +275,7 @@ def _mix(entries: list[NDArray[np.float64]], c: NDArray[Any]) -> NDArray[Any]:
     return mixed[0] if c.shape[1] == 1 else mixed
 
 
-def _parts(c: NDArray[Any]) -> NDArray[np.float64]:
+def _parts(c: NumberArray) -> RealArray:
     """Return real and imaginary parts as columns, for products with real matrices."""
     return np.ascontiguousarray(c).view(np.float64)
 
@@ -316,14 +315,14 @@ def _is_full(matrix: Any) -> bool:
     return bool(matrix.nnz == (len(matrix.indptr) - 1) ** 2)
 
 
-def _full_positions(matrix: Any) -> NDArray[np.int64]:
+def _full_positions(matrix: Any) -> IntArray:
     """Return the position of each entry of a canonical CSR pattern in the full one, row by row."""
     n = len(matrix.indptr) - 1
     first = np.repeat(n * np.arange(n), np.diff(matrix.indptr))
     return np.asarray(first + matrix.indices, dtype=np.int64)
 
 
-def _diagonal(n: int) -> NDArray[np.int64]:
+def _diagonal(n: int) -> IntArray:
     """Return the positions of the diagonal."""
     return (n + 1) * np.arange(n)
 
@@ -332,13 +331,13 @@ def _diagonal(n: int) -> NDArray[np.int64]:
 class _Places:
     """Positions of matrix entries in a pattern; equal patterns share their arrays."""
 
-    indptr: NDArray[Any]
-    indices: NDArray[Any]
-    _known: dict[bytes, tuple[NDArray[np.intp], NDArray[Any], NDArray[Any]]] = field(
+    indptr: NumberArray
+    indices: NumberArray
+    _known: dict[bytes, tuple[IndexArray, NumberArray, NumberArray]] = field(
         default_factory=dict, init=False
     )
-    _rows: dict[bytes, NDArray[np.intp]] = field(default_factory=dict, init=False)
-    _sorted: NDArray[np.int64] | None = field(default=None, init=False)
+    _rows: dict[bytes, IndexArray] = field(default_factory=dict, init=False)
+    _sorted: IntArray | None = field(default=None, init=False)
 
     def term(self, name: str, quantity: str, matrix: Any, table: LossTable | None) -> Term:
         """Return the term of a canonical CSR matrix."""
@@ -360,7 +359,7 @@ class _Places:
             local = sp.csr_array((data, columns, begin), shape=(n, n))
         return Term(name, quantity, rows, local, slots, data, table)
 
-    def _of(self, matrix: Any) -> tuple[NDArray[np.intp], NDArray[Any], NDArray[Any]]:
+    def _of(self, matrix: Any) -> tuple[IndexArray, NumberArray, NumberArray]:
         """Return the rows of a matrix, the slots of its entries, and their local columns."""
         used = np.diff(matrix.indptr) > 0
         used[matrix.indices] = True
@@ -369,7 +368,7 @@ class _Places:
         number = np.cumsum(used, dtype=matrix.indices.dtype) - 1
         return rows, self._slots(matrix, rows), number[matrix.indices]
 
-    def _slots(self, matrix: Any, rows: NDArray[np.intp]) -> NDArray[Any]:
+    def _slots(self, matrix: Any, rows: IndexArray) -> NumberArray:
         if len(self.indices) <= AFFINE.sorted_entries:
             if self._sorted is None:
                 self._sorted = _full_positions(self)
@@ -387,17 +386,17 @@ class _Places:
             (np.ones(matrix.nnz, dtype=kind), matrix.indices, _compact_indptr(matrix, rows)),
             shape=shape,
         )
-        slots: NDArray[Any] = whole.multiply(part).data
+        slots: NumberArray = whole.multiply(part).data
         slots -= 1
         return slots
 
 
-def _compact_indptr(matrix: Any, rows: NDArray[np.intp]) -> NDArray[Any]:
+def _compact_indptr(matrix: Any, rows: IndexArray) -> NumberArray:
     """Return the indptr of a matrix without its empty rows."""
     return np.append(matrix.indptr[rows], matrix.indptr[-1:])
 
 
-def _digest(*arrays: NDArray[Any]) -> bytes:
+def _digest(*arrays: NumberArray) -> bytes:
     found = hashlib.blake2b()
     for array in arrays:
         found.update(np.ascontiguousarray(array).data)

@@ -6,14 +6,12 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import IndexArray, RealArray
 from updyn.dynamics.affine import AffineSystem
 from updyn.dynamics.settings import BASIS
 
 __all__ = ["Basis"]
-
-_Real = NDArray[np.float64]
 
 
 @dataclass(slots=True, eq=False)
@@ -24,9 +22,9 @@ class Basis:
     """
 
     system: AffineSystem
-    weight: _Real
-    terms: list[_Real] = field(init=False)
-    _blocks: list[_Real] = field(default_factory=list, init=False)
+    weight: RealArray
+    terms: list[RealArray] = field(init=False)
+    _blocks: list[RealArray] = field(default_factory=list, init=False)
     _is_normal: bool = field(default=True, init=False)
 
     def __post_init__(self) -> None:
@@ -37,7 +35,7 @@ class Basis:
         """Number of basis vectors r."""
         return sum(b.shape[1] for b in self._blocks)
 
-    def at(self, dofs: NDArray[np.intp]) -> _Real:
+    def at(self, dofs: IndexArray) -> RealArray:
         """Return V at some DOFs, shape (len(dofs), r)."""
         return np.hstack([b[dofs] for b in self._blocks])
 
@@ -51,7 +49,7 @@ class Basis:
         out._is_normal = self._is_normal
         return out
 
-    def expand(self, coordinates: _Real) -> _Real:
+    def expand(self, coordinates: RealArray) -> RealArray:
         """Return V q for real coordinates q, shape (r, k), as (N, k)."""
         out = np.zeros((self.system.n, coordinates.shape[1]))
         first = 0
@@ -60,11 +58,11 @@ class Basis:
             first += block.shape[1]
         return out
 
-    def project(self, F: _Real) -> _Real:
+    def project(self, F: RealArray) -> RealArray:
         """Return V^T F for forces F, shape (N, k), as (r, k)."""
         return np.vstack([b.T @ F for b in self._blocks])
 
-    def append(self, X: _Real) -> None:
+    def append(self, X: RealArray) -> None:
         """Add the new directions in the columns of X, shape (N, k); X is overwritten."""
         scale = self.weight[:, None]
         X /= np.maximum(np.linalg.norm(scale * X, axis=0), np.finfo(np.float64).tiny)
@@ -81,7 +79,7 @@ class Basis:
         Q /= scale
         self._add(Q)
 
-    def _normaliser(self) -> _Real:
+    def _normaliser(self) -> RealArray:
         """Return T, shape (r, k), for which V T is orthonormal and has the span of V."""
         gram = np.hstack([self.project(self.weight[:, None] ** 2 * b) for b in self._blocks])
         sizes = 1.0 / np.sqrt(np.maximum(np.diag(gram), np.finfo(np.float64).tiny))
@@ -89,13 +87,13 @@ class Basis:
         kept = square > BASIS.independent_share * square[-1]
         return np.asarray(sizes[:, None] * axes[:, kept] / np.sqrt(square[kept]))
 
-    def extend(self, W: _Real) -> None:
+    def extend(self, W: RealArray) -> None:
         """Add columns unchanged, shape (N, k), and project the model's matrices on them."""
         if W.shape[1]:
             self._is_normal = False
             self._add(W)
 
-    def _add(self, W: _Real) -> None:
+    def _add(self, W: RealArray) -> None:
         if W.shape[1] == 0:
             return
         if W.strides[1] != W.itemsize:
@@ -116,7 +114,7 @@ class Basis:
             self.terms[t] = grown
         self._blocks.append(W)
 
-    def rotate(self, C: _Real) -> None:
+    def rotate(self, C: RealArray) -> None:
         """Replace V by V C, C of shape (r, s), in one block."""
         V = np.empty((self.system.n, C.shape[1]))
         for first in range(0, len(V), BASIS.rows_per_step):
@@ -125,6 +123,6 @@ class Basis:
         self._blocks, self._is_normal = [V], False
         self.terms = [C.T @ A @ C for A in self.terms]
 
-    def weighted_sum(self, weights: _Real) -> _Real:
+    def weighted_sum(self, weights: RealArray) -> RealArray:
         """Return the sum of weight_t V^T A_t V, shape (r, r)."""
         return np.tensordot(weights, np.stack(self.terms), axes=1)

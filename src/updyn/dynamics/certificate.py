@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import ComplexArray, RealArray
 from updyn.dynamics.affine import State
 from updyn.dynamics.basis import Basis
 from updyn.dynamics.fields import split_into_blocks
@@ -20,9 +20,6 @@ from updyn.dynamics.settings import CERTIFICATE
 from updyn.linalg.solver import Factorised
 
 __all__ = ["Certificate", "ErrorEstimate"]
-
-_Real = NDArray[np.float64]
-_Complex = NDArray[np.complex128]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,7 +49,7 @@ class Certificate:
     error: float
     channel: float
     rounding: float
-    errors: _Real
+    errors: RealArray
     lines: tuple[float, ...]
     factorisations: int
 
@@ -66,10 +63,10 @@ class ErrorEstimate:
     """
 
     channels: ChannelDofs
-    H: _Complex
-    level: _Real
-    reduced: _Real
-    rounded: _Real
+    H: ComplexArray
+    level: RealArray
+    reduced: RealArray
+    rounded: RealArray
 
     @classmethod
     def by_comparison(
@@ -78,10 +75,10 @@ class ErrorEstimate:
         narrow: ReducedSolver,
         basis: Basis,
         channels: ChannelDofs,
-        P: _Real,
+        P: RealArray,
         definite: Factorised,
         state: State,
-        freq: _Real,
+        freq: RealArray,
     ) -> ErrorEstimate:
         """Return the error of a basis by comparison with a larger basis that contains it.
 
@@ -124,7 +121,7 @@ class ErrorEstimate:
         )
 
     @property
-    def shares(self) -> _Real:
+    def shares(self) -> RealArray:
         """The largest relative error by the reduction at each line, shape (n_f,)."""
         return np.asarray((self.reduced / self.level).max(axis=(1, 2)))
 
@@ -155,7 +152,7 @@ def _columns(rows: list[Any], first: int, last: int) -> Any:
     return list(zip(*rows, strict=True))[first:last]
 
 
-def _validation_lines(shares: _Real) -> list[int]:
+def _validation_lines(shares: RealArray) -> list[int]:
     """Return the line of the largest share in each part of the band."""
     worst = shares.max(axis=(1, 2))
     parts = np.array_split(np.arange(len(worst)), min(CERTIFICATE.residual_lines, len(worst)))

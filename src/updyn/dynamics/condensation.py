@@ -6,8 +6,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from updyn.arrays import ComplexArray, RealArray
 from updyn.dofs import Dof, DofSet
 from updyn.dynamics.affine import AffineSystem
 from updyn.dynamics.fields import LineSolver, split_into_blocks
@@ -34,10 +35,10 @@ class Condensed:
         Motion of every DOF for unit motion of each retained one.
     """
 
-    freq: NDArray[np.float64]
+    freq: RealArray
     retained: DofSet
-    Z: NDArray[np.complex128]
-    T: NDArray[np.complex128]
+    Z: ComplexArray
+    T: ComplexArray
 
 
 def condense(

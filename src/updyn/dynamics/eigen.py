@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 import scipy.linalg as sl
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
+from updyn.arrays import IndexArray, NumberArray, RealArray
 from updyn.dynamics.settings import EIGEN
 from updyn.errors import SolverError
 from updyn.linalg.threads import use_one_thread
@@ -30,7 +30,7 @@ __all__ = [
 ]
 
 
-Pairs = tuple[NDArray[Any], NDArray[Any]]
+Pairs = tuple[NumberArray, NumberArray]
 
 
 @use_one_thread
@@ -87,7 +87,7 @@ def real_pairs(K: Any, M: Any, n: int) -> Pairs:
 
 
 @use_one_thread
-def all_pairs(K: Any, M: Any, n: int) -> tuple[NDArray[Any], NDArray[Any], tuple[Any, Any, Any]]:
+def all_pairs(K: Any, M: Any, n: int) -> tuple[NumberArray, NumberArray, tuple[Any, Any, Any]]:
     """Return the n lowest eigenpairs of a small model, and a basis that diagonalises it.
 
     The basis is (V, diagonal of V^T K V, diagonal of V^T M V), the last 0 for motions without mass.
@@ -111,7 +111,7 @@ def _is_dense(n_dofs: int, n_modes: int) -> bool:
     return n_dofs <= EIGEN.dense_dofs or 4 * (n_modes + EIGEN.additional_modes) > n_dofs
 
 
-def _definite(solve: Callable[[float], Pairs], shift: float) -> tuple[float, NDArray[Any]]:
+def _definite(solve: Callable[[float], Pairs], shift: float) -> tuple[float, NumberArray]:
     """Return a shift s for which K + s M is definite, and the eigenvalues found with it."""
     for _ in range(3):
         try:
@@ -129,7 +129,7 @@ def _first_shift(K: Any, M: Any) -> float:
     return EIGEN.first_shift * float((k[has] / m[has]).max())
 
 
-def _second_shift(value: NDArray[np.float64], shift: float, share: float) -> float:
+def _second_shift(value: RealArray, shift: float, share: float) -> float:
     # If all wanted modes are rigid-body modes, their values are rounding; keep the first shift.
     top = float(value[-1])
     if top > 1e-9 * shift:
@@ -137,14 +137,14 @@ def _second_shift(value: NDArray[np.float64], shift: float, share: float) -> flo
     return shift
 
 
-def _dense(K: NDArray[np.float64], M: NDArray[np.float64], n: int, shift: float) -> Pairs:
+def _dense(K: RealArray, M: RealArray, n: int, shift: float) -> Pairs:
     nu, vectors = _decompose(K, M, shift, len(K) - n)
     if not nu[0] > 0:
         raise SolverError(_SINGULAR)
     return (1.0 / nu - shift)[::-1], vectors[:, ::-1]
 
 
-def _decompose(K: NDArray[np.float64], M: NDArray[np.float64], shift: float, first: int) -> Pairs:
+def _decompose(K: RealArray, M: RealArray, shift: float, first: int) -> Pairs:
     """Return nu, ascending from the first-th, and V with V^T (K + s M) V = 1, V^T M V = nu."""
     A = K + shift * M
     # Scale to a unit diagonal, independent of units and of rotations or translations.
@@ -162,7 +162,7 @@ def _decompose(K: NDArray[np.float64], M: NDArray[np.float64], shift: float, fir
     return nu, unit[:, None] * vectors
 
 
-def _few_masses(K: Any, M: Any, heavy: NDArray[np.intp], n: int, shift: float) -> Pairs:
+def _few_masses(K: Any, M: Any, heavy: IndexArray, n: int, shift: float) -> Pairs:
     """Solve a large model with mass on few DOFs exactly, by its flexibility at these DOFs."""
     lu = _factor(K + shift * M)
     weight, axes = np.linalg.eigh(M[heavy][:, heavy].toarray())
@@ -234,7 +234,7 @@ def _solve_counted(K: Any, M: Any, n: int, shift: float) -> Pairs:
     raise SolverError(f"the eigenvalue solver found too few modes: (there are, found) = {below}")
 
 
-def _count_below(K: Any, M: Any, value: NDArray[np.float64], n: int) -> tuple[int, int] | None:
+def _count_below(K: Any, M: Any, value: RealArray, n: int) -> tuple[int, int] | None:
     """Return the number of eigenvalues below a gap after the n-th, and the number found there.
 
     None if there is no gap, or if pivots off the diagonal make the signs of the factors invalid.

@@ -13,6 +13,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from updyn.arrays import ComplexArray, IndexArray, NumberArray, RealArray
 from updyn.dynamics.affine import AffineSystem, State
 from updyn.dynamics.pencil import Pencil, PencilCache, StateWeights
 from updyn.dynamics.settings import LINE_SOLVER, PENCIL
@@ -75,7 +76,7 @@ class FieldSolver(Protocol):
     def block_size(self, n_columns: int) -> int:
         """Return the number of lines in a block."""
 
-    def pencil(self, state: State, lines: NDArray[np.float64]) -> Pencil | None:
+    def pencil(self, state: State, lines: RealArray) -> Pencil | None:
         """Return a solver for many lines (Hz) of a state at once, or None if it does not save time.
 
         The choice does not depend on the distribution of the lines over blocks and processes.
@@ -83,34 +84,34 @@ class FieldSolver(Protocol):
 
     def solve(
         self,
-        coefficients: NDArray[np.complex128],
-        columns: NDArray[np.intp],
-        freq: NDArray[np.float64],
+        coefficients: ComplexArray,
+        columns: IndexArray,
+        freq: RealArray,
         pencil: Pencil | None = None,
-    ) -> NDArray[np.complex128]:
+    ) -> ComplexArray:
         """Return fields, shape (N, n_lines, r), for unit forces on some DOFs."""
 
     def solve_twice(
         self,
-        coefficients: NDArray[np.complex128],
-        columns: NDArray[np.intp],
-        freq: NDArray[np.float64],
-        forces: Callable[[NDArray[np.complex128], slice], NDArray[np.complex128]],
-    ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+        coefficients: ComplexArray,
+        columns: IndexArray,
+        freq: RealArray,
+        forces: Callable[[ComplexArray, slice], ComplexArray],
+    ) -> tuple[ComplexArray, ComplexArray]:
         """Solve for unit forces, then for forces that depend on the result."""
 
-    def at(self, fields: NDArray[np.complex128], dofs: NDArray[np.intp]) -> NDArray[np.complex128]:
+    def at(self, fields: ComplexArray, dofs: IndexArray) -> ComplexArray:
         """Return the motion at some DOFs from fields."""
 
     def condense(
         self,
-        coefficients: NDArray[np.complex128],
-        retained: NDArray[np.intp],
-        freq: NDArray[np.float64],
-    ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+        coefficients: ComplexArray,
+        retained: IndexArray,
+        freq: RealArray,
+    ) -> tuple[ComplexArray, ComplexArray]:
         """Return Z_red and T, see `LineSolver.condense`."""
 
-    def other_dofs(self, excluded: NDArray[np.intp]) -> NDArray[np.intp]:
+    def other_dofs(self, excluded: IndexArray) -> IndexArray:
         """Return readable DOFs except `excluded`."""
 
     def coupled_dofs(self, dof: int) -> NDArray[np.integer[Any]]:
@@ -170,7 +171,7 @@ class LineSolver:
         out._kept.update(self._kept)
         return out
 
-    def other_dofs(self, excluded: NDArray[np.intp]) -> NDArray[np.intp]:
+    def other_dofs(self, excluded: IndexArray) -> IndexArray:
         """Return the DOFs except `excluded`."""
         return np.setdiff1d(np.arange(self.system.n), excluded)
 
@@ -187,7 +188,7 @@ class LineSolver:
             per_line = 16 * (n * n + 2 * n * n_columns)
         return max(1, int(LINE_SOLVER.block_bytes // max(per_line, 1)))
 
-    def pencil(self, state: State, lines: NDArray[np.float64]) -> Pencil | None:
+    def pencil(self, state: State, lines: RealArray) -> Pencil | None:
         """Return a solver for all `lines` (Hz) of a state, or None if it does not save time."""
         if self.tier != "dense":
             return None
@@ -196,11 +197,11 @@ class LineSolver:
 
     def solve(
         self,
-        coefficients: NDArray[np.complex128],
-        columns: NDArray[np.intp],
-        freq: NDArray[np.float64],
+        coefficients: ComplexArray,
+        columns: IndexArray,
+        freq: RealArray,
         pencil: Pencil | None = None,
-    ) -> NDArray[np.complex128]:
+    ) -> ComplexArray:
         """Return X of Z X = E, (N, n_lines, r) in m/N; E are columns of the identity.
 
         A `pencil` must be that of the same state. Raises SolverError, with the line, if Z is
@@ -210,7 +211,7 @@ class LineSolver:
         B = make_unit_loads(n, columns)
         if self.tier == "dense":
 
-            def exact(lines: NDArray[np.intp]) -> NDArray[np.complex128]:
+            def exact(lines: IndexArray) -> ComplexArray:
                 c = coefficients[:, lines]
                 Z = self._dense(self.system.values(c))
                 loads = np.broadcast_to(B, (len(lines), n, r))
@@ -220,7 +221,7 @@ class LineSolver:
             return solve_lines(pencil, freq, self.system.decay, B.real, exact)
         solver, Z = self._whole()
 
-        def line(i: int) -> NDArray[np.complex128]:
+        def line(i: int) -> ComplexArray:
             self.system.write(coefficients[:, i], Z.data)
             return solver.solve(Z, B, float(freq[i]))
 
@@ -233,11 +234,11 @@ class LineSolver:
 
     def solve_twice(
         self,
-        coefficients: NDArray[np.complex128],
-        columns: NDArray[np.intp],
-        freq: NDArray[np.float64],
-        forces: Callable[[NDArray[np.complex128], slice], NDArray[np.complex128]],
-    ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+        coefficients: ComplexArray,
+        columns: IndexArray,
+        freq: RealArray,
+        forces: Callable[[ComplexArray, slice], ComplexArray],
+    ) -> tuple[ComplexArray, ComplexArray]:
         """Solve Z X = E as `solve`, and then Z Y = F(X); sparse, by one factorisation of each line.
 
         `forces` gets X at n lines, (N, n, r), and the slice of these lines; it returns F, (N, n,
@@ -260,10 +261,10 @@ class LineSolver:
 
     def solve_forces(
         self,
-        coefficients: NDArray[np.complex128],
-        forces: NDArray[np.complex128],
-        freq: NDArray[np.float64],
-    ) -> NDArray[np.complex128]:
+        coefficients: ComplexArray,
+        forces: ComplexArray,
+        freq: RealArray,
+    ) -> ComplexArray:
         """Return X of Z X = F, shape (N, n_lines, r), for forces on all DOFs; errors as `solve`."""
         if self.tier == "dense":
             Z = self._dense(self.system.values(coefficients))
@@ -277,16 +278,16 @@ class LineSolver:
             out[i] = solver.solve(Z, np.asfortranarray(forces[:, i]), float(freq[i])).T
         return out.transpose(2, 0, 1)
 
-    def at(self, fields: NDArray[np.complex128], dofs: NDArray[np.intp]) -> NDArray[np.complex128]:
+    def at(self, fields: ComplexArray, dofs: IndexArray) -> ComplexArray:
         """Return the motion at some DOFs, shape (len(dofs), n_lines, r), from fields of `solve`."""
         return fields[dofs]
 
     def condense(
         self,
-        coefficients: NDArray[np.complex128],
-        retained: NDArray[np.intp],
-        freq: NDArray[np.float64],
-    ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+        coefficients: ComplexArray,
+        retained: IndexArray,
+        freq: RealArray,
+    ) -> tuple[ComplexArray, ComplexArray]:
         """Condense Z exactly onto the retained DOFs (Bao, Wang & Cheng 2010, eqs. 8, 9).
 
         Returns Z_nn - Z_ns Z_ss^-1 Z_sn, (n_lines, n, n), and T = [I; -Z_ss^-1 Z_sn], (N, n_lines,
@@ -330,14 +331,14 @@ class LineSolver:
             )
         return cast("tuple[SparseSolver, Any]", self._kept[b""])
 
-    def _partition(self, retained: NDArray[np.intp]) -> tuple[Partition, SparseSolver]:
+    def _partition(self, retained: IndexArray) -> tuple[Partition, SparseSolver]:
         """Return the blocks for some retained DOFs and the solver for Z_ss; both are kept."""
         key = retained.tobytes()
         if key not in self._kept:
             self._kept[key] = Partition.find(self.system, retained), SparseSolver(self.backend)
         return cast("tuple[Partition, SparseSolver]", self._kept[key])
 
-    def _sizes(self, coefficients: NDArray[np.complex128]) -> NDArray[np.float64]:
+    def _sizes(self, coefficients: ComplexArray) -> RealArray:
         """Return diagonal magnitudes of Z without cancellation of terms, shape (n_lines, N)."""
         key = b"diagonals"
         if key not in self._kept:
@@ -348,9 +349,7 @@ class LineSolver:
         (diagonals,) = self._kept[key]
         return np.asarray(np.abs(coefficients).T @ diagonals)
 
-    def _matrices(
-        self, weights: StateWeights
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    def _matrices(self, weights: StateWeights) -> tuple[RealArray, RealArray, RealArray]:
         """Return K, D and M of a state, shape (N, N) each."""
         n, places = self.system.n, self.system.rows_of_entries() * self.system.n
         places += self.system.indices
@@ -360,7 +359,7 @@ class LineSolver:
         M[places] = self.system.real_values(weights.mass)
         return K.reshape(n, n), D.reshape(n, n), M.reshape(n, n)
 
-    def _dense(self, values: NDArray[Any]) -> NDArray[Any]:
+    def _dense(self, values: NumberArray) -> NumberArray:
         n = self.system.n
         if len(values) == n * n:
             return values.T.reshape(-1, n, n)
@@ -369,7 +368,7 @@ class LineSolver:
         return Z.reshape(-1, n, n)
 
 
-def make_unit_loads(n: int, columns: NDArray[np.intp]) -> NDArray[np.complex128]:
+def make_unit_loads(n: int, columns: IndexArray) -> ComplexArray:
     """Return unit forces on some of n DOFs as columns in Fortran order."""
     B = np.zeros((n, len(columns)), dtype=np.complex128, order="F")
     B[columns, np.arange(len(columns))] = 1.0
@@ -384,11 +383,11 @@ def split_into_blocks(n_lines: int, size: int) -> Iterator[slice]:
 
 def solve_lines(
     pencil: Pencil | None,
-    freq: NDArray[np.float64],
+    freq: RealArray,
     decay: float,
-    B: NDArray[np.float64],
-    exact: Callable[[NDArray[np.intp]], NDArray[np.complex128]],
-) -> NDArray[np.complex128]:
+    B: RealArray,
+    exact: Callable[[IndexArray], ComplexArray],
+) -> ComplexArray:
     """Return solutions, (n, n_lines, r), by the pencil of the state; other lines one by one.
 
     `B`, (n, r), is the same at every line. `exact` solves the lines at some positions of the block.
@@ -405,13 +404,13 @@ def solve_lines(
 
 @use_one_thread
 def solve_dense(
-    Z: NDArray[Any],
-    B: NDArray[Any],
-    freq: NDArray[np.float64],
+    Z: NumberArray,
+    B: NumberArray,
+    freq: RealArray,
     held: str = "",
     *,
-    size: NDArray[np.float64] | None = None,
-) -> NDArray[np.complex128]:
+    size: RealArray | None = None,
+) -> ComplexArray:
     """Return X of Z X = B for dense Z, (n_lines, n, n); SolverError if one is singular.
 
     `size`, (n_lines, n), are diagonal magnitudes without cancellation of terms (by default those of
@@ -436,7 +435,7 @@ def solve_dense(
     return answer
 
 
-def _solve_batch(Z: NDArray[Any], B: NDArray[np.complex128]) -> NDArray[np.complex128]:
+def _solve_batch(Z: NumberArray, B: ComplexArray) -> ComplexArray:
     """Return the solution of Z X = B, in real arithmetic without damping."""
     if np.iscomplexobj(Z) and Z.imag.any():
         return np.asarray(np.linalg.solve(Z, B), dtype=np.complex128)
@@ -445,7 +444,7 @@ def _solve_batch(Z: NDArray[Any], B: NDArray[np.complex128]) -> NDArray[np.compl
     return np.ascontiguousarray(X).view(np.complex128)
 
 
-def _solve_or_infinite(Z: NDArray[Any], B: NDArray[np.complex128]) -> NDArray[np.complex128]:
+def _solve_or_infinite(Z: NumberArray, B: ComplexArray) -> ComplexArray:
     """Return the solution of Z X = B at one line, or infinite values if Z has no inverse."""
     try:
         return _solve_batch(Z, B)
@@ -462,15 +461,15 @@ class Partition:
     checked once.
     """
 
-    retained: NDArray[np.intp]
-    eliminated: NDArray[np.intp]
+    retained: IndexArray
+    eliminated: IndexArray
     nn: Any
     sn: Any
     ss: Any
-    ss_places: NDArray[Any]
+    ss_places: NumberArray
 
     @classmethod
-    def find(cls, system: AffineSystem, retained: NDArray[np.intp]) -> Partition:
+    def find(cls, system: AffineSystem, retained: IndexArray) -> Partition:
         """Find the blocks for some retained DOFs, in the desired order."""
         n = system.n
         keep = np.zeros(n, dtype=np.bool_)
@@ -489,15 +488,13 @@ class Partition:
             ss.data,
         )
 
-    def blocks(
-        self, values: NDArray[np.complex128]
-    ) -> tuple[NDArray[np.complex128], NDArray[np.complex128], Any]:
+    def blocks(self, values: ComplexArray) -> tuple[ComplexArray, ComplexArray, Any]:
         """Return Z_nn and Z_sn dense, and Z_ss sparse (CSC), from the values of Z, shape (nnz,)."""
         np.take(values, self.ss_places, out=self.ss.data, mode="clip")
         return _dense_block(self.nn, values), _dense_block(self.sn, values), self.ss
 
 
-def make_empty_matrix(indptr: NDArray[Any], indices: NDArray[Any]) -> Any:
+def make_empty_matrix(indptr: NumberArray, indices: NumberArray) -> Any:
     """Return a complex CSC array of zeros of a symmetric CSR pattern (its CSC arrays are equal)."""
     n = len(indptr) - 1
     return sp.csc_array(
@@ -505,7 +502,7 @@ def make_empty_matrix(indptr: NDArray[Any], indices: NDArray[Any]) -> Any:
     )
 
 
-def _dense_block(places: Any, values: NDArray[np.complex128]) -> NDArray[np.complex128]:
+def _dense_block(places: Any, values: ComplexArray) -> ComplexArray:
     block = sp.csr_array((values[places.data], places.indices, places.indptr), shape=places.shape)
     return np.asarray(block.toarray())
 

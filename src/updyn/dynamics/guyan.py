@@ -6,9 +6,9 @@ from collections.abc import Iterable
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 from scipy.sparse.linalg import splu
 
+from updyn.arrays import RealArray
 from updyn.dofs import Dof, DofSet
 from updyn.dynamics.settings import STATIC_CONDENSATION
 from updyn.errors import SolverError
@@ -22,7 +22,7 @@ _LOOSE = (
 )
 
 
-def reduced_mass(model: Model, dofs: Iterable[str | Dof]) -> NDArray[np.float64]:
+def reduced_mass(model: Model, dofs: Iterable[str | Dof]) -> RealArray:
     """Return T^T M T, T = [I; -K_ss^-1 K_sn], in kg (kg m2) (Guyan, AIAA J. 3 (1965) 380).
 
     A sign reverses a DOF. The mass is accurate for modes that resemble the deformation under static
@@ -42,7 +42,7 @@ def reduced_mass(model: Model, dofs: Iterable[str | Dof]) -> NDArray[np.float64]
     return np.asarray(T.T @ (model.mass @ T))
 
 
-def _solve_static(K: sp.csc_array, loads: NDArray[np.float64]) -> NDArray[np.float64]:
+def _solve_static(K: sp.csc_array, loads: RealArray) -> RealArray:
     diagonal = K.diagonal()
     if not (diagonal > 0).all():
         raise SolverError(_LOOSE)

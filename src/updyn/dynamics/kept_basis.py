@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
+from updyn.arrays import RealArray
 from updyn.dynamics.affine import State
 from updyn.dynamics.basis import Basis
 from updyn.dynamics.reduction import Reduction
@@ -48,7 +46,7 @@ def begin_reduction(
     model: Model,
     kept: KeptBasis | None,
     state: State,
-    freq: NDArray[np.float64],
+    freq: RealArray,
 ) -> None:
     """Begin a reduction with the kept basis if it serves, or else with a new one.
 

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import ComplexArray, IndexArray, RealArray
 from updyn.dofs import DofSet
 from updyn.dynamics.affine import State
 from updyn.dynamics.basis import Basis
 from updyn.dynamics.reduced_solver import ReducedSolver
 
 __all__ = ["ChannelDofs", "LineResiduals"]
-
-_Real = NDArray[np.float64]
-_Complex = NDArray[np.complex128]
 
 
 class ChannelDofs:
@@ -25,7 +22,7 @@ class ChannelDofs:
 
     __slots__ = ("_turning", "forced", "loaded", "read")
 
-    def __init__(self, rows: NDArray[np.intp], columns: NDArray[np.intp], dofs: DofSet) -> None:
+    def __init__(self, rows: IndexArray, columns: IndexArray, dofs: DofSet) -> None:
         self.loaded = np.union1d(rows, columns)
         self.read, self.forced = (
             np.searchsorted(self.loaded, rows),
@@ -33,7 +30,7 @@ class ChannelDofs:
         )
         self._turning = np.array([dofs[int(d)].direction.startswith("R") for d in self.loaded])
 
-    def levels(self, H: _Complex) -> _Real:
+    def levels(self, H: ComplexArray) -> RealArray:
         """Return the largest |H| of each line among entries of the same unit, in the shape of H."""
         size, turning = np.abs(H), self._turning
         measured = np.isin(np.arange(len(turning)), self.read)
@@ -61,7 +58,12 @@ class LineResiduals:
     __slots__ = ("H", "_basis", "_c", "_channels", "_q")
 
     def __init__(
-        self, solver: ReducedSolver, basis: Basis, channels: ChannelDofs, state: State, freq: _Real
+        self,
+        solver: ReducedSolver,
+        basis: Basis,
+        channels: ChannelDofs,
+        state: State,
+        freq: RealArray,
     ) -> None:
         self._basis, self._channels = basis, channels
         self._c = solver.system.coefficients(state, 2.0 * np.pi * freq)
@@ -69,7 +71,7 @@ class LineResiduals:
         #: Receptance of all loaded DOFs for the references, shape (n_lines, k, n_j).
         self.H = solver.at(self._q, channels.loaded)[:, :, channels.forced].transpose(1, 0, 2)
 
-    def residual(self) -> _Real:
+    def residual(self) -> RealArray:
         """Return e - Z V q for a unit force at each reference."""
         forced = self._channels.forced
         q = self._q[:, :, forced]
@@ -79,7 +81,7 @@ class LineResiduals:
         real[self._channels.loaded[forced], :, np.arange(len(forced))] += 1.0
         return R
 
-    def errors(self, Y: _Real) -> _Complex:
+    def errors(self, Y: RealArray) -> ComplexArray:
         """Return e_i^T y_j - q_i^T V^T Z y_j for all loaded DOFs i, shape (n_lines, k, n_j)."""
         direct = self._by_line(Y[self._channels.loaded])
         pulled = self._by_line(self._basis.project(self._times(Y)))
@@ -88,7 +90,7 @@ class LineResiduals:
             direct.transpose(1, 0, 2) - self._q.transpose(1, 2, 0) @ pulled.transpose(1, 0, 2)
         )
 
-    def magnitudes(self) -> _Real:
+    def magnitudes(self) -> RealArray:
         """Return |u_i|^T |Z| |u_j| for all loaded DOFs i and references j, shape (n_lines, k, n_j).
 
         |Z| is the sum of the magnitudes of its terms. Times the unit roundoff, this bounds the
@@ -105,13 +107,13 @@ class LineResiduals:
                 sum_of += abs(c) * (fields[index].T @ (abs(term.local) @ forced[index]))
         return out
 
-    def _by_line(self, U: _Real) -> _Real:
+    def _by_line(self, U: RealArray) -> RealArray:
         """Return fields as (N, n_lines, 2, n_j), without a copy."""
         n_lines = self._c.shape[1]
         # A group without entries has no rows, so reshape cannot infer the number of columns.
         return U.reshape(len(U), n_lines, 2, U.shape[1] // (2 * n_lines))
 
-    def _times(self, U: _Real) -> _Real:
+    def _times(self, U: RealArray) -> RealArray:
         """Return Z U by groups, without assembling Z."""
         out = np.zeros_like(U)
         parts = self._by_line(out)

@@ -9,11 +9,11 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from updyn.arrays import NumberArray, RealArray
 from updyn.dofs import Dof, DofSet, positions
 from updyn.dynamics import eigen
 from updyn.dynamics.settings import EIGEN
@@ -47,9 +47,9 @@ class Modes:
         The N DOFs of the rows.
     """
 
-    frequency: NDArray[np.float64]
-    loss_factor: NDArray[np.float64]
-    shapes: NDArray[Any]
+    frequency: RealArray
+    loss_factor: RealArray
+    shapes: NumberArray
     dofs: DofSet
 
     def __len__(self) -> int:
@@ -61,7 +61,7 @@ class Modes:
             shown.append("...")
         return f"Modes({len(self)} modes: {', '.join(shown)} Hz)"
 
-    def at(self, dofs: Iterable[str | Dof]) -> NDArray[Any]:
+    def at(self, dofs: Iterable[str | Dof]) -> NumberArray:
         """Return the shapes at signed DOFs, shape (k, n); DofError if one is not in the model."""
         match = self.dofs.match(DofSet(dofs))
         return np.asarray(self.shapes[match.index] * match.sign[:, None])
@@ -166,9 +166,7 @@ def _real(model: Model, K: Matrix, M: Matrix, n: int) -> Modes:
     return _pack(omega[order], loss[order], shapes[:, order], model.dofs)
 
 
-def _structural_energy(
-    model: Model, shapes: NDArray[np.float64], freq: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _structural_energy(model: Model, shapes: RealArray, freq: RealArray) -> RealArray:
     """Return phi^T D phi of each mode at its frequency; it is 0 for a rigid-body mode."""
     lost = np.zeros(shapes.shape[1])
     for name, group in model.groups.items():
@@ -236,9 +234,7 @@ def _complex(model: Model, K: Matrix, M: Matrix, n: int, real: Modes) -> Modes:
     return _pack(omega, loss, np.hstack([real.shapes[:, rigid], shapes]), model.dofs)
 
 
-def _pack(
-    omega: NDArray[np.float64], loss: NDArray[np.float64], shapes: NDArray[Any], dofs: DofSet
-) -> Modes:
+def _pack(omega: RealArray, loss: RealArray, shapes: NumberArray, dofs: DofSet) -> Modes:
     largest = shapes[np.argmax(np.abs(shapes), axis=0), np.arange(shapes.shape[1])]
     shapes = shapes * np.where(largest.real < 0, -1.0, 1.0)
     frequency = omega / _TWO_PI

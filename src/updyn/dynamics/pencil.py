@@ -26,6 +26,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 from scipy.linalg import lapack
 
+from updyn.arrays import BoolArray, ComplexArray, RealArray
 from updyn.dynamics.affine import AffineSystem, State
 from updyn.dynamics.settings import PENCIL
 from updyn.linalg.settings import SPARSE_SOLVER
@@ -33,9 +34,6 @@ from updyn.linalg.solver import probe_load, unit_scale
 from updyn.linalg.threads import use_one_thread
 
 __all__ = ["Pencil", "PencilCache", "StateWeights", "saves_time"]
-
-_Real = NDArray[np.float64]
-_Complex = NDArray[np.complex128]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,9 +43,9 @@ class StateWeights:
     `loss` is the common loss factor of all stiffness, or None if there are several.
     """
 
-    stiffness: _Real
-    damping: _Real
-    mass: _Real
+    stiffness: RealArray
+    damping: RealArray
+    mass: RealArray
     loss: float | None
 
     @classmethod
@@ -101,7 +99,7 @@ class Pencil:
     @classmethod
     @use_one_thread
     def decompose(
-        cls, K: _Real, D: _Real, M: _Real, omega: float, loss: float | None = None
+        cls, K: RealArray, D: RealArray, M: RealArray, omega: float, loss: float | None = None
     ) -> Pencil | None:
         """Return the pencil of a state, or None if its eigenvectors are not independent.
 
@@ -135,7 +133,7 @@ class Pencil:
         return cls(F @ X, W, 1.0 - sigma * theta, theta, check)
 
     @use_one_thread
-    def solve(self, squares: _Complex, B: _Real) -> tuple[_Complex, NDArray[np.bool_]]:
+    def solve(self, squares: ComplexArray, B: RealArray) -> tuple[ComplexArray, BoolArray]:
         """Return X of Z X = B, shape (n, n_lines, r), and a mask of lines accurate to rounding.
 
         `squares` are s^2 in 1/s^2; the loads `B`, (n, r), are the same at every line.
@@ -159,26 +157,26 @@ class _Check:
     `norms` are their maximum norms.
     """
 
-    scale: _Real
-    parts: tuple[_Real, ...]
+    scale: RealArray
+    parts: tuple[RealArray, ...]
     norms: tuple[float, ...]
 
     @classmethod
-    def of(cls, K: _Real, M: _Real, D: _Real, scale: _Real) -> _Check:
+    def of(cls, K: RealArray, M: RealArray, D: RealArray, scale: RealArray) -> _Check:
         """Return the check of K + i D + s^2 M."""
         matrices = (K, M, D) if D.any() else (K, M)
         parts = tuple(A / scale / scale[:, None] for A in matrices)
         norms = tuple(float(np.abs(A).sum(axis=1).max()) for A in parts)
         return cls(scale, parts, norms)
 
-    def load(self, B: _Real) -> _Complex:
+    def load(self, B: RealArray) -> ComplexArray:
         """Return a load that excites every mode plus a combination of all columns of B, (n,)."""
         sizes = (np.abs(B) / self.scale[:, None]).max(axis=0, initial=0.0)
         phase = np.exp(2j * np.pi * np.random.default_rng(1).random(len(sizes)))
         weight = phase / np.maximum(sizes, np.finfo(np.float64).tiny)
         return np.asarray(probe_load(self.scale)[:, 0] + B @ weight, dtype=np.complex128)
 
-    def residual(self, squares: _Complex, X: _Complex, B: _Real) -> _Complex:
+    def residual(self, squares: ComplexArray, X: ComplexArray, B: RealArray) -> ComplexArray:
         """Return B - Z X, shape (n, n_lines, r), for displacements X and loads B."""
         scaled = self.scale[:, None, None] * X
         R = np.repeat((B / self.scale[:, None])[:, None, :].astype(np.complex128), len(squares), 1)
@@ -186,12 +184,12 @@ class _Check:
             R -= weight[:, None] * _times(A, scaled)
         return np.asarray(self.scale[:, None, None] * R)
 
-    def _terms(self, squares: _Complex) -> Iterator[tuple[_Real, _Complex]]:
+    def _terms(self, squares: ComplexArray) -> Iterator[tuple[RealArray, ComplexArray]]:
         """Yield the matrices with their weights at each line."""
         ones = np.ones(len(squares), dtype=np.complex128)
         yield from zip(self.parts, (ones, squares, 1j * ones), strict=False)
 
-    def accepts(self, squares: _Complex, y: _Complex, load: _Complex) -> NDArray[np.bool_]:
+    def accepts(self, squares: ComplexArray, y: ComplexArray, load: ComplexArray) -> BoolArray:
         """Return for each line whether y, shape (n, n_lines), solves the load with small growth."""
         b, y = load / self.scale, self.scale[:, None] * y
         residual, size = np.repeat(b[:, None], len(squares), axis=1), np.zeros(len(squares))
@@ -223,8 +221,8 @@ class PencilCache:
         self,
         system: AffineSystem,
         state: State,
-        lines: _Real,
-        matrices: Callable[[StateWeights], tuple[_Real, _Real, _Real]],
+        lines: RealArray,
+        matrices: Callable[[StateWeights], tuple[RealArray, RealArray, RealArray]],
     ) -> Pencil | None:
         """Return the pencil of a state, or None if separate solutions for each line are faster.
 
@@ -251,26 +249,26 @@ def _round_up_frequency(freq: float) -> float:
     return math.ldexp(step, exponent) if freq else 0.0
 
 
-def _modes(A: _Real) -> tuple[_Real, _Real]:
+def _modes(A: RealArray) -> tuple[RealArray, RealArray]:
     """Return eigenvalues and orthonormal eigenvectors of a symmetric A."""
     values, vectors = np.linalg.eigh(A)
     return np.asarray(values, dtype=np.float64), np.asarray(vectors, dtype=np.float64)
 
 
-def _transform_symmetric(L: _Real, A: _Real) -> _Real:
+def _transform_symmetric(L: RealArray, A: RealArray) -> RealArray:
     """Return L^-1 A L^-T of a symmetric A, symmetric to the last bit."""
     half = _solve_lower(L, _solve_lower(L, A).T)
     return np.asarray(0.5 * (half + half.T))
 
 
-def _solve_lower(L: _Real, B: _Real, *, trans: str = "N") -> _Real:
+def _solve_lower(L: RealArray, B: RealArray, *, trans: str = "N") -> RealArray:
     """Return L^-1 B, or L^-T B for ``trans="T"``."""
     return np.asarray(
         scipy.linalg.solve_triangular(L, B, lower=True, trans=trans, check_finite=False)
     )
 
 
-def _times(A: NDArray[np.inexact], X: _Complex) -> _Complex:
+def _times(A: NDArray[np.inexact], X: ComplexArray) -> ComplexArray:
     """Return A X for complex X, shape (n, ...), in real arithmetic if A is real."""
     flat = X.reshape(len(X), -1)
     if np.iscomplexobj(A):

@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from updyn.arrays import ComplexArray, IndexArray, NumberArray, RealArray
 from updyn.dynamics.affine import AffineSystem, State, Term
 from updyn.dynamics.basis import Basis
 from updyn.dynamics.fields import solve_dense, solve_lines
@@ -19,8 +20,6 @@ from updyn.linalg.threads import use_one_thread
 
 __all__ = ["NOT_CONDENSED", "ReducedSolver"]
 
-_Real = NDArray[np.float64]
-_Complex = NDArray[np.complex128]
 
 #: Message on the condensed equation error with a reduced model.
 NOT_CONDENSED = (
@@ -52,9 +51,9 @@ class ReducedSolver:
     """
 
     system: AffineSystem
-    observed: NDArray[np.intp]
-    rows: NDArray[np.float64]
-    stack: NDArray[np.float64]
+    observed: IndexArray
+    rows: RealArray
+    stack: RealArray
     coupling: Mapping[int, NDArray[np.integer[Any]]]
     backend: str
     label: str = "reduced"
@@ -74,7 +73,7 @@ class ReducedSolver:
         cls,
         system: AffineSystem,
         basis: Basis,
-        observed: NDArray[np.intp],
+        observed: IndexArray,
         backend: str,
         label: str = "reduced",
     ) -> ReducedSolver:
@@ -111,11 +110,11 @@ class ReducedSolver:
         lines = REDUCTION.block_bytes // (48 * r * r + 32 * r * n_columns)
         return int(np.clip(lines, 1, REDUCTION.block_lines))
 
-    def pencil(self, state: State, lines: _Real) -> Pencil | None:
+    def pencil(self, state: State, lines: RealArray) -> Pencil | None:
         """Return a solver for all `lines` (Hz) of a state, or None if it does not save time."""
         return self._pencils.find(self.system, state, lines, self._matrices)
 
-    def _matrices(self, weights: StateWeights) -> tuple[_Real, _Real, _Real]:
+    def _matrices(self, weights: StateWeights) -> tuple[RealArray, RealArray, RealArray]:
         """Return K, D and M of a state, shape (r, r) each."""
         parts = np.stack([weights.stiffness, weights.damping, weights.mass]) @ self.stack
         K, D, M = parts.reshape(3, self.system.n, self.system.n)
@@ -124,11 +123,11 @@ class ReducedSolver:
     @use_one_thread
     def solve(
         self,
-        coefficients: NDArray[np.complex128],
-        columns: NDArray[np.intp],
-        freq: NDArray[np.float64],
+        coefficients: ComplexArray,
+        columns: IndexArray,
+        freq: RealArray,
         pencil: Pencil | None = None,
-    ) -> NDArray[np.complex128]:
+    ) -> ComplexArray:
         """Return the coordinates q of V^T Z V q = V^T E, (r, n_lines, k); `at` returns the motion.
 
         E are the columns `columns` of the identity. A `pencil` must be that of the same state.
@@ -136,7 +135,7 @@ class ReducedSolver:
         """
         loads = self._rows_of(columns).T
 
-        def exact(lines: NDArray[np.intp]) -> _Complex:
+        def exact(lines: IndexArray) -> ComplexArray:
             forces = np.broadcast_to(loads[:, None], (len(loads), len(lines), len(columns)))
             return self._solve_forces(coefficients[:, lines], forces, freq[lines])
 
@@ -144,16 +143,18 @@ class ReducedSolver:
 
     def solve_twice(
         self,
-        coefficients: NDArray[np.complex128],
-        columns: NDArray[np.intp],
-        freq: NDArray[np.float64],
-        forces: Callable[[_Complex, slice], _Complex],
-    ) -> tuple[_Complex, _Complex]:
+        coefficients: ComplexArray,
+        columns: IndexArray,
+        freq: RealArray,
+        forces: Callable[[ComplexArray, slice], ComplexArray],
+    ) -> tuple[ComplexArray, ComplexArray]:
         """Solve for unit forces, then for forces of the coordinates (`LineSolver.solve_twice`)."""
         q = self.solve(coefficients, columns, freq)
         return q, self._solve_forces(coefficients, forces(q, slice(len(freq))), freq)
 
-    def _solve_forces(self, coefficients: _Complex, forces: NDArray[Any], freq: _Real) -> _Complex:
+    def _solve_forces(
+        self, coefficients: ComplexArray, forces: NumberArray, freq: RealArray
+    ) -> ComplexArray:
         """Return coordinates for forces V^T F, both (r, n_lines, k)."""
         r, c = self.system.n, coefficients.T
         Z = np.empty((len(freq), r, r), dtype=np.complex128)
@@ -161,7 +162,7 @@ class ReducedSolver:
         Z.imag = (c.imag @ self.stack).reshape(-1, r, r)
         return solve_dense(Z, forces.transpose(1, 0, 2), freq).transpose(1, 0, 2)
 
-    def at(self, fields: NDArray[np.complex128], dofs: NDArray[np.intp]) -> NDArray[np.complex128]:
+    def at(self, fields: ComplexArray, dofs: IndexArray) -> ComplexArray:
         """Return the response at some DOFs, shape (len(dofs), n_lines, k), from `solve`."""
         r, n_lines, k = fields.shape
         flat = np.ascontiguousarray(fields).reshape(r, -1).view(np.float64)
@@ -170,14 +171,14 @@ class ReducedSolver:
 
     def condense(
         self,
-        coefficients: NDArray[np.complex128],
-        retained: NDArray[np.intp],
-        freq: NDArray[np.float64],
-    ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+        coefficients: ComplexArray,
+        retained: IndexArray,
+        freq: RealArray,
+    ) -> tuple[ComplexArray, ComplexArray]:
         """Raise OptionError: the inverse of H multiplies its error by its condition number."""
         raise OptionError(NOT_CONDENSED)
 
-    def other_dofs(self, excluded: NDArray[np.intp]) -> NDArray[np.intp]:
+    def other_dofs(self, excluded: IndexArray) -> IndexArray:
         """Return readable DOFs except `excluded`."""
         return np.setdiff1d(self.observed, excluded)
 
@@ -185,7 +186,7 @@ class ReducedSolver:
         """Return the DOFs coupled with a DOF in the full model, itself included."""
         return self.coupling[dof]
 
-    def _rows_of(self, dofs: NDArray[np.intp]) -> NDArray[np.float64]:
+    def _rows_of(self, dofs: IndexArray) -> RealArray:
         place = np.searchsorted(self.observed, dofs)
         if (place >= len(self.observed)).any() or (self.observed[place] != dofs).any():
             raise KeyError("the reduced model was built without this DOF")

@@ -29,8 +29,8 @@ from typing import TypeAlias
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
+from updyn.arrays import ComplexArray, IndexArray, RealArray
 from updyn.dynamics.affine import AffineSystem, State
 from updyn.dynamics.basis import Basis
 from updyn.dynamics.certificate import Certificate, ErrorEstimate
@@ -45,10 +45,8 @@ from updyn.linalg.threads import use_one_thread
 
 __all__ = ["Reduction", "VectorsPerState"]
 
-_Real = NDArray[np.float64]
-_Complex = NDArray[np.complex128]
 #: Coefficients of the terms, lines in Hz, and receptances of shape (n_rows, n_lines, n_columns).
-_Response: TypeAlias = "tuple[_Complex, _Real, _Complex]"
+_Response: TypeAlias = "tuple[ComplexArray, RealArray, ComplexArray]"
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,12 +91,12 @@ class Reduction:
     """
 
     system: AffineSystem
-    rows: NDArray[np.intp]
-    columns: NDArray[np.intp]
+    rows: IndexArray
+    columns: IndexArray
     band: tuple[float, float]
     backend: str
     accuracy: float = REDUCTION.accuracy
-    extra: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
+    extra: IndexArray = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
     poll: Callable[[], object] = lambda: None
     basis: Basis = field(init=False)
     shifted: Shifted = field(init=False)
@@ -166,7 +164,7 @@ class Reduction:
                 self._expand(state, shift, loads, 1)
 
     @property
-    def _loaded_dofs(self) -> NDArray[np.intp]:
+    def _loaded_dofs(self) -> IndexArray:
         return self._channels.loaded
 
     @property
@@ -180,7 +178,7 @@ class Reduction:
         diagonal = self.shifted.matrix(state, -self.shifted.top).diagonal()
         self.basis = Basis(self.system, np.sqrt(np.maximum(diagonal, 1e-16 * diagonal.max())))
 
-    def _combined_loads(self, rng: np.random.Generator, combinations: int) -> _Real:
+    def _combined_loads(self, rng: np.random.Generator, combinations: int) -> RealArray:
         """Return unit loads at the references and at random combinations of the sensors."""
         groups = (self.columns, REDUCTION.most_references), (self.rows, combinations)
         loads = []
@@ -195,7 +193,7 @@ class Reduction:
         return np.asfortranarray(np.hstack(loads))
 
     def _expand(
-        self, state: State, shift: float, loads: _Real, depth: int, *, lossy: bool = True
+        self, state: State, shift: float, loads: RealArray, depth: int, *, lossy: bool = True
     ) -> tuple[float, int | None]:
         """Add the basis vectors of a shift; return it and the number of modes below, if known."""
         shift, factorised, X = self.shifted.solve(state, shift, loads)
@@ -231,11 +229,11 @@ class Reduction:
         return None
 
     # -- matrices ------------------------------------------------------------------------------
-    def _damping_weights(self, state: State) -> _Real:
+    def _damping_weights(self, state: State) -> RealArray:
         """Return the weight of each term in D + omega C at the top of the band."""
         return self.system.coefficients(state, np.array([2.0 * np.pi * self.band[1]]))[:, 0].imag
 
-    def _mass_weights(self, state: State) -> _Real:
+    def _mass_weights(self, state: State) -> RealArray:
         """Return the weight of each term in M."""
         return np.array([t.quantity == "mass" for t in self.system.terms]) * state.factor
 
@@ -249,7 +247,7 @@ class Reduction:
         return ReducedSolver.project(self.system, basis, observed, self.backend, label)
 
     @use_one_thread
-    def compress(self, state: State, freq: _Real) -> None:
+    def compress(self, state: State, freq: RealArray) -> None:
         """Reduce the basis to that of the fields at a state, by proper orthogonal decomposition.
 
         The dropped directions change the receptance by far less than the permitted error.
@@ -265,7 +263,7 @@ class Reduction:
         self._truncate(state, gram, 0.01 * self.accuracy)
 
     @use_one_thread
-    def compress_around(self, states: Sequence[State], freq: _Real, share: float) -> _Real:
+    def compress_around(self, states: Sequence[State], freq: RealArray, share: float) -> RealArray:
         """Reduce the basis to fields at many states; return rms changes, shape (n_rows, n_columns).
 
         `share` is the root of the share of the energy that may be dropped, on the scale of the
@@ -298,7 +296,7 @@ class Reduction:
         self._truncate(states[0], gram, share**2 * total)
         return self._measure_changes(before)
 
-    def _measure_changes(self, before: Sequence[_Response]) -> _Real:
+    def _measure_changes(self, before: Sequence[_Response]) -> RealArray:
         """Return rms changes of receptances over the largest of the line, (n_rows, n_columns)."""
         solver = self.solver()
         found = [np.zeros((len(self.rows), 0, len(self.columns)))]
@@ -309,7 +307,7 @@ class Reduction:
         shares = np.concatenate(found, axis=1)
         return np.asarray(np.sqrt((shares**2).sum(axis=1) / max(shares.shape[1], 1)))
 
-    def _truncate(self, state: State, gram: _Real, allowed: float) -> None:
+    def _truncate(self, state: State, gram: RealArray, allowed: float) -> None:
         """Drop the directions of least energy in P up to a total, for fields with a Gram matrix."""
         C = np.linalg.cholesky(
             self.basis.weighted_sum(self.shifted.weights(state, -self.shifted.top))
@@ -323,7 +321,7 @@ class Reduction:
     # -- certification -------------------------------------------------------------------------
     @use_one_thread
     def certify(
-        self, state: State, freq: _Real, *, enrich: bool = True, count: int | None = None
+        self, state: State, freq: RealArray, *, enrich: bool = True, count: int | None = None
     ) -> Certificate:
         """Return the error at a state, and enrich the basis until the error is small enough.
 
@@ -338,7 +336,7 @@ class Reduction:
         return found
 
     @use_one_thread
-    def certify_or_enrich(self, state: State, freq: _Real) -> Certificate | None:
+    def certify_or_enrich(self, state: State, freq: RealArray) -> Certificate | None:
         """Return the error at a state; if it is too large, enrich the basis and return None.
 
         This is for a point that changes with the basis, which makes an earlier error invalid.
@@ -361,7 +359,7 @@ class Reduction:
             return estimate.certificate(size, tuple(lines), self.shifted.count)
 
     @use_one_thread
-    def errors(self, states: Sequence[State], freq: _Real) -> _Real:
+    def errors(self, states: Sequence[State], freq: RealArray) -> RealArray:
         """Return `Certificate.error` at several states without changes of the basis.
 
         Close states share a factorisation: P of one is as definite for the next, and at most 1 +
@@ -371,7 +369,7 @@ class Reduction:
         return np.array([certificate.error for certificate in found])
 
     def _certify_states(
-        self, states: Sequence[State], freq: _Real, *, enrich: bool, count: int
+        self, states: Sequence[State], freq: RealArray, *, enrich: bool, count: int
     ) -> list[Certificate]:
         return [
             self._certify(definite, state, freq, enrich=enrich, count=count)
@@ -379,7 +377,7 @@ class Reduction:
         ]
 
     def _certify(
-        self, definite: Factorised, state: State, freq: _Real, *, enrich: bool, count: int
+        self, definite: Factorised, state: State, freq: RealArray, *, enrich: bool, count: int
     ) -> Certificate:
         level = np.linalg.norm(self._receptance(state, freq), axis=(1, 2))
         lines = _choose_lines(freq, level, count, 0)
@@ -404,7 +402,7 @@ class Reduction:
         self,
         definite: Factorised,
         state: State,
-        freq: _Real,
+        freq: RealArray,
         lines: Sequence[float],
         allowed: float,
     ) -> ErrorEstimate | None:
@@ -421,7 +419,7 @@ class Reduction:
 
     @use_one_thread
     def enrich_until_accurate(
-        self, states: Sequence[State], freq: _Real, *, accuracy: float | None = None
+        self, states: Sequence[State], freq: RealArray, *, accuracy: float | None = None
     ) -> None:
         """Enrich the basis at some states until the residuals at some lines are small enough.
 
@@ -436,8 +434,8 @@ class Reduction:
         self,
         definite: Factorised,
         state: State,
-        freq: _Real,
-        level: _Real,
+        freq: RealArray,
+        level: RealArray,
         allowed: float,
         first: int = 0,
     ) -> None:
@@ -450,7 +448,9 @@ class Reduction:
                 break
 
     @use_one_thread
-    def enrich(self, states: Sequence[State], freq: _Real, *, allowed: float | None = None) -> None:
+    def enrich(
+        self, states: Sequence[State], freq: RealArray, *, allowed: float | None = None
+    ) -> None:
         """Enrich the basis by missing directions at some lines of several states, in their order.
 
         Errors up to `allowed`, by default a fifth of the permitted error, add nothing.
@@ -460,7 +460,7 @@ class Reduction:
             self._check_all(definite, state, freq.tolist(), allowed)
 
     @use_one_thread
-    def enrich_around(self, states: Sequence[State], freq: _Real) -> None:
+    def enrich_around(self, states: Sequence[State], freq: RealArray) -> None:
         """Enrich the basis once by missing directions at several states, at different lines."""
         stride = -(-len(freq) // REDUCTION.lines_per_pass)
         for number, (definite, state) in enumerate(self.shifted.factor_definites(states)):
@@ -470,7 +470,7 @@ class Reduction:
             )
 
     @use_one_thread
-    def measure_outside(self, state: State, X: _Real) -> _Real:
+    def measure_outside(self, state: State, X: RealArray) -> RealArray:
         """Return squared sines of principal angles (in P) between motions and basis, ascending."""
         if not X.shape[1]:
             return np.zeros(0)
@@ -487,8 +487,8 @@ class Reduction:
         self,
         definite: Factorised,
         state: State,
-        freq: _Real,
-        level: _Real,
+        freq: RealArray,
+        level: RealArray,
         number: int,
         accuracy: float,
     ) -> bool:
@@ -504,7 +504,7 @@ class Reduction:
         return self.basis.size > size
 
     @use_one_thread
-    def residual_errors(self, states: Sequence[State], freq: _Real) -> _Real:
+    def residual_errors(self, states: Sequence[State], freq: RealArray) -> RealArray:
         """Return the largest relative error at some lines of each state, without basis changes."""
         solver, worst = self.solver(), np.zeros(len(states))
         for number, (definite, state) in enumerate(self.shifted.factor_definites(states)):
@@ -516,7 +516,7 @@ class Reduction:
             self.poll()
         return worst
 
-    def _orthonormalise(self, pieces: list[_Real], state: State) -> _Real:
+    def _orthonormalise(self, pieces: list[RealArray], state: State) -> RealArray:
         """Return a basis for the columns of pieces, (N, k) each, orthonormal in K + omega_max^2 M.
 
         The weakest directions, due to rounding, are omitted. The pieces are consumed to save
@@ -538,7 +538,7 @@ class Reduction:
         return W[:, : len(kept)]
 
     def _estimate_within(
-        self, definite: Factorised, state: State, freq: _Real, size: int
+        self, definite: Factorised, state: State, freq: RealArray, size: int
     ) -> ErrorEstimate:
         """Return the estimate with as many of the vectors after the first `size` as possible.
 
@@ -555,7 +555,7 @@ class Reduction:
                 self.basis = self.basis.take_leading(size + added // 2)
 
     def _estimate(
-        self, definite: Factorised, state: State, freq: _Real, size: int
+        self, definite: Factorised, state: State, freq: RealArray, size: int
     ) -> ErrorEstimate:
         """Return the error of the first `size` basis vectors, by comparison with all."""
         wide, narrow = self.solver(), self._solver_of(self.basis.take_leading(size))
@@ -566,15 +566,15 @@ class Reduction:
         self.poll()
         return found
 
-    def _receptance(self, state: State, freq: _Real) -> _Complex:
+    def _receptance(self, state: State, freq: RealArray) -> ComplexArray:
         """Return the reduced model's receptance, shape (n_f, n_rows, n_columns)."""
         return np.concatenate(
             [H for _, H in self._yield_responses(state, freq, self.columns)], axis=1
         ).transpose(1, 0, 2)
 
     def _yield_responses(
-        self, state: State, freq: _Real, loaded: NDArray[np.intp]
-    ) -> Iterator[tuple[_Complex, _Complex]]:
+        self, state: State, freq: RealArray, loaded: IndexArray
+    ) -> Iterator[tuple[ComplexArray, ComplexArray]]:
         """Yield coordinates and response of the reduced model, by blocks of lines."""
         solver = self.solver()
         pencil = solver.pencil(state, freq)
@@ -592,13 +592,13 @@ class Reduction:
 
     def _check_in_groups(
         self, definite: Factorised, state: State, lines: Sequence[float], allowed: float
-    ) -> Iterator[_Real]:
+    ) -> Iterator[RealArray]:
         """Check some lines, few together; yield missing directions at them, shape (N, k)."""
         for some in self._group_lines(np.array(lines)):
             yield self._check_lines(definite, state, some, allowed)
             self.poll()
 
-    def _group_lines(self, lines: _Real) -> Iterator[_Real]:
+    def _group_lines(self, lines: RealArray) -> Iterator[RealArray]:
         """Yield few lines at a time, fewer for a larger model because of the size of residuals."""
         of_one = 2 * self.system.n * len(self._channels.forced) * np.dtype(np.float64).itemsize
         step = min(max(REDUCTION.together_bytes // of_one, 1), REDUCTION.lines_together)
@@ -606,8 +606,8 @@ class Reduction:
             yield lines[first : first + step]
 
     def _check_lines(
-        self, definite: Factorised, state: State, lines: _Real, allowed: float
-    ) -> _Real:
+        self, definite: Factorised, state: State, lines: RealArray, allowed: float
+    ) -> RealArray:
         """Add important missing directions at some lines, or return all if none is important.
 
         None is important if no error exceeds `allowed`. Directions missing at several lines are
@@ -644,7 +644,7 @@ class Reduction:
         return np.hstack(missing)
 
 
-def _join_columns(pieces: list[_Real]) -> _Real:
+def _join_columns(pieces: list[RealArray]) -> RealArray:
     """Return the arrays, (N, k) each, side by side; each is released after its copy."""
     out = np.empty((len(pieces[0]), sum(piece.shape[1] for piece in pieces)))
     first = 0
@@ -656,13 +656,13 @@ def _join_columns(pieces: list[_Real]) -> _Real:
     return out
 
 
-def _choose_worst_lines(freq: _Real, shares: _Real, count: int) -> list[float]:
+def _choose_worst_lines(freq: RealArray, shares: RealArray, count: int) -> list[float]:
     """Return the line of the largest share in each piece of the band."""
     pieces = np.array_split(np.arange(len(freq)), min(count, len(freq)))
     return [float(freq[p[np.argmax(shares[p])]]) for p in pieces]
 
 
-def _choose_lines(freq: _Real, level: _Real, count: int, number: int) -> list[float]:
+def _choose_lines(freq: RealArray, level: RealArray, count: int, number: int) -> list[float]:
     """Choose both end lines, and the strongest, weakest and random lines of band pieces."""
     if len(freq) <= count:
         return freq.tolist()  # type: ignore[no-any-return]

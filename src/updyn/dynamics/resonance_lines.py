@@ -5,8 +5,8 @@ from __future__ import annotations
 import warnings
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import RealArray
 from updyn.dynamics.eigen import mass_rank
 from updyn.dynamics.modes import Modes, modes
 from updyn.dynamics.settings import RESONANCE_LINES
@@ -16,14 +16,14 @@ from updyn.model import Model
 __all__ = ["even_lines", "resonance_lines"]
 
 
-def even_lines(low: float, high: float, n: int) -> NDArray[np.float64]:
+def even_lines(low: float, high: float, n: int) -> RealArray:
     """Return at most n lines between two frequencies, half evenly spaced, half by equal ratios."""
     half = max(n // 2, 2)
     lines = np.concatenate([np.linspace(low, high, half), np.geomspace(low, high, half)])
     return np.unique(np.clip(lines, low, high))
 
 
-def resonance_lines(model: Model, low: float, high: float, limit: int) -> NDArray[np.float64]:
+def resonance_lines(model: Model, low: float, high: float, limit: int) -> RealArray:
     """Return lines in a band (Hz) that resolve resonances; none if the modes are not computable.
 
     The lines of a mode are f sqrt(1 + eta tan(theta)) with evenly spaced theta: equal distances

@@ -6,8 +6,9 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from updyn.arrays import IndexArray, RealArray
 from updyn.dofs import Dof, DofSet
 from updyn.dynamics.affine import AffineSystem
 from updyn.dynamics.fields import FieldSolver, LineSolver, split_into_blocks
@@ -130,9 +131,9 @@ def response(
 
 def _solver(
     system: AffineSystem,
-    rows: NDArray[np.intp],
-    columns: NDArray[np.intp],
-    lines: NDArray[np.float64],
+    rows: IndexArray,
+    columns: IndexArray,
+    lines: RealArray,
     tier: str | None,
     backend: str | None,
     accuracy: float,

@@ -9,16 +9,14 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
+from updyn.arrays import RealArray
 from updyn.dynamics.affine import AffineSystem, State
 from updyn.dynamics.settings import BASIS, SHIFTED
 from updyn.errors import SolverError
 from updyn.linalg.solver import Factorised, SparseSolver
 
 __all__ = ["Shifted"]
-
-_Real = NDArray[np.float64]
 
 
 @dataclass(slots=True, eq=False)
@@ -55,7 +53,7 @@ class Shifted:
             moves = [(far, True) for far in SHIFTED.moves_in_single] + moves
         return moves
 
-    def weights(self, state: State, shift: float) -> _Real:
+    def weights(self, state: State, shift: float) -> RealArray:
         """Return the weight of each term in K - s M."""
         weights = {"stiffness": 1.0, "mass": -shift}
         return np.array([weights.get(t.quantity, 0.0) for t in self.system.terms]) * state.factor
@@ -88,7 +86,9 @@ class Shifted:
             self.matrix(state, shift), freq, error=error, single_only=single_only
         )
 
-    def solve(self, state: State, shift: float, loads: _Real) -> tuple[float, Factorised, _Real]:
+    def solve(
+        self, state: State, shift: float, loads: RealArray
+    ) -> tuple[float, Factorised, RealArray]:
         """Return s, the factorised K - s M and solutions for loads (N, k); errors as `factorise`.
 
         If s is a natural frequency, it is moved away from the middle of the band, which keeps the

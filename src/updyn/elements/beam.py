@@ -15,8 +15,9 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from updyn.arrays import IndexArray, IntArray, RealArray
 from updyn.dofs import DIRECTIONS, DofSet
 from updyn.elements.checks import (
     check_keys,
@@ -233,7 +234,7 @@ def _node_number(key: Any) -> int:
 
 # -- groups
 def _segment_groups(
-    x: NDArray[np.float64],
+    x: RealArray,
     segments: Iterable[Segment],
     common: Mapping[str, float],
     shear_ratio: float,
@@ -254,7 +255,7 @@ def _segment_groups(
 class _SegmentRecipe:
     """Recipe of a group: its segments and their common properties."""
 
-    x: NDArray[np.float64]
+    x: RealArray
     segments: tuple[Segment, ...]
     common: Mapping[str, float]
     shear_ratio: float
@@ -303,7 +304,7 @@ def _exchange_axes(recipe: _SegmentRecipe) -> AxisExchange | None:
 
 
 def _segment_group(
-    x: NDArray[np.float64],
+    x: RealArray,
     segment: Segment,
     common: Mapping[str, float],
     shear_ratio: float,
@@ -359,7 +360,7 @@ def _add_matrices(A: Matrix | None, B: Matrix | None) -> Matrix | None:
     return A + B
 
 
-def _assemble(blocks: NDArray[np.float64], first: NDArray[np.intp], n: int) -> sp.csr_array:
+def _assemble(blocks: RealArray, first: IndexArray, n: int) -> sp.csr_array:
     """Return the sum of element matrices in the DOFs (Z, RY), shape (n, n)."""
     at = 2 * first[:, None] + np.arange(4)
     rows, columns = np.broadcast_arrays(at[:, :, None], at[:, None, :])
@@ -368,7 +369,7 @@ def _assemble(blocks: NDArray[np.float64], first: NDArray[np.intp], n: int) -> s
     return sp.csr_array(sp.coo_array(entries, shape=(n, n)))
 
 
-def _support_groups(x: NDArray[np.float64], supports: Sequence[BeamSupport]) -> dict[str, Group]:
+def _support_groups(x: RealArray, supports: Sequence[BeamSupport]) -> dict[str, Group]:
     groups: dict[str, Group] = {}
     for name in dict.fromkeys(support.name for support in supports):
         same = [support for support in supports if support.name == name]
@@ -397,8 +398,8 @@ def _support_groups(x: NDArray[np.float64], supports: Sequence[BeamSupport]) -> 
     return groups
 
 
-def _mass_groups(x: NDArray[np.float64], masses: Sequence[BeamMass]) -> dict[str, Group]:
-    diagonals: dict[str, NDArray[np.float64]] = {}
+def _mass_groups(x: RealArray, masses: Sequence[BeamMass]) -> dict[str, Group]:
+    diagonals: dict[str, RealArray] = {}
     for mass in masses:
         what = f"mass {mass.name!r}"
         check_positive(what, "mass", mass.mass)
@@ -408,7 +409,7 @@ def _mass_groups(x: NDArray[np.float64], masses: Sequence[BeamMass]) -> dict[str
     return {name: Group(mass=_diagonal_matrix(values)) for name, values in diagonals.items()}
 
 
-def _diagonal_matrix(values: NDArray[np.float64]) -> sp.csr_array | None:
+def _diagonal_matrix(values: RealArray) -> sp.csr_array | None:
     """Return a diagonal matrix of values by node and DOF, shape (n, 2); None if all are 0."""
     flat = values.ravel()
     used = np.flatnonzero(flat)
@@ -417,7 +418,7 @@ def _diagonal_matrix(values: NDArray[np.float64]) -> sp.csr_array | None:
     return sp.csr_array((flat[used], (used, used)), shape=(flat.size, flat.size))
 
 
-def _find_nearest(x: NDArray[np.float64], position: float) -> int:
+def _find_nearest(x: RealArray, position: float) -> int:
     return int(np.argmin(np.abs(x - position)))
 
 
@@ -427,7 +428,7 @@ def _node_positions(
     places: Iterable[tuple[str, float]],
     n_elements: int | None,
     nodes: ArrayLike | None,
-) -> NDArray[np.float64]:
+) -> RealArray:
     """Return ascending node positions in m that include `places`, pairs of name and position."""
     checked = [(what, check_number(what, "position", x)) for what, x in places]
     for what, x in checked:
@@ -457,9 +458,7 @@ def _node_positions(
     return np.concatenate([*pieces, [length]])
 
 
-def _read_nodes(
-    length: float, places: Iterable[tuple[str, float]], nodes: ArrayLike
-) -> NDArray[np.float64]:
+def _read_nodes(length: float, places: Iterable[tuple[str, float]], nodes: ArrayLike) -> RealArray:
     try:
         x = to_reals(nodes)
     except ValueError as error:
@@ -502,9 +501,7 @@ def _read_stations(
     return [(check_number("station", "position", x), None) for x in stations]
 
 
-def _node_numbers(
-    x: NDArray[np.float64], stations: Iterable[tuple[float, int | None]]
-) -> NDArray[np.int64]:
+def _node_numbers(x: RealArray, stations: Iterable[tuple[float, int | None]]) -> IntArray:
     """Return the node numbers, shape (n,): those of stations, else 1, 2, ... in order of x."""
     numbers = np.zeros(len(x), dtype=np.int64)
     for position, node in stations:
@@ -558,7 +555,7 @@ def _check_cover(segments: Iterable[Segment], length: float) -> None:
 # -- elements
 def element_matrices(
     length: ArrayLike, EI: float, mass_per_length: float, inertia_per_length: float, shear: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+) -> tuple[RealArray, RealArray, RealArray]:
     """Return stiffness, translational and rotary mass of two-node Timoshenko elements.
 
     Each has shape (n, 4, 4) in (w1, t1, w2, t2): deflections w (m), section rotations t = dw/dx -
@@ -595,14 +592,14 @@ def element_matrices(
 
 
 def _symmetric4(
-    a: NDArray[np.float64],
-    b: NDArray[np.float64],
-    c: NDArray[np.float64],
-    d: NDArray[np.float64],
-    e: NDArray[np.float64],
-    f: NDArray[np.float64],
-    g: NDArray[np.float64],
-) -> NDArray[np.float64]:
+    a: RealArray,
+    b: RealArray,
+    c: RealArray,
+    d: RealArray,
+    e: RealArray,
+    f: RealArray,
+    g: RealArray,
+) -> RealArray:
     """Return matrices, shape (n, 4, 4), of uniform elements, whose halves are mirror images."""
     rows = [[a, b, c, d], [b, e, f, g], [c, f, a, -b], [d, g, -b, e]]
     return np.moveaxis(np.array(rows), -1, 0)

@@ -8,8 +8,9 @@ from dataclasses import MISSING, fields
 from typing import Any, TypeGuard, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from updyn.arrays import IntArray, RealArray
 from updyn.dofs import LARGEST_NODE, whole_numbers
 from updyn.errors import ModelError, key_path, suggest
 
@@ -124,7 +125,7 @@ def check_name(what: str, name: Any) -> None:
         raise ModelError(f"{what}: expected a text as its name", key=("name",))
 
 
-def check_connectivity(what: str, given: ArrayLike, widths: Iterable[int]) -> NDArray[np.int64]:
+def check_connectivity(what: str, given: ArrayLike, widths: Iterable[int]) -> IntArray:
     """Return node numbers, shape (m, k), with k of the widths."""
     nodes = np.atleast_2d(whole_numbers(given, f"{what}: connectivity", ModelError))
     if nodes.ndim != 2 or nodes.shape[1] not in widths or not len(nodes):
@@ -147,7 +148,7 @@ def check_node_number(what: str, name: str, given: Any) -> int:
     return int(given)
 
 
-def to_reals(given: Any) -> NDArray[np.float64]:
+def to_reals(given: Any) -> RealArray:
     """Return a new array of numbers; raise `ValueError` for texts, booleans and complex numbers."""
     array = np.asarray(given)
     if array.dtype.kind not in "iuf":
@@ -155,7 +156,7 @@ def to_reals(given: Any) -> NDArray[np.float64]:
     return array.astype(np.float64)
 
 
-def check_floats(what: str, name: str, given: Any) -> NDArray[np.float64]:
+def check_floats(what: str, name: str, given: Any) -> RealArray:
     """Return an array of finite numbers."""
     try:
         array = to_reals(given)
@@ -166,7 +167,7 @@ def check_floats(what: str, name: str, given: Any) -> NDArray[np.float64]:
     return array
 
 
-def check_vector(what: str, name: str, given: Any) -> NDArray[np.float64]:
+def check_vector(what: str, name: str, given: Any) -> RealArray:
     """Return three numbers that are not all 0."""
     vector = check_floats(what, name, given)
     if vector.shape != (3,) or not vector.any():
@@ -176,7 +177,7 @@ def check_vector(what: str, name: str, given: Any) -> NDArray[np.float64]:
     return vector
 
 
-def check_six(what: str, name: str, given: Any) -> NDArray[np.float64]:
+def check_six(what: str, name: str, given: Any) -> RealArray:
     """Return six numbers of at least 0."""
     six = check_floats(what, name, given)
     if six.shape != (6,) or (six < 0).any():

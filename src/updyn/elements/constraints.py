@@ -14,9 +14,10 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.sparse.csgraph import connected_components
 
+from updyn.arrays import IndexArray, RealArray
 from updyn.dofs import DIRECTIONS, Dof, DofSet, whole_numbers
 from updyn.elements.checks import check_node_number, check_vector, set_fields
 from updyn.elements.settings import ELEMENT
@@ -191,7 +192,7 @@ def _index_by_dof(equations: Iterable[Equation]) -> dict[Dof, Equation]:
     return out
 
 
-def _transformation(dofs: DofSet, ties: Sequence[Equation]) -> tuple[Matrix, NDArray[np.intp]]:
+def _transformation(dofs: DofSet, ties: Sequence[Equation]) -> tuple[Matrix, IndexArray]:
     """Return T, shape (N, q), and the remaining DOFs, shape (q,)."""
     n = len(dofs)
     dependent = dofs.match([tie.dof for tie in ties], "held or tied DOF").index
@@ -418,7 +419,7 @@ def _joined_geometry(parts: Sequence[Geometry]) -> Geometry | None:
     return Geometry(nodes[order], xyz[order], lines, axes[order], faces)
 
 
-def _axes(geometry: Geometry) -> NDArray[np.float64]:
+def _axes(geometry: Geometry) -> RealArray:
     """Return the displacement directions of all nodes, shape (n, 3, 3)."""
     if geometry.axes is None:
         return np.tile(np.eye(3), (len(geometry.nodes), 1, 1))

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
+from updyn.arrays import IndexArray, RealArray
 from updyn.dofs import Dof
 from updyn.elements.checks import check_positive, is_whole
 from updyn.errors import DofError, ModelError, suggest
@@ -70,7 +70,7 @@ def _node(key: str | int | Dof) -> int:
     return Dof.parse(key).node
 
 
-def _translations(model: Model, node: int) -> NDArray[np.intp]:
+def _translations(model: Model, node: int) -> IndexArray:
     """Return the positions of the translations of a node among the DOFs of the model."""
     at_node = model.dofs.nodes == node
     if not at_node.any():
@@ -88,8 +88,6 @@ def _translations(model: Model, node: int) -> NDArray[np.intp]:
     return at
 
 
-def _with_group(
-    model: Model, name: str, at: NDArray[np.intp], values: NDArray[np.float64]
-) -> Model:
+def _with_group(model: Model, name: str, at: IndexArray, values: RealArray) -> Model:
     M = sp.csr_array((values, (at, at)), shape=(model.n_dofs, model.n_dofs))
     return Model({**model.groups, name: Group(mass=M)}, model.dofs, model.geometry, model.title)

@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import IndexArray, IntArray, NumberArray, RealArray
 from updyn.dofs import Dof
 from updyn.elements.checks import check_keys, field_names
 from updyn.elements.constraints import Equation
@@ -86,13 +86,13 @@ class Mesh:
     """
 
     path: str
-    nodes: NDArray[np.int64]
-    xyz: NDArray[np.float64]
-    groups: Mapping[str, Mapping[str, NDArray[np.int64]]]
-    node_sets: Mapping[str, NDArray[np.int64]]
+    nodes: IntArray
+    xyz: RealArray
+    groups: Mapping[str, Mapping[str, IntArray]]
+    node_sets: Mapping[str, IntArray]
     ungrouped: Mapping[str, int]
 
-    def nodes_of(self, name: str) -> NDArray[np.int64]:
+    def nodes_of(self, name: str) -> IntArray:
         """Return the node numbers of a group or a node set, ascending.
 
         Parameters
@@ -201,7 +201,7 @@ class Mesh:
 
 
 def _elements(
-    path: str, name: str, kind: str, cells: NDArray[np.int64], given: Mapping[str, Any]
+    path: str, name: str, kind: str, cells: IntArray, given: Mapping[str, Any]
 ) -> list[Element]:
     """Return the elements of the cells of one type in a group."""
     what = f"material of group {name!r}"
@@ -280,19 +280,19 @@ class _CellBlock:
 
     type: str
     dim: int
-    data: NDArray[Any]
+    data: NumberArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _MeshContent:
     """Content that meshio finds in a file, from `updyn.foreign.mesh.load`."""
 
-    points: NDArray[Any]
+    points: NumberArray
     cells: Sequence[_CellBlock]
-    point_sets: Mapping[str, NDArray[Any]]
+    point_sets: Mapping[str, NumberArray]
     cell_sets: Mapping[str, Sequence[Any]]
-    physical: Sequence[NDArray[Any]]
-    names: Mapping[str, NDArray[Any]]
+    physical: Sequence[NumberArray]
+    names: Mapping[str, NumberArray]
 
 
 def _load_mesh(path: Path) -> _MeshContent:
@@ -322,7 +322,7 @@ def _find_hdf5_files(path: Path) -> list[Path]:
     return [file for file in path.parent.iterdir() if file.name in names and file.is_file()]
 
 
-def _positions(path: Path, points: NDArray[Any]) -> NDArray[np.float64]:
+def _positions(path: Path, points: NumberArray) -> RealArray:
     """Return positions in three dimensions."""
     if points.ndim != 2 or not 1 <= points.shape[1] <= 3 or points.dtype.kind not in "iuf":
         raise FormatError(
@@ -336,7 +336,7 @@ def _positions(path: Path, points: NDArray[Any]) -> NDArray[np.float64]:
     return xyz
 
 
-def _orient_outwards(cells: _CellBlock, xyz: NDArray[np.float64]) -> _CellBlock:
+def _orient_outwards(cells: _CellBlock, xyz: RealArray) -> _CellBlock:
     """Return solids in the node order that encloses a positive volume.
 
     The node order of MED is mirrored relative to VTK (Gmsh, GModelIO_MED.cpp, med2mshNodeIndex),
@@ -353,7 +353,7 @@ def _orient_outwards(cells: _CellBlock, xyz: NDArray[np.float64]) -> _CellBlock:
     return _CellBlock(cells.type, cells.dim, data)
 
 
-def _check_indices(path: Path, what: str, members: NDArray[Any], size: int) -> NDArray[np.intp]:
+def _check_indices(path: Path, what: str, members: NumberArray, size: int) -> IndexArray:
     """Return the indices of members, after a check that each is below `size`."""
     if members.size and (members.dtype.kind not in "iu" or members.ndim != 1):
         raise FormatError(f"{what}: {members.dtype} of shape {members.shape}, no numbers", path)
@@ -363,11 +363,11 @@ def _check_indices(path: Path, what: str, members: NDArray[Any], size: int) -> N
 
 
 def _groups(
-    path: Path, found: _MeshContent, numbers: NDArray[np.int64]
-) -> tuple[dict[str, dict[str, NDArray[np.int64]]], dict[str, int]]:
+    path: Path, found: _MeshContent, numbers: IntArray
+) -> tuple[dict[str, dict[str, IntArray]], dict[str, int]]:
     """Return the cells of each group by type, and the number of ungrouped cells by type."""
     chosen = _members_of_groups(path, found)
-    groups: dict[str, dict[str, NDArray[np.int64]]] = {}
+    groups: dict[str, dict[str, IntArray]] = {}
     ungrouped: dict[str, int] = {}
     for block, cells in enumerate(found.cells):
         grouped = np.zeros(len(cells.data), dtype=np.bool_)
@@ -386,9 +386,9 @@ def _groups(
     return {name: groups[name] for name in chosen if name in groups}, ungrouped
 
 
-def _members_of_groups(path: Path, found: _MeshContent) -> dict[str, list[NDArray[np.intp]]]:
+def _members_of_groups(path: Path, found: _MeshContent) -> dict[str, list[IndexArray]]:
     """Return the positions of the cells of each group in each block of cells."""
-    chosen: dict[str, list[NDArray[np.intp]]] = {}
+    chosen: dict[str, list[IndexArray]] = {}
     for name, members in found.cell_sets.items():
         if not name.startswith("gmsh:"):
             chosen[str(name)] = _members(path, str(name), members, found.cells)
@@ -405,11 +405,11 @@ def _members_of_groups(path: Path, found: _MeshContent) -> dict[str, list[NDArra
     return chosen
 
 
-def _members(path: Path, name: str, members: Any, cells: Any) -> list[NDArray[np.intp]]:
+def _members(path: Path, name: str, members: Any, cells: Any) -> list[IndexArray]:
     """Return the members of a set of cells in each block; missing ones become empty arrays."""
     out = []
     for positions in members:
-        array: NDArray[Any] = np.empty((0, 0), dtype=np.intp)
+        array: NumberArray = np.empty((0, 0), dtype=np.intp)
         if positions is None:
             array = np.empty(0, dtype=np.intp)
         elif isinstance(positions, np.ndarray):  # else lists of other groups
@@ -517,7 +517,7 @@ def structure_from_mesh(
 # -- node numbers
 
 
-def _node_numbers(path: Path) -> NDArray[np.int64] | None:
+def _node_numbers(path: Path) -> IntArray | None:
     """Return the node numbers of a mesh file, in its order; None if the format has none.
 
     A `FormatError` is raised if the numbers are missing, or meshio would misread the groups of an
@@ -549,7 +549,7 @@ def _lines(path: Path) -> list[str]:
         ) from error
 
 
-def _gmsh_numbers(path: Path, lines: list[str], version: str) -> NDArray[np.int64]:
+def _gmsh_numbers(path: Path, lines: list[str], version: str) -> IntArray:
     out: list[int] = []
     try:
         at = lines.index("$Nodes") + 1
@@ -576,7 +576,7 @@ def _count(text: str) -> int:
     return count
 
 
-def _abaqus_numbers(path: Path, lines: list[str]) -> NDArray[np.int64]:
+def _abaqus_numbers(path: Path, lines: list[str]) -> IntArray:
     numbers: list[int] = []
     set_lines: dict[str, int] = {}
     without_set: int | None = None

@@ -16,7 +16,6 @@ from typing import Any, BinaryIO, Literal
 import h5py
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 from scipy.io import loadmat
 from scipy.io.matlab import (
     MatlabFunction,
@@ -27,6 +26,7 @@ from scipy.io.matlab import (
     mat_struct,
 )
 
+from updyn.arrays import NumberArray
 from updyn.errors import FormatError
 from updyn.foreign.hdf5 import HDF5Content
 from updyn.foreign.limits import ReadLimits, limits_of
@@ -358,7 +358,7 @@ class _File73:
             indices = self._values(members["ir"])
         return Sparse((rows, len(indptr) - 1), data, indices, indptr)
 
-    def _values(self, dataset: Any) -> NDArray[Any]:
+    def _values(self, dataset: Any) -> NumberArray:
         self._content.check(dataset)
         return to_native(np.asarray(dataset[()]))
 
@@ -383,7 +383,7 @@ def _fields(struct: Any) -> list[str]:
     return ordered if sorted(ordered) == sorted(names) else names
 
 
-def _complex(values: NDArray[Any]) -> NDArray[Any]:
+def _complex(values: NumberArray) -> NumberArray:
     if values.dtype.names != ("real", "imag"):
         return values
     out = np.empty(values.shape, dtype=np.complex128)
@@ -400,7 +400,7 @@ def _rows(texts: list[str]) -> list[str]:
     return [text.rstrip(" \0") for text in texts]
 
 
-def _vector(cells: NDArray[Any], name: str, path: str) -> list[Any]:
+def _vector(cells: NumberArray, name: str, path: str) -> list[Any]:
     if cells.size not in (0, max(cells.shape, default=1)):
         raise _UnusableError(
             f"{name}: cell or struct array of shape {cells.shape}; expected one row or column", path

@@ -21,7 +21,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+
+from updyn.arrays import NumberArray
 
 __all__ = ["Other", "Sparse", "Unread", "decode", "encode", "to_native"]
 
@@ -47,19 +48,19 @@ class Sparse:
     """A sparse matrix, compressed by columns, unchecked as stored in a file."""
 
     shape: tuple[int, int]
-    data: NDArray[Any]
-    indices: NDArray[Any]
-    indptr: NDArray[Any]
+    data: NumberArray
+    indices: NumberArray
+    indptr: NumberArray
 
 
-def to_native(array: NDArray[Any]) -> NDArray[Any]:
+def to_native(array: NumberArray) -> NumberArray:
     """Return an array in the byte order of this machine, as required by scipy.sparse."""
     return array if array.dtype.isnative else array.astype(array.dtype.newbyteorder("="))
 
 
 def encode(value: Any) -> Iterator[bytes | memoryview]:
     """Yield the bytes of a value, part by part; raise a TypeError if it is not plain data."""
-    arrays: list[NDArray[Any]] = []
+    arrays: list[NumberArray] = []
     text = json.dumps(_tag_value(value, arrays, 0)[0]).encode()
     yield len(text).to_bytes(8, "little")
     yield text
@@ -67,7 +68,7 @@ def encode(value: Any) -> Iterator[bytes | memoryview]:
         yield array.reshape(-1).view(np.uint8).data
 
 
-def _tag_value(value: Any, arrays: list[NDArray[Any]], end: int) -> tuple[Any, int]:
+def _tag_value(value: Any, arrays: list[NumberArray], end: int) -> tuple[Any, int]:
     """Return a value for JSON, and the end of its numbers."""
     if value is None or isinstance(value, bool | int | float | str):
         return value, end
@@ -126,7 +127,7 @@ def _map(given: Any, numbers: memoryview) -> dict[str, Any]:
     return {str(key): _value(item, numbers) for key, item in given}
 
 
-def _array(given: Any, numbers: memoryview) -> NDArray[Any]:
+def _array(given: Any, numbers: memoryview) -> NumberArray:
     kind, shape, offset = given
     dtype = np.dtype(str(kind))
     if dtype.kind not in _KINDS or min(shape, default=0) < 0 or offset < 0:
@@ -135,7 +136,7 @@ def _array(given: Any, numbers: memoryview) -> NDArray[Any]:
     return flat.reshape(shape).copy()
 
 
-def _texts(given: Any, numbers: memoryview) -> NDArray[Any]:
+def _texts(given: Any, numbers: memoryview) -> NumberArray:
     shape, texts = given
     out = np.empty(len(texts), dtype=object)
     out[:] = [str(text) for text in texts]

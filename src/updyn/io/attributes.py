@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import BoolArray, NumberArray
 from updyn.errors import FormatError
 from updyn.foreign.attributes import PACKING, UNITS
 
@@ -22,8 +22,8 @@ _LINEAR = ("scale_factor", "add_offset")
 
 
 def unpack(
-    values: NDArray[Any], attributes: Mapping[str, Any], name: str, path: str | Path
-) -> NDArray[Any]:
+    values: NumberArray, attributes: Mapping[str, Any], name: str, path: str | Path
+) -> NumberArray:
     """Return the unpacked values, with NaN for missing ones; texts are returned unchanged."""
     if values.dtype.kind not in "iufc" or not any(key in attributes for key in PACKING):
         return values
@@ -44,7 +44,7 @@ def unpack(
     return out
 
 
-def _numbers(given: Any, where: str, path: str | Path) -> NDArray[Any]:
+def _numbers(given: Any, where: str, path: str | Path) -> NumberArray:
     """Return an attribute as a one-dimensional array of numbers."""
     found = np.atleast_1d(np.asarray(given)).ravel()
     if found.dtype.kind not in "iufc":
@@ -52,7 +52,7 @@ def _numbers(given: Any, where: str, path: str | Path) -> NDArray[Any]:
     return found
 
 
-def _view_unsigned(values: NDArray[Any]) -> NDArray[Any]:
+def _view_unsigned(values: NumberArray) -> NumberArray:
     """Return signed integers as unsigned integers with the same bits."""
     if values.dtype.kind != "i":
         return values
@@ -60,7 +60,7 @@ def _view_unsigned(values: NDArray[Any]) -> NDArray[Any]:
 
 
 def _single_number(
-    stated: Mapping[str, NDArray[Any]], key: str, name: str, path: str | Path
+    stated: Mapping[str, NumberArray], key: str, name: str, path: str | Path
 ) -> float | None:
     """Return an attribute that has to be one finite real number; None if it is absent."""
     if key not in stated:
@@ -73,7 +73,7 @@ def _single_number(
     return float(found[0])
 
 
-def _is_missing(values: NDArray[Any], stated: Mapping[str, NDArray[Any]]) -> NDArray[np.bool_]:
+def _is_missing(values: NumberArray, stated: Mapping[str, NumberArray]) -> BoolArray:
     """Return which stored numbers mark a missing value."""
     out = np.zeros(values.shape, dtype=bool)
     for key in ("_FillValue", "missing_value"):
@@ -86,8 +86,8 @@ def _is_missing(values: NDArray[Any], stated: Mapping[str, NDArray[Any]]) -> NDA
 
 
 def _is_outside(
-    packed: NDArray[Any], unpacked: NDArray[Any], stated: Mapping[str, NDArray[Any]]
-) -> NDArray[np.bool_]:
+    packed: NumberArray, unpacked: NumberArray, stated: Mapping[str, NumberArray]
+) -> BoolArray:
     """Return which numbers are outside the valid range."""
     out = np.zeros(packed.shape, dtype=bool)
     for key, side in (("valid_min", 0), ("valid_max", 1), ("valid_range", 0), ("valid_range", 1)):

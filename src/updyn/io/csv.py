@@ -15,8 +15,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import ComplexArray, RealArray
 from updyn.dofs import Dof, DofSet
 from updyn.errors import AbsentError, DofError, FormatError, OptionError, UpdynWarning, suggest
 from updyn.frf import FRF
@@ -305,9 +305,7 @@ def _responses_and_references(
         raise FormatError(f"header: {error}", path, line) from error
 
 
-def _parse_table(
-    lines: Sequence[tuple[int, str]], header: _Header, path: str | Path
-) -> NDArray[np.float64]:
+def _parse_table(lines: Sequence[tuple[int, str]], header: _Header, path: str | Path) -> RealArray:
     """Return the numbers, with the first column in Hz."""
     if not lines:
         raise FormatError("holds a header but no line of numbers", path)
@@ -389,11 +387,11 @@ def _incomplete_error(name: str, found: Sequence[str], path: str | Path, line: i
 def _arrays(
     columns: Sequence[_FRFColumn],
     units: _Units,
-    table: NDArray[np.float64],
+    table: RealArray,
     rows: DofSet,
     references: DofSet,
     path: str | Path,
-) -> dict[str, NDArray[np.complex128] | NDArray[np.float64]]:
+) -> dict[str, ComplexArray | RealArray]:
     """Return values, coherence and variance in SI units, each of shape (n_f, n_i, n_j)."""
     at = {}
     for column, values in zip(columns, table.T, strict=True):
@@ -418,15 +416,13 @@ def _arrays(
                 found[:, i, j] = _polar(at[pair, "abs"], at[pair, "phase_deg"], pair, path)
             for kind in extra:
                 extra[kind][:, i, j] = at[pair, kind]
-    arrays: dict[str, NDArray[np.complex128] | NDArray[np.float64]] = {"values": found}
+    arrays: dict[str, ComplexArray | RealArray] = {"values": found}
     for kind, array in extra.items():
         arrays[_OPTIONAL[kind]] = array
     return arrays
 
 
-def _polar(
-    size: NDArray[np.float64], degrees: NDArray[np.float64], pair: _Pair, path: str | Path
-) -> NDArray[np.complex128]:
+def _polar(size: RealArray, degrees: RealArray, pair: _Pair, path: str | Path) -> ComplexArray:
     if (size < 0).any():
         raise FormatError(
             f"H({pair[0]}/{pair[1]}) abs is {size.min():g}; expected 0 or above", path

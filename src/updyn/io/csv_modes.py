@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import IndexArray, RealArray
 from updyn.errors import AbsentError, FormatError, OptionError, suggest
 from updyn.io.atomic import atomic_path
 from updyn.io.csv_text import check_comments, plain_numbers
@@ -25,7 +25,6 @@ from updyn.units import find_unit
 
 __all__ = ["holds_frequencies", "read_modes", "write_modes"]
 
-_Real = NDArray[np.float64]
 
 #: Names of columns, and whether their numbers are frequencies.
 _COLUMNS = {
@@ -137,7 +136,7 @@ def _modes_by_line(
 
 
 def _select_test(
-    table: _Real, test: int | None, modes: Sequence[int] | None, path: str | Path
+    table: RealArray, test: int | None, modes: Sequence[int] | None, path: str | Path
 ) -> ModeSet:
     """Return the modes of one test, or the means over all tests."""
     n_tests, name = len(table), Path(path).name
@@ -170,7 +169,7 @@ def _select_test(
         return ModeSet(mean, source=name, std_frequency=std)
 
 
-def _parse_modes(modes: Sequence[int] | None, number: int) -> NDArray[np.intp]:
+def _parse_modes(modes: Sequence[int] | None, number: int) -> IndexArray:
     """Return the positions of the modes of an option, from 0."""
     if modes is None:
         return np.arange(number)
@@ -212,7 +211,7 @@ def _column(cell: str, path: str | Path, line: int) -> tuple[str, float]:
 
 def _numbers(
     lines: Sequence[tuple[int, str]], width: int, separator: str, path: str | Path
-) -> _Real:
+) -> RealArray:
     """Return lines of numbers as a table, with NaN for empty cells and ``nan``."""
     if not lines:
         return np.zeros((0, width))

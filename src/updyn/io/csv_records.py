@@ -14,8 +14,8 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import RealArray
 from updyn.errors import FormatError, OptionError, suggest
 from updyn.io.csv_text import check_comments, plain_numbers, split_axis
 from updyn.io.items import locate_errors, read_windows_text, require_file
@@ -210,7 +210,7 @@ def _factor(clock: _RecordColumn, path: str | Path, line: int) -> float:
     return unit.factor
 
 
-def _split_records(numbers: NDArray[np.float64], path: str | Path) -> list[slice]:
+def _split_records(numbers: RealArray, path: str | Path) -> list[slice]:
     """Return the rows of each record."""
     edges = [0, *(np.flatnonzero(np.diff(numbers)) + 1).tolist(), len(numbers)]
     spans = [slice(a, b) for a, b in pairwise(edges)]
@@ -234,7 +234,7 @@ def _split_records(numbers: NDArray[np.float64], path: str | Path) -> list[slice
 
 
 def _step(
-    times: NDArray[np.float64],
+    times: RealArray,
     texts: Sequence[str],
     factor: float,
     spans: list[slice],

@@ -11,8 +11,8 @@ import re
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import IntArray
 from updyn.dofs import Dof, DofSet
 from updyn.errors import DofError, FormatError
 from updyn.geometry import Geometry
@@ -108,7 +108,7 @@ def write_faces(geometry: Geometry, path: str | Path) -> None:
     _write_node_rows(geometry.faces, _FACE, path)
 
 
-def _node_rows(path: str | Path | None, header: tuple[str, ...]) -> NDArray[np.int64]:
+def _node_rows(path: str | Path | None, header: tuple[str, ...]) -> IntArray:
     """Return the node numbers of a table, shape (m, len(header)); no rows without a table."""
     rows: list[list[int]] = []
     if path is not None:
@@ -117,7 +117,7 @@ def _node_rows(path: str | Path | None, header: tuple[str, ...]) -> NDArray[np.i
     return np.array(rows, dtype=np.int64).reshape(-1, len(header))
 
 
-def _write_node_rows(rows: NDArray[np.int64], header: tuple[str, ...], path: str | Path) -> None:
+def _write_node_rows(rows: IntArray, header: tuple[str, ...], path: str | Path) -> None:
     lines = [",".join(header)]
     for row in rows.tolist():
         lines.append(",".join(map(str, row)))

@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import IntArray, RealArray
 from updyn.errors import AbsentError, FormatError, UpdynWarning
 from updyn.foreign import box
 from updyn.geometry import Geometry
@@ -82,7 +82,7 @@ def read_geometry(path: str | Path, *, unit: str = "m") -> Geometry:
         return Geometry(numbers, xyz * scale, lines, faces=faces)
 
 
-def _positions(variables: Mapping[str, Any], path: str | Path) -> NDArray[np.float64]:
+def _positions(variables: Mapping[str, Any], path: str | Path) -> RealArray:
     """Return positions in the unit of the file, shape (n, 3)."""
     if "coord" in variables:
         rows = list(np.atleast_2d(as_reals(variables["coord"], "coord", path)))
@@ -107,9 +107,9 @@ def _positions(variables: Mapping[str, Any], path: str | Path) -> NDArray[np.flo
 
 def _corners_by_shape(
     found: Mapping[str, Any], n_nodes: int, path: str | Path
-) -> list[tuple[Shape, NDArray[np.int64]]]:
+) -> list[tuple[Shape, IntArray]]:
     """Return the elements by shape, with the positions of their nodes."""
-    drawn: list[tuple[Shape, NDArray[np.int64]]] = []
+    drawn: list[tuple[Shape, IntArray]] = []
     unknown: dict[str, int] = {}
     for name, values in found["variables"].items():
         if not name.startswith("connect") or not values.size:

@@ -29,8 +29,8 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
+from updyn.arrays import NumberArray
 from updyn.dofs import DIRECTIONS, DofSet
 from updyn.errors import AbsentError, FormatError, InputError, suggest
 from updyn.foreign.plain import Other
@@ -329,7 +329,7 @@ def take_geometry(place: Folder, path: str | Path) -> Geometry:
 
 
 # -- items --------------------------------------------------------------------------------------
-def _put_array(place: Any, name: str, array: NDArray[Any]) -> None:
+def _put_array(place: Any, name: str, array: NumberArray) -> None:
     big = array.size >= MATRIX_FILE.compressed_entries
     packed = (
         {"compression": "gzip", "compression_opts": 1, "shuffle": True, "fletcher32": True}
@@ -360,9 +360,7 @@ def _group(parent: Folder, name: str, path: str | Path) -> Folder:
     return found
 
 
-def take_array(
-    parent: Folder, name: str, path: str | Path, kinds: str, n_dims: int
-) -> NDArray[Any]:
+def take_array(parent: Folder, name: str, path: str | Path, kinds: str, n_dims: int) -> NumberArray:
     """Return a dataset, checked for its kind of numbers and number of dimensions."""
     found = parent.members.get(name)
     if not isinstance(found, np.ndarray | Other):

@@ -17,8 +17,8 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
+from updyn.arrays import IntArray, NumberArray
 from updyn.dofs import Dof, DofSet
 from updyn.errors import (
     FormatError,
@@ -71,9 +71,9 @@ _LONGEST_NAME = 255
 
 def build_sparse(
     make: Any,
-    data: NDArray[Any],
-    indices: NDArray[Any],
-    indptr: NDArray[Any],
+    data: NumberArray,
+    indices: NumberArray,
+    indptr: NumberArray,
     shape: tuple[int, int],
     where: str,
     path: str | Path,
@@ -152,7 +152,7 @@ def as_matrix(given: Any, name: str, path: str | Path) -> Matrix:
     return _plain_entries(array)
 
 
-def _plain_entries(entries: NDArray[Any]) -> NDArray[Any]:
+def _plain_entries(entries: NumberArray) -> NumberArray:
     """Return truth values, and complex entries without an imaginary part, as real numbers."""
     if entries.dtype.kind == "b":
         return entries.astype(np.float64)
@@ -161,7 +161,7 @@ def _plain_entries(entries: NDArray[Any]) -> NDArray[Any]:
     return entries
 
 
-def as_numbers(given: Any, name: str, path: str | Path) -> NDArray[Any]:
+def as_numbers(given: Any, name: str, path: str | Path) -> NumberArray:
     """Return an item as a number array."""
     if sp.issparse(given):
         return np.asarray(given.toarray())
@@ -175,7 +175,7 @@ def as_numbers(given: Any, name: str, path: str | Path) -> NDArray[Any]:
     return np.asarray(given)
 
 
-def as_reals(given: Any, name: str, path: str | Path) -> NDArray[Any]:
+def as_reals(given: Any, name: str, path: str | Path) -> NumberArray:
     """Return an item as an array of real numbers."""
     array = as_numbers(given, name, path)
     if array.dtype.kind == "c":
@@ -183,7 +183,7 @@ def as_reals(given: Any, name: str, path: str | Path) -> NDArray[Any]:
     return array
 
 
-def as_integers(given: Any, name: str, path: str | Path) -> NDArray[np.int64]:
+def as_integers(given: Any, name: str, path: str | Path) -> IntArray:
     """Return an item as an array of integers, from any stored type."""
     array = as_reals(given, name, path)
     if (
@@ -195,7 +195,7 @@ def as_integers(given: Any, name: str, path: str | Path) -> NDArray[np.int64]:
     return array.astype(np.int64)
 
 
-def as_vector(given: Any, name: str, path: str | Path) -> NDArray[Any]:
+def as_vector(given: Any, name: str, path: str | Path) -> NumberArray:
     """Return real numbers in one row or column, as one dimension."""
     array = as_reals(given, name, path)
     if array.size != max(array.shape, default=1):
@@ -220,7 +220,7 @@ def as_text(given: Any, name: str, path: str | Path) -> str:
     return given
 
 
-def check_phase(values: NDArray[Any], real_valued: bool, name: str, path: str | Path) -> None:
+def check_phase(values: NumberArray, real_valued: bool, name: str, path: str | Path) -> None:
     """Refuse real FRFs without `real_valued`, and complex FRFs with it."""
     if not isinstance(real_valued, bool):
         raise OptionError(

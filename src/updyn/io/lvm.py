@@ -17,8 +17,8 @@ from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import RealArray
 from updyn.errors import FormatError, UpdynWarning, suggest
 from updyn.io.items import locate_errors, read_windows_text, require_file
 from updyn.io.settings import MEASURED_FILE
@@ -126,7 +126,7 @@ class _Segment:
     channels: tuple[str, ...]
     units: tuple[str, ...]
     empty: tuple[str, ...]
-    values: NDArray[np.float64]
+    values: RealArray
 
     def check_same_channels(self, other: _Segment, path: str | Path) -> None:
         """Refuse another segment whose channels differ from this one."""
@@ -427,7 +427,7 @@ def _without_empty(
     return "\n".join(out)
 
 
-def _step(times: NDArray[np.float64], axis: _LVMAxis) -> float:
+def _step(times: RealArray, axis: _LVMAxis) -> float:
     """Return Delta_X, or the mean step of the times if Delta_X has too few digits."""
     steps = times.shape[1] - 1
     if not len(times) or not steps:
@@ -438,9 +438,7 @@ def _step(times: NDArray[np.float64], axis: _LVMAxis) -> float:
     return float(span / steps)
 
 
-def _is_continuous(
-    times: NDArray[np.float64], axis: _LVMAxis, path: str | Path, first: int
-) -> bool:
+def _is_continuous(times: RealArray, axis: _LVMAxis, path: str | Path, first: int) -> bool:
     """Return whether the times of consecutive packets are continuous; refuse gaps in a packet."""
     if not len(times):
         return False

@@ -14,8 +14,8 @@ from pathlib import Path
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
+from updyn.arrays import IntArray, RealArray
 from updyn.errors import FormatError
 from updyn.io.items import unreadable_error
 from updyn.io.text_numbers import check_last_line, parse_rows
@@ -127,7 +127,7 @@ def _size(line: bytes, layout: str, path: Path, number: int) -> tuple[int, ...]:
     return tuple(map(int, words))
 
 
-_Entries = tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]
+_Entries = tuple[IntArray, IntArray, RealArray]
 
 
 def _coordinate_entries(head: _MatrixMarketHeader, n: int, path: Path) -> _Entries:
@@ -171,7 +171,7 @@ def _check_count(found: int, expected: int, says: str, path: Path) -> None:
         raise FormatError(f"{found} entries; {says} {expected}: {what}", path)
 
 
-def _check_twice(keys: NDArray[np.int64], n: int, symmetry: str, path: Path) -> None:
+def _check_twice(keys: IntArray, n: int, symmetry: str, path: Path) -> None:
     order = np.sort(keys)
     twice = np.flatnonzero(np.diff(order) == 0)
     if twice.size:

@@ -40,8 +40,8 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
+from updyn.arrays import NumberArray
 from updyn.dofs import Dof, DofSet
 from updyn.errors import FormatError, OptionError, suggest
 from updyn.frf import FRF
@@ -324,7 +324,7 @@ def _order_axes(
     shape: tuple[int, int, int],
     order: Sequence[str] | None,
     path: str | Path,
-) -> NDArray[Any]:
+) -> NumberArray:
     """Return an array as (lines, responses, references); lengths never decide the order."""
     array = as_numbers(given, name, path)
     found = array.shape

@@ -28,8 +28,8 @@ from typing import IO, Any
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
+from updyn.arrays import NumberArray
 from updyn.dofs import Dof
 from updyn.errors import FormatError
 from updyn.foreign.limits import limits_of
@@ -118,7 +118,7 @@ def _save(items: dict[str, Any], path: str | Path) -> None:
         np.savez(file, allow_pickle=False, **arrays)
 
 
-def read_arrays(path: str | Path) -> dict[str, NDArray[Any]]:
+def read_arrays(path: str | Path) -> dict[str, NumberArray]:
     """Read all arrays of an archive by name; sizes are checked before anything is unpacked."""
     with Path(path).open("rb") as file:
         start = file.read(8)
@@ -128,7 +128,7 @@ def read_arrays(path: str | Path) -> dict[str, NDArray[Any]]:
         )
     if not start.startswith(b"PK"):
         raise FormatError(f"not an .npz archive: it starts with {start!r}, expected b'PK'", path)
-    out: dict[str, NDArray[Any]] = {}
+    out: dict[str, NumberArray] = {}
     with report_library_errors(path, ".npz archive"), zipfile.ZipFile(path) as archive:
         members = archive.infolist()
         limits_of(path).check(sum(member.file_size for member in members))
@@ -143,7 +143,7 @@ def read_arrays(path: str | Path) -> dict[str, NDArray[Any]]:
     return out
 
 
-def _array(stream: IO[bytes], name: str, path: str | Path) -> NDArray[Any]:
+def _array(stream: IO[bytes], name: str, path: str | Path) -> NumberArray:
     """Return the array of one member, with exactly the number of bytes stated in its header."""
     try:
         version = np.lib.format.read_magic(stream)
@@ -167,7 +167,7 @@ def _array(stream: IO[bytes], name: str, path: str | Path) -> NDArray[Any]:
     return to_native(flat.reshape(shape, order="F" if in_columns else "C"))
 
 
-def _nest_items(arrays: dict[str, NDArray[Any]], path: str | Path) -> dict[str, Any]:
+def _nest_items(arrays: dict[str, NumberArray], path: str | Path) -> dict[str, Any]:
     """Return the arrays with texts as lists, and ``NAME.K.data`` as sparse matrices of groups."""
     top: dict[str, Any] = {}
     groups: dict[str, dict[str, Any]] = {}
@@ -219,7 +219,7 @@ def _join_sparse(parts: dict[str, Any], name: str, path: str | Path) -> dict[str
     return out
 
 
-def _to_plain(array: NDArray[Any], name: str, path: str | Path) -> Any:
+def _to_plain(array: NumberArray, name: str, path: str | Path) -> Any:
     if array.dtype.kind not in "US":
         return array
     if array.ndim > 1:

@@ -16,8 +16,8 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
+from updyn.arrays import IntArray, RealArray
 from updyn.dofs import DofSet
 from updyn.errors import ModelError, OptionError
 from updyn.geometry import Geometry
@@ -55,7 +55,6 @@ _SHAPES = (
 _LINES = {2: LINE, 3: TRIANGLE, 4: QUADRANGLE, 8: HEXAHEDRON}
 #: Commands that the OpenSees module must have.
 _COMMANDS = ("getNodeTags", "printA", "setElementRayleighDampingFactors")
-_Array = NDArray[np.float64]
 
 
 def from_opensees(
@@ -263,8 +262,8 @@ def _geometry(ops: Any, length: float) -> Geometry:
     for i, node in enumerate(nodes):
         position = ops.nodeCoord(node)
         xyz[i, : len(position)] = position
-    lines: list[tuple[Shape, NDArray[np.int64]]] = []
-    faces: list[tuple[Shape, NDArray[np.int64]]] = []
+    lines: list[tuple[Shape, IntArray]] = []
+    faces: list[tuple[Shape, IntArray]] = []
     for tag in ops.getEleTags():
         ends = np.array([ops.eleNodes(tag)], dtype=np.int64)
         kind, count = str(ops.eleType(tag)).lower(), ends.shape[1]
@@ -306,7 +305,7 @@ class _OpenSeesAssembly:
                 " matrices"
             )
 
-    def form(self, mass: float, damping: float, stiffness: float, what: str) -> _Array:
+    def form(self, mass: float, damping: float, stiffness: float, what: str) -> RealArray:
         """Return the sum of M, C and K with these factors, shape (N, N)."""
         self._ops.integrator("GimmeMCK", mass, damping, stiffness)
         A = np.array(self._ops.printA("-ret"), dtype=np.float64).reshape(self.size, self.size)
@@ -321,9 +320,9 @@ class _OpenSeesAssembly:
 class _Totals:
     """K, M of elements, and the damping of dashpots."""
 
-    stiffness: _Array
-    mass: _Array
-    dashpots: _Array
+    stiffness: RealArray
+    mass: RealArray
+    dashpots: RealArray
 
 
 def _split_groups(
@@ -333,7 +332,7 @@ def _split_groups(
     elements: Mapping[str, list[int]],
     at_nodes: Mapping[str, list[int]],
     rayleigh: Sequence[float],
-) -> dict[str, dict[str, _Array]]:
+) -> dict[str, dict[str, RealArray]]:
     """Return stiffness, mass and viscous damping by group, with the sum of OpenSees."""
     K = assembly.form(0.0, 0.0, 1.0, "stiffness")
     M = assembly.form(1.0, 0.0, 0.0, "mass")
@@ -388,7 +387,7 @@ def _without_masses(ops: Any, at_nodes: Mapping[str, list[int]]) -> Iterator[Cal
 
 def _element_contribution(
     ops: Any, assembly: _OpenSeesAssembly, total: _Totals, tags: Iterable[int]
-) -> dict[str, _Array]:
+) -> dict[str, RealArray]:
     """Return the contribution of elements to K and M, by means of their Rayleigh damping."""
     out = {}
     for what, factors in (("stiffness", (0.0, 1.0)), ("mass", (1.0, 0.0))):
@@ -407,7 +406,7 @@ def _undamped_group(
     total: _Totals,
     elements: Mapping[str, list[int]],
     what: str,
-    difference: _Array,
+    difference: RealArray,
     dofs: DofSet,
 ) -> str:
     """Return the only group with elements without Rayleigh damping, which owns the difference."""
@@ -437,7 +436,7 @@ def _undamped_group(
     )
 
 
-def _remove_rounding(matrix: _Array, whole: _Array, share: float | None = None) -> _Array:
+def _remove_rounding(matrix: RealArray, whole: RealArray, share: float | None = None) -> RealArray:
     """Return a difference without entries below a share of the largest of row and column."""
     share = MATRIX_FILE.entry_rounding if share is None else share
     scale = np.abs(whole).max(axis=1)

@@ -20,8 +20,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import RealArray
 from updyn.errors import FormatError, OptionError, suggest
 from updyn.io.items import as_number, as_reals, as_vector, describe_kind, locate_errors
 from updyn.signals.records import Records, find_step, seconds
@@ -29,7 +29,6 @@ from updyn.units import find_unit, suggest_unit
 
 __all__ = ["build_records"]
 
-_Real = NDArray[np.float64]
 _AXES = ("record", "channel", "time")
 
 
@@ -82,7 +81,7 @@ def _one_array(
     channels: Sequence[str] | None,
     order: Sequence[str] | None,
     path: str | Path,
-) -> tuple[list[str], _Real]:
+) -> tuple[list[str], RealArray]:
     """Return the names and values of all channels in one array."""
     if channels is None:
         raise OptionError(
@@ -103,7 +102,7 @@ def _arrays_of_channels(
     channels: Sequence[str] | None,
     order: Sequence[str] | None,
     path: str | Path,
-) -> tuple[list[str], _Real]:
+) -> tuple[list[str], RealArray]:
     """Return the names and values of channels with one array each."""
     if channels is not None:
         raise OptionError(
@@ -127,18 +126,20 @@ def _arrays_of_channels(
     return list(parts), np.concatenate(list(parts.values()), axis=1)
 
 
-def _size(array: _Real) -> str:
+def _size(array: RealArray) -> str:
     return f"{array.shape[0]} records of {array.shape[2]} samples"
 
 
-def _array(arrays: Mapping[str, Any], name: str, path: str | Path) -> _Real:
+def _array(arrays: Mapping[str, Any], name: str, path: str | Path) -> RealArray:
     """Return the array with this name."""
     if name not in arrays:
         raise FormatError(f"no array {name!r}; {suggest(name, sorted(arrays))}", path)
     return np.asarray(as_reals(arrays[name], name, path), dtype=np.float64)
 
 
-def _order_axes(array: _Real, name: str, order: Sequence[str] | None, path: str | Path) -> _Real:
+def _order_axes(
+    array: RealArray, name: str, order: Sequence[str] | None, path: str | Path
+) -> RealArray:
     """Return an array with the axes record, channel, time."""
     if order is None:
         if array.size != max(array.shape, default=1):

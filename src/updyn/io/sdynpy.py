@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import IndexArray, IntArray, NumberArray, RealArray
 from updyn.dofs import DofSet
 from updyn.errors import FormatError, UpdynWarning
 from updyn.io.items import as_reals, check_names, locate_errors
@@ -31,7 +31,7 @@ def is_system(names: Mapping[str, Any]) -> bool:
     return "coordinate" in names and sum(name in names for name in _NEEDED) >= 3
 
 
-def system_model(arrays: Mapping[str, NDArray[Any]], path: str | Path) -> Model:
+def system_model(arrays: Mapping[str, NumberArray], path: str | Path) -> Model:
     """Build a model of one group "model" from the arrays of a system, in units of the file (SI).
 
     A state gets the label of the coordinate that is equal to it; for a negative coordinate the
@@ -67,9 +67,7 @@ def system_model(arrays: Mapping[str, NDArray[Any]], path: str | Path) -> Model:
         )
 
 
-def _coordinates(
-    given: NDArray[Any], path: str | Path
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _coordinates(given: NumberArray, path: str | Path) -> tuple[IntArray, IntArray]:
     if given.dtype.names != ("node", "direction") or given.ndim != 1:
         raise FormatError(
             f"coordinate: found {given.dtype} of shape {given.shape}; expected one row of pairs of"
@@ -91,11 +89,11 @@ def _coordinates(
 
 
 def _coordinate_of_state(
-    T: NDArray[np.float64],
-    nodes: NDArray[np.int64],
-    directions: NDArray[np.int64],
+    T: RealArray,
+    nodes: IntArray,
+    directions: IntArray,
     path: str | Path,
-) -> NDArray[np.intp]:
+) -> IndexArray:
     """Return for each state the first coordinate equal to it, with either sign."""
     # The identity part of a reduction is computed, so its last digits may be wrong.
     ones, zeros = np.abs(np.abs(T) - 1.0) < 1e-12, np.abs(T) < 1e-12
@@ -109,7 +107,7 @@ def _coordinate_of_state(
             " reduction that keeps coordinates (Guyan, dynamic)",
             path,
         )
-    row: NDArray[np.intp] = np.argmax(pure, axis=0)
+    row: IndexArray = np.argmax(pure, axis=0)
     dependent = np.setdiff1d(np.arange(len(T)), row)
     if dependent.size:
         first = DofSet.from_arrays(nodes[dependent[:1]], np.abs(directions[dependent[:1]]) - 1)[0]

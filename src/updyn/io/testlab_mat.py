@@ -24,8 +24,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import NumberArray, RealArray
 from updyn.dofs import Dof
 from updyn.errors import AbsentError, FormatError, OptionError
 from updyn.foreign.plain import Unread
@@ -108,8 +108,8 @@ class _Struct:
 class Functions:
     """Functions of one type, in SI units, on common lines in Hz, by names of channels."""
 
-    freq: NDArray[np.float64]
-    values: dict[Pair, NDArray[Any]]
+    freq: RealArray
+    values: dict[Pair, NumberArray]
 
 
 def is_export(variables: Mapping[str, Any]) -> bool:
@@ -233,8 +233,8 @@ def _describe_absence(by_kind: Mapping[str, Sequence[_Struct]]) -> str:
 
 def _read_functions(structs: Sequence[_Struct]) -> Functions:
     """Read the functions of structs with the same lines."""
-    freq: NDArray[np.float64] | None = None
-    out: dict[Pair, NDArray[Any]] = {}
+    freq: RealArray | None = None
+    out: dict[Pair, NumberArray] = {}
     for struct in structs:
         is_frf = struct.kind == "FRF"
         read = as_numbers if is_frf else as_reals
@@ -260,7 +260,7 @@ def _read_functions(structs: Sequence[_Struct]) -> Functions:
     return Functions(freq, out)
 
 
-def _read_lines(struct: _Struct, n_lines: int) -> NDArray[np.float64]:
+def _read_lines(struct: _Struct, n_lines: int) -> RealArray:
     """Return the lines in Hz of functions with `n_lines` values."""
     label = struct.text("x_values.quantity.label")
     unit = find_unit(label, "frequency")
@@ -286,11 +286,11 @@ def _read_pairs(struct: _Struct) -> list[Pair]:
     return list(zip(rows, columns, strict=True))
 
 
-def _are_same(a: NDArray[np.float64], b: NDArray[np.float64]) -> bool:
+def _are_same(a: RealArray, b: RealArray) -> bool:
     return a.shape == b.shape and np.allclose(a, b, rtol=1e-9, atol=0.0)
 
 
-def _stack(functions: Functions, rows: Sequence[str], columns: Sequence[str]) -> NDArray[Any]:
+def _stack(functions: Functions, rows: Sequence[str], columns: Sequence[str]) -> NumberArray:
     """Return functions as one array, shape (lines, rows, columns)."""
     values = [[functions.values[i, j] for j in columns] for i in rows]
     return np.moveaxis(np.array(values), 2, 0)
@@ -363,7 +363,7 @@ def _match_coherence(
     rows: Sequence[str],
     columns: Sequence[str],
     path: str | Path,
-) -> NDArray[Any] | None:
+) -> NumberArray | None:
     """Return the coherence of all FRFs; None without it, with a warning if it is incomplete."""
     if not structs:
         return None

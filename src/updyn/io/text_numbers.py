@@ -12,8 +12,8 @@ from itertools import groupby
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import RealArray
 from updyn.errors import FormatError
 from updyn.io.settings import FILE_TEXT
 
@@ -47,7 +47,7 @@ def parse_rows(
     commas: bool = False,
     separator: bytes = b"",
     comment: bytes = b"",
-) -> NDArray[np.float64]:
+) -> RealArray:
     """Return finite numbers, one row per line, shape (n, len(columns)); empty lines are ignored.
 
     `columns` has "i" for an integer or "r" for a real number of each row; `expected` names them for
@@ -87,7 +87,7 @@ def parse_real(text: str) -> float:
     return value
 
 
-def parse_reals(body: bytes) -> NDArray[np.float64] | None:
+def parse_reals(body: bytes) -> RealArray | None:
     """Return the numbers separated by blanks and line breaks; None if a word is not a number."""
     if _REALS.fullmatch(body) is None:
         return None
@@ -95,7 +95,7 @@ def parse_reals(body: bytes) -> NDArray[np.float64] | None:
     return found if np.isfinite(found).all() else None
 
 
-def find_rounding(texts: Sequence[str], values: NDArray[np.float64]) -> NDArray[np.float64]:
+def find_rounding(texts: Sequence[str], values: RealArray) -> RealArray:
     """Return the place value of the last digit of each number in its printed form.
 
     Numbers of one column have the same number of decimals, or the same number of significant

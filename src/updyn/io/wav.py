@@ -11,11 +11,10 @@ import struct
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import NumberArray, RealArray
 from updyn.errors import FormatError, OptionError
 from updyn.io.items import locate_errors, report_library_errors, require_file, unreadable_error
 from updyn.signals.records import Records
@@ -53,7 +52,7 @@ def read_records(path: str | Path, *, channels: Sequence[str] | None = None) -> 
         return Records.of(values[None], 1.0 / rate, names, [""] * len(names), Path(path).name)
 
 
-def _scale_samples(samples: NDArray[Any]) -> NDArray[np.float64]:
+def _scale_samples(samples: NumberArray) -> RealArray:
     """Return integers as fractions of the full scale."""
     if samples.dtype.kind == "f":
         return samples.astype(np.float64)

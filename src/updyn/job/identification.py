@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BeforeValidator, Strict
 
+from updyn.arrays import RealArray
 from updyn.errors import JobError, key_path
 from updyn.frf import FRF
 from updyn.io import write_modes
@@ -189,7 +189,7 @@ def _find_mode(found: ModeSet, frequency: float) -> float:
     raise JobError(text)
 
 
-def _find_nearest(values: NDArray[np.float64], frequency: float) -> float:
+def _find_nearest(values: RealArray, frequency: float) -> float:
     """Return the value nearest to a frequency."""
     return float(values[int(np.argmin(np.abs(values - frequency)))])
 

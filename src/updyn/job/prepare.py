@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import RealArray
 from updyn.dofs import Dof, DofSet
 from updyn.dynamics.fields import TIERS
 from updyn.dynamics.zero_line import leave_out_zero_line
@@ -129,7 +129,7 @@ def _prepare_test(
     )
 
 
-def _check_table(model: Model, freq: NDArray[np.float64]) -> None:
+def _check_table(model: Model, freq: RealArray) -> None:
     """Check that loss factors over frequency cover the data."""
     for name, group in model.groups.items():
         if group.loss_table is not None:

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
+from updyn.arrays import RealArray
 from updyn.errors import OptionError
 from updyn.frf import FRF
 from updyn.job.schema import Job
@@ -42,7 +40,7 @@ class PreparedTest:
         raise OptionError("the test measured modes; this takes FRFs", key=("test", "modes"))
 
     @property
-    def freq(self) -> NDArray[np.float64]:
+    def freq(self) -> RealArray:
         """Frequencies of the data in Hz, ascending: frequency lines or natural frequencies."""
         return self.data.freq if isinstance(self.data, FRF) else self.data.frequency
 

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import RealArray
 from updyn.correlation import Correlation, correlate
 from updyn.dynamics.response import response
 from updyn.errors import SolverError
@@ -220,7 +220,7 @@ def _find_validation_set(test: PreparedTest) -> tuple[tuple[str, ...], tuple[flo
     return (), (float(held[0]), float(held[1]))
 
 
-def _find_fitted_lines(test: PreparedTest) -> NDArray[np.float64]:
+def _find_fitted_lines(test: PreparedTest) -> RealArray:
     """Return the frequency lines of the fit; empty for modes or if the fit selects them."""
     if not isinstance(test.fitted, FRF) or isinstance(test.job.method.lines, str):
         return np.empty(0)
@@ -228,7 +228,7 @@ def _find_fitted_lines(test: PreparedTest) -> NDArray[np.float64]:
     return np.asarray(test.fitted.freq if given is None else given, dtype=np.float64)
 
 
-def _mask_undetermined(analysis: Analysis) -> NDArray[np.float64]:
+def _mask_undetermined(analysis: Analysis) -> RealArray:
     """Return the covariance with inf in the rows and columns of undetermined unknowns."""
     out = np.array(analysis.covariance)
     out[analysis.involved, :] = np.inf

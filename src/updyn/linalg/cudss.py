@@ -19,6 +19,7 @@ from weakref import finalize
 import numpy as np
 from numpy.typing import NDArray
 
+from updyn.arrays import NumberArray, RealArray
 from updyn.linalg.settings import SPARSE_SOLVER
 from updyn.linalg.solver import unit_scale
 from updyn.linalg.triangle import upper_triangle
@@ -112,11 +113,11 @@ class Cudss:
 class _CudssFactors:
     card: _Card
     matrix: int
-    scale: NDArray[np.float64]
+    scale: RealArray
     kind: np.dtype[Any]
     negative: int | None
 
-    def __call__(self, B: NDArray[Any]) -> NDArray[Any]:
+    def __call__(self, B: NumberArray) -> NumberArray:
         x = np.empty(B.shape, dtype=self.kind, order="F")
         if not x.size:
             return x
@@ -161,14 +162,14 @@ class _Card:
 
     def set(self, name: str, kind: type, value: float) -> None:
         """Set a parameter."""
-        values: NDArray[Any] = np.array([value], dtype=kind)
+        values: NumberArray = np.array([value], dtype=kind)
         parameter = self.cudss.ConfigParam[name]
         with _convert_errors(self.cudss):
             self.cudss.config_set(self.config, parameter, values.ctypes.data, values.nbytes)
 
-    def query(self, name: str, kind: type, n: int) -> NDArray[Any]:
+    def query(self, name: str, kind: type, n: int) -> NumberArray:
         """Return a result of the last phase."""
-        values: NDArray[Any] = np.zeros(n, dtype=kind)
+        values: NumberArray = np.zeros(n, dtype=kind)
         written = np.zeros(1, dtype=np.uint64)
         with _convert_errors(self.cudss):
             self.cudss.data_get(
@@ -183,12 +184,12 @@ class _Card:
         stack.callback(self.cuda.cudaFree, place)
         return int(place)
 
-    def upload(self, place: int, array: NDArray[Any]) -> None:
+    def upload(self, place: int, array: NumberArray) -> None:
         """Copy an array to the card."""
         to_card = self.cuda.cudaMemcpyKind.cudaMemcpyHostToDevice
         self._check_code(self.cuda.cudaMemcpy(place, array.ctypes.data, array.nbytes, to_card))
 
-    def download(self, array: NDArray[Any], place: int) -> None:
+    def download(self, array: NumberArray, place: int) -> None:
         """Copy from the card into an array."""
         to_host = self.cuda.cudaMemcpyKind.cudaMemcpyDeviceToHost
         self._check_code(self.cuda.cudaMemcpy(array.ctypes.data, place, array.nbytes, to_host))
@@ -216,7 +217,7 @@ class _Card:
         stack.callback(cudss.matrix_destroy, made)
         return int(made)
 
-    def dense(self, stack: ExitStack, array: NDArray[Any]) -> tuple[int, int]:
+    def dense(self, stack: ExitStack, array: NumberArray) -> tuple[int, int]:
         """Return a copy of an array on the card, shape (n, r), and the address of its values."""
         place, cudss = self.room(stack, array.nbytes), self.cudss
         self.upload(place, array)

@@ -13,7 +13,8 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
+
+from updyn.arrays import NumberArray
 
 __all__ = ["Mumps"]
 
@@ -94,5 +95,5 @@ class _MumpsFactors:
     context: Any
     negative: int | None
 
-    def __call__(self, B: NDArray[Any]) -> NDArray[Any]:
+    def __call__(self, B: NumberArray) -> NumberArray:
         return np.asarray(self.context.solve(np.array(B, order="F"), overwrite_b=True))

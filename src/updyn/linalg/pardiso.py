@@ -16,8 +16,8 @@ from typing import Any
 from weakref import finalize
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import IntArray, NumberArray
 from updyn.linalg.settings import SPARSE_SOLVER
 from updyn.linalg.single import round_to_single, solve_scaled
 from updyn.linalg.triangle import upper_triangle
@@ -132,12 +132,12 @@ class _PardisoFactors:
     session: _Session
     negative: int | None
 
-    def __call__(self, B: NDArray[Any]) -> NDArray[Any]:
+    def __call__(self, B: NumberArray) -> NumberArray:
         if self.session.is_single:
             return solve_scaled(self._solve, B)
         return self._solve(B)
 
-    def _solve(self, B: NDArray[Any]) -> NDArray[Any]:
+    def _solve(self, B: NumberArray) -> NumberArray:
         b = np.asfortranarray(B, dtype=self.session.a.dtype)
         x = np.empty_like(b)
         if x.size:  # the library rejects zero columns
@@ -150,20 +150,18 @@ class _Session:
     """The handle of the library and its arrays."""
 
     kind: int
-    handle: NDArray[np.int64]
-    iparm: NDArray[Any]
-    a: NDArray[Any]
-    ia: NDArray[Any]
-    ja: NDArray[Any]
+    handle: IntArray
+    iparm: NumberArray
+    a: NumberArray
+    ia: NumberArray
+    ja: NumberArray
 
     @property
     def is_single(self) -> bool:
         """Whether the library works in single precision."""
         return self.a.dtype == np.float32
 
-    def call(
-        self, phase: int, b: NDArray[Any] | None = None, x: NDArray[Any] | None = None
-    ) -> None:
+    def call(self, phase: int, b: NumberArray | None = None, x: NumberArray | None = None) -> None:
         integer: Any = ctypes.c_int32
         run = library().pardiso
         if self.iparm.dtype == np.int64:
@@ -173,7 +171,7 @@ class _Session:
         def number(value: int) -> Any:
             return ctypes.byref(integer(value))
 
-        def place(array: NDArray[Any] | None) -> Any:
+        def place(array: NumberArray | None) -> Any:
             if array is None:
                 return None
             return ctypes.c_void_p(array.ctypes.data)

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from updyn.arrays import NumberArray, RealArray
 
 __all__ = ["round_to_single", "solve_scaled"]
 
@@ -18,9 +19,7 @@ def round_to_single(values: NDArray[np.float32]) -> NDArray[np.float32]:
     return values
 
 
-def solve_scaled(
-    solve: Callable[[NDArray[np.float32]], NDArray[Any]], B: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def solve_scaled(solve: Callable[[NDArray[np.float32]], NumberArray], B: RealArray) -> RealArray:
     """Return the solution for loads of any magnitude, which are scaled to columns of size 1."""
     # Powers of two, so scaling causes no rounding.
     scale = np.ldexp(1.0, np.frexp(np.abs(B).max(axis=0, initial=0.0))[1])

@@ -16,8 +16,8 @@ from functools import partial
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import ComplexArray, NumberArray, RealArray
 from updyn.errors import OptionError, SolverError, key_path
 from updyn.linalg.settings import SPARSE_SOLVER
 from updyn.registry import Registry
@@ -44,7 +44,7 @@ class Factors(Protocol):
     def negative(self) -> int | None:
         """Number of negative eigenvalues of a real matrix; None if unknown."""
 
-    def __call__(self, B: NDArray[Any], /) -> NDArray[Any]:
+    def __call__(self, B: NumberArray, /) -> NumberArray:
         """Solve for right-hand sides of the matrix's kind, shape (n, r)."""
 
 
@@ -120,14 +120,14 @@ class SparseSolver:
     solve_counts: dict[str, int] = field(default_factory=dict, init=False)
     refined: int = field(default=0, init=False)
     _analysed: dict[_BackendChoice, Backend] = field(default_factory=dict, init=False)
-    _pattern: tuple[NDArray[Any], NDArray[Any]] | None = field(default=None, init=False)
+    _pattern: tuple[NumberArray, NumberArray] | None = field(default=None, init=False)
     _alive: weakref.ref[Factorised] | None = field(default=None, init=False)
 
     def __reduce__(self) -> tuple[Any, ...]:
         # It starts again in another process, as library data cannot be transferred.
         return partial(SparseSolver, real=self.real, single=self.single), (self.backend,)
 
-    def solve(self, A: Any, B: NDArray[Any], freq: float, held: str = "") -> NDArray[Any]:
+    def solve(self, A: Any, B: NumberArray, freq: float, held: str = "") -> NumberArray:
         """Solve A X = B, A sparse CSC, symmetric and sorted with a full diagonal, and check X.
 
         `freq` in Hz and `held`, the held DOFs, are for messages. Raises SolverError if A is
@@ -297,11 +297,11 @@ class Factorised:
         """Permitted relative error of solutions; 0 in double precision."""
         return self._error if self._latest_factors()[1].single else 0.0
 
-    def times(self, X: NDArray[Any]) -> NDArray[Any]:
+    def times(self, X: NumberArray) -> NumberArray:
         """Return A X, X of shape (n, r)."""
         return np.asarray(self._A @ X)
 
-    def solve(self, B: NDArray[Any]) -> NDArray[Any]:
+    def solve(self, B: NumberArray) -> NumberArray:
         """Solve A X = B and check X; errors as `SparseSolver.solve`.
 
         Raises RuntimeError if the solver has factorised another matrix since, or was released.
@@ -341,7 +341,7 @@ class Factorised:
         self._solver.solve_counts[choice.name] = self._solver.solve_counts.get(choice.name, 0) + 1
         return X[:, :r]
 
-    def _refine_solution(self, B: NDArray[Any]) -> tuple[NDArray[Any], float, NDArray[np.float64]]:
+    def _refine_solution(self, B: NumberArray) -> tuple[NumberArray, float, RealArray]:
         """Return the solution, its largest backward error and the growth; correct columns once."""
         run, choice = self._latest_factors()
         X = run(B)
@@ -358,7 +358,7 @@ class Factorised:
             self._solver.refined += 1
         return X, float(errors.max(initial=0.0)), grown
 
-    def _refine_to_tolerance(self, run: Factors, X: NDArray[Any], B: NDArray[Any]) -> None:
+    def _refine_to_tolerance(self, run: Factors, X: NumberArray, B: NumberArray) -> None:
         """Refine solutions of single-precision factors; RuntimeError if they do not converge."""
         error, before = self._off.share, 1.0
         for _ in range(SPARSE_SOLVER.most_refinements):
@@ -438,7 +438,7 @@ class _FactorDistance:
 _EXACT = _FactorDistance(0.0, 0.0)
 
 
-def unit_scale(diagonal: NDArray[Any]) -> NDArray[np.float64]:
+def unit_scale(diagonal: NumberArray) -> RealArray:
     """Return the scale that makes rows and columns of a matrix comparable, independent of units.
 
     DOFs with a zero entry get 1e-8 of the largest scale, or 1 if all are zero.
@@ -448,7 +448,7 @@ def unit_scale(diagonal: NDArray[Any]) -> NDArray[np.float64]:
     return np.asarray(np.where(largest > 0, np.maximum(scale, 1e-8 * largest), 1.0))
 
 
-def growth(diagonal: NDArray[Any], X: NDArray[Any], B: NDArray[Any]) -> NDArray[np.float64]:
+def growth(diagonal: NumberArray, X: NumberArray, B: NumberArray) -> RealArray:
     """Return the largest growth of a solution of A X = B relative to B, in any units, shape (...).
 
     It is approximately a lower bound of the condition number of the matrix scaled by `diagonal`.
@@ -458,7 +458,7 @@ def growth(diagonal: NDArray[Any], X: NDArray[Any], B: NDArray[Any]) -> NDArray[
     return np.asarray(grown.max(axis=-1, initial=0))
 
 
-def probe_load(scale: NDArray[np.float64]) -> NDArray[np.complex128]:
+def probe_load(scale: RealArray) -> ComplexArray:
     """Return a load that excites every mode, shape (..., n, 1): random phases, scaled by row.
 
     The same on every call; its `growth` is close to the condition number of the scaled matrix.
@@ -469,11 +469,11 @@ def probe_load(scale: NDArray[np.float64]) -> NDArray[np.complex128]:
 
 def accuracy(
     A: Any,
-    scale: NDArray[np.float64],
-    X: NDArray[Any],
-    B: NDArray[Any],
+    scale: RealArray,
+    X: NumberArray,
+    B: NumberArray,
     allowed: float,
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+) -> tuple[RealArray, RealArray]:
     """Return backward error and growth of each column of A X = B, at the cost of one column in 64.
 
     The residual of a random combination of the columns is evaluated (Freivalds, 1977); every column
@@ -507,7 +507,7 @@ _TINY = np.finfo(float).tiny
 
 
 def _combination_bound(
-    A: Any, scale: NDArray[np.float64], x: NDArray[Any], b: NDArray[Any], size: NDArray[np.float64]
+    A: Any, scale: RealArray, x: NumberArray, b: NumberArray, size: RealArray
 ) -> np.float64:
     """Return a bound of the backward errors of columns from a random combination of them."""
     r = len(size)
@@ -520,7 +520,7 @@ def _combination_bound(
     return np.float64(3 * r * error / size_of_both)
 
 
-def _times(X: NDArray[Any], weight: NDArray[np.float64]) -> NDArray[Any]:
+def _times(X: NumberArray, weight: RealArray) -> NumberArray:
     """Return X @ weight, in pieces small enough for BLAS to use one thread.
 
     More threads would wait for the cores on which the solver's threads still spin.
@@ -529,7 +529,7 @@ def _times(X: NDArray[Any], weight: NDArray[np.float64]) -> NDArray[Any]:
     return np.concatenate([X[i : i + step] @ weight for i in range(0, len(X), step)])
 
 
-def _column_sizes(X: NDArray[Any], scale: NDArray[np.float64]) -> NDArray[np.float64]:
+def _column_sizes(X: NumberArray, scale: RealArray) -> RealArray:
     """Return the largest scaled real or imaginary part of each column."""
     if np.iscomplexobj(X):
         scale = np.repeat(scale, 2)
@@ -539,14 +539,14 @@ def _column_sizes(X: NDArray[Any], scale: NDArray[np.float64]) -> NDArray[np.flo
     return np.concatenate([(np.abs(piece) * scale).max(axis=1, initial=0.0) for piece in pieces])
 
 
-def _compute_growth(solved: NDArray[np.float64], load: NDArray[np.float64]) -> NDArray[np.float64]:
+def _compute_growth(solved: RealArray, load: RealArray) -> RealArray:
     with np.errstate(divide="ignore", invalid="ignore"):
         grown = solved / load
     # 0 / 0: a column without load.
     return np.where(np.isfinite(solved), np.nan_to_num(grown, nan=0.0), np.inf)
 
 
-def singular_message(freq: float, held: str = "", *, scale: NDArray[np.float64]) -> str:
+def singular_message(freq: float, held: str = "", *, scale: RealArray) -> str:
     """Return the message on a singular line in Hz, with a remedy; `held` are the held DOFs."""
     if freq == 0.0:
         why = "the structure is free to move. Omit the line or support the structure"

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import NumberArray
 from updyn.linalg.single import round_to_single, solve_scaled
 
 __all__ = ["SuperLU"]
@@ -75,7 +75,7 @@ class _LU:
             return None
         return int((pivots < 0).sum())
 
-    def __call__(self, B: NDArray[Any]) -> NDArray[Any]:
+    def __call__(self, B: NumberArray) -> NumberArray:
         if self.is_single:
             return solve_scaled(self.lu.solve, B)
         return np.asarray(self.lu.solve(B))

@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import BoolArray, IntArray, NumberArray
 from updyn.linalg.settings import SPARSE_SOLVER
 
 __all__ = ["upper_triangle"]
 
 
-def upper_triangle(
-    indptr: NDArray[Any], indices: NDArray[Any]
-) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
+def upper_triangle(indptr: NumberArray, indices: NumberArray) -> tuple[BoolArray, IntArray]:
     """Return the mask of the upper triangle of a symmetric CSC pattern, and its CSR row pointers.
 
     CSC of a symmetric matrix is its CSR: rows of the upper triangle are columns of the lower one.

@@ -17,8 +17,8 @@ from itertools import permutations
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
+from updyn.arrays import BoolArray, RealArray
 from updyn.dofs import DIRECTIONS, Dof
 from updyn.errors import DofError
 from updyn.geometry import Geometry
@@ -43,7 +43,7 @@ class SensorDirection:
     sensor: Dof
     role: str
     dof: Dof
-    vector: NDArray[np.float64] | None = None
+    vector: RealArray | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +65,7 @@ class _Local:
 
     target: SensorDirection
     part: int
-    vector: NDArray[np.float64]
+    vector: RealArray
     angle: float
 
     @property
@@ -111,7 +111,7 @@ def assign_dofs(
 
 
 # -- one sensor
-def _node_frames(model: Model, nodes: Iterable[int]) -> dict[int, NDArray[np.float64]]:
+def _node_frames(model: Model, nodes: Iterable[int]) -> dict[int, RealArray]:
     """Return the displacement directions of nodes, as rows."""
     out = {node: np.eye(3) for node in nodes}
     if model.geometry is not None and model.geometry.axes is not None:
@@ -128,7 +128,7 @@ def _existing_directions(model: Model, nodes: Iterable[int]) -> dict[int, tuple[
     return {node: tuple(sorted(axes)) for node, axes in out.items()}
 
 
-def _mask(directions: Iterable[int], part: int) -> NDArray[np.bool_]:
+def _mask(directions: Iterable[int], part: int) -> BoolArray:
     """Return a mask of the three directions of a part (translations, rotations) that a node has."""
     return np.isin(part + np.arange(3), list(directions))
 
@@ -136,7 +136,7 @@ def _mask(directions: Iterable[int], part: int) -> NDArray[np.bool_]:
 def _find_local_directions(
     model: Model,
     targets: Sequence[SensorDirection],
-    frames: Mapping[int, NDArray[np.float64]],
+    frames: Mapping[int, RealArray],
     directions: Mapping[int, tuple[int, ...]],
     angle: float,
 ) -> list[_Local]:
@@ -161,7 +161,7 @@ def _find_local_directions(
 def _find_local_direction(
     model: Model,
     target: SensorDirection,
-    frame: NDArray[np.float64],
+    frame: RealArray,
     directions: tuple[int, ...],
     angle: float,
 ) -> _Local | str:
@@ -197,7 +197,7 @@ def _find_local_direction(
     return _Local(target, part, components / np.linalg.norm(components), off)
 
 
-def _angle_off(vector: NDArray[np.float64], axis: int) -> float:
+def _angle_off(vector: RealArray, axis: int) -> float:
     """Return the angle between a vector and an axis, regardless of sense, in degrees."""
     across = np.linalg.norm(np.delete(vector, axis))
     return float(np.degrees(np.arctan2(across, abs(vector[axis]))))
@@ -222,14 +222,14 @@ class _NodeDirections:
     `same` is True if translations and rotations have the same three orthogonal directions.
     """
 
-    translations: NDArray[np.float64]
-    rotations: NDArray[np.float64]
+    translations: RealArray
+    rotations: RealArray
     same: bool
 
-    def of(self, part: int) -> NDArray[np.float64]:
+    def of(self, part: int) -> RealArray:
         return self.translations if part == _TRANSLATION else self.rotations
 
-    def row(self, axis: int) -> NDArray[np.float64]:
+    def row(self, axis: int) -> RealArray:
         """Return the direction of one of the six DOFs."""
         rows = self.translations if axis < _ROTATION else self.rotations
         return np.asarray(rows[axis % 3])
@@ -251,7 +251,7 @@ def _basis(node: int, found: Sequence[_Local], directions: tuple[int, ...]) -> _
     return _NodeDirections(new_translations, _rotated_rows(rotating, rotations), same=False)
 
 
-def _vectors(found: Sequence[_Local]) -> NDArray[np.float64]:
+def _vectors(found: Sequence[_Local]) -> RealArray:
     """Return the directions of targets as rows, shape (n, 3)."""
     return np.array([local.vector for local in found]).reshape(-1, 3)
 
@@ -260,7 +260,7 @@ def _any_oblique(found: Sequence[_Local]) -> bool:
     return any(local.oblique for local in found)
 
 
-def _mixes_directions(A: NDArray[np.float64], mask: NDArray[np.bool_]) -> bool:
+def _mixes_directions(A: RealArray, mask: BoolArray) -> bool:
     """Return whether new directions combine directions that a node has with directions it lacks.
 
     Such a combination is not allowed: a planar model remains planar.
@@ -270,7 +270,7 @@ def _mixes_directions(A: NDArray[np.float64], mask: NDArray[np.bool_]) -> bool:
     return bool(A[np.ix_(mask, ~mask)].any() or A[np.ix_(~mask, mask)].any())
 
 
-def _rotated_rows(found: Sequence[_Local], mask: NDArray[np.bool_]) -> NDArray[np.float64]:
+def _rotated_rows(found: Sequence[_Local], mask: BoolArray) -> RealArray:
     if _any_oblique(found):
         return _complete_axes(found, mask)
     return np.eye(3)
@@ -286,13 +286,13 @@ def _select_distinct(found: Sequence[_Local]) -> list[_Local]:
     return kept
 
 
-def _angle_between(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
+def _angle_between(a: RealArray, b: RealArray) -> float:
     """Return the angle between two lines in degrees."""
     return float(np.degrees(np.arctan2(np.linalg.norm(np.cross(a, b)), abs(a @ b))))
 
 
 def _select_independent(
-    node: int, found: Sequence[_Local], part: int, mask: NDArray[np.bool_]
+    node: int, found: Sequence[_Local], part: int, mask: BoolArray
 ) -> list[_Local]:
     """Return the distinct directions of a part at a node, after a check of their independence."""
     kept = _select_distinct([local for local in found if local.part == part])
@@ -332,7 +332,7 @@ def _check_angles(node: int, found: Sequence[_Local]) -> None:
                 )
 
 
-def _complete_axes(found: Sequence[_Local], mask: NDArray[np.bool_]) -> NDArray[np.float64]:
+def _complete_axes(found: Sequence[_Local], mask: BoolArray) -> RealArray:
     """Return the sensors' directions and orthogonal ones as three rows, by nearest axis."""
     vectors = list(_vectors(found))
     labels = [DIRECTIONS.index(local.target.dof.direction) % 3 for local in found]
@@ -354,7 +354,7 @@ def _complete_axes(found: Sequence[_Local], mask: NDArray[np.bool_]) -> NDArray[
 
 
 def _label_score(
-    vectors: Sequence[NDArray[np.float64]], labels: Sequence[int], order: Sequence[int]
+    vectors: Sequence[RealArray], labels: Sequence[int], order: Sequence[int]
 ) -> float:
     """Return the closeness of vectors to the axes in an order; sensor labels break ties."""
     near = sum(abs(float(v[axis])) for v, axis in zip(vectors, order, strict=True))
@@ -377,7 +377,7 @@ def _assign_dof(local: _Local, basis: _NodeDirections | None) -> AssignedDof:
 def _rotate_model(
     model: Model,
     bases: Mapping[int, _NodeDirections],
-    frames: Mapping[int, NDArray[np.float64]],
+    frames: Mapping[int, RealArray],
     directions: Mapping[int, tuple[int, ...]],
 ) -> tuple[Model, list[str]]:
     """Return the model in the new DOFs, and notes on those that its geometry cannot represent."""
@@ -399,7 +399,7 @@ def _rotate_model(
 
 def _transformation(
     model: Model, bases: Mapping[int, _NodeDirections], directions: Mapping[int, tuple[int, ...]]
-) -> tuple[Matrix, NDArray[np.bool_]]:
+) -> tuple[Matrix, BoolArray]:
     """Return T of u = T q, shape (N, N), and a mask of the DOFs that it changes, shape (N,)."""
     n = model.n_dofs
     place = {}
@@ -428,7 +428,7 @@ def _transformation(
     return T, changed
 
 
-def _transform_group(group: Group, T: Matrix, changed: NDArray[np.bool_]) -> Group:
+def _transform_group(group: Group, T: Matrix, changed: BoolArray) -> Group:
     """Return T^T A T of the matrices of a group; the group itself if its DOFs are unchanged."""
 
     def touches(A: Matrix | None) -> bool:
@@ -448,7 +448,7 @@ def _transform_group(group: Group, T: Matrix, changed: NDArray[np.bool_]) -> Gro
 def _with_axes(
     geometry: Geometry | None,
     bases: Mapping[int, _NodeDirections],
-    frames: Mapping[int, NDArray[np.float64]],
+    frames: Mapping[int, RealArray],
 ) -> tuple[Geometry | None, list[int]]:
     """Return the geometry with the new directions, and the nodes that it cannot represent."""
     if geometry is None:
@@ -468,7 +468,7 @@ def _with_axes(
 
 
 def _describe_rotation(
-    node: int, basis: _NodeDirections, frame: NDArray[np.float64], directions: tuple[int, ...]
+    node: int, basis: _NodeDirections, frame: RealArray, directions: tuple[int, ...]
 ) -> str:
     """Return the rotated DOFs of a node with their directions in the global system, as text."""
     texts = []

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
+from updyn.arrays import IndexArray, RealArray
 from updyn.errors import InputError, UpdynWarning, suggest
 from updyn.geometry import Geometry
 from updyn.matching.result import Alignment, MatchError, format_list, vector_text
@@ -26,7 +26,7 @@ __all__ = ["NodeMatch", "fit_rigid", "match_nodes", "read_tolerance"]
 
 _ALIGNMENT = ("alignment",)
 
-Points = NDArray[np.float64]
+Points = RealArray
 
 
 # -- rigid alignment
@@ -208,7 +208,7 @@ class _Candidates:
         box = geometry.xyz[self.used]
         self.size = float(np.linalg.norm(np.ptp(box, axis=0)))
         self.centre = box.mean(axis=0)
-        self._trees: dict[frozenset[int], tuple[NDArray[np.intp], KDTree]] = {}
+        self._trees: dict[frozenset[int], tuple[IndexArray, KDTree]] = {}
         for need in set(needs):
             suitable = self.used.copy()
             if 0 in need:
@@ -223,7 +223,7 @@ class _Candidates:
                 )
             self._trees[need] = rows, KDTree(geometry.xyz[rows])
 
-    def nearest(self, points: Points, n: int) -> tuple[NDArray[np.intp], Points]:
+    def nearest(self, points: Points, n: int) -> tuple[IndexArray, Points]:
         """Return geometry rows and distances (m) of the n nearest nodes; missing nodes have inf."""
         rows = np.zeros((len(points), n), dtype=np.intp)
         distances = np.full((len(points), n), np.inf)

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import RealArray
 from updyn.errors import DofError, OptionError
 from updyn.frf import FRF
 from updyn.matching.settings import SENSOR_PLACEMENT
@@ -76,8 +76,8 @@ class Alignment:
     """
 
     how: str
-    rotation: NDArray[np.float64]
-    shift: NDArray[np.float64]
+    rotation: RealArray
+    shift: RealArray
     factor: float = 1.0
     unit: str | None = None
     residual: float | None = None
@@ -89,7 +89,7 @@ class Alignment:
         sine = np.linalg.norm([skew[2, 1], skew[0, 2], skew[1, 0]]) / 2.0
         return float(np.degrees(np.arctan2(sine, (np.trace(self.rotation) - 1.0) / 2.0)))
 
-    def apply(self, xyz: NDArray[np.float64]) -> NDArray[np.float64]:
+    def apply(self, xyz: RealArray) -> RealArray:
         """Move positions of the test onto the model.
 
         Parameters
@@ -242,7 +242,7 @@ def format_list(items: Sequence[str], indent: str = "\n  ") -> str:
     return indent + indent.join(lines)
 
 
-def vector_text(vector: Sequence[float] | NDArray[np.float64]) -> str:
+def vector_text(vector: Sequence[float] | RealArray) -> str:
     """Return three numbers as text; rounding errors of 0 become 0."""
     v = np.asarray(vector, dtype=np.float64)
     v = np.where(np.abs(v) < 5e-13, 0.0, v)

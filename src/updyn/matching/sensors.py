@@ -12,8 +12,9 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from updyn.arrays import RealArray
 from updyn.dofs import DIRECTIONS, Dof, DofSet
 from updyn.errors import DofError, OptionError, UpdynWarning, suggest
 from updyn.frf import FRF
@@ -269,13 +270,13 @@ def _read_node(old: Any, new: Any, sensors: Mapping[Dof, str], at: tuple[str, ..
 
 def _read_directions(
     given: Mapping[str, ArrayLike], sensors: Mapping[Dof, str]
-) -> dict[Dof, NDArray[np.float64]]:
+) -> dict[Dof, RealArray]:
     """Return unit directions by sensor, in the axes of the test."""
     if not isinstance(given, Mapping):
         raise MatchError(
             f"directions: expected vectors by label, found {type(given).__name__}", ("directions",)
         )
-    out: dict[Dof, NDArray[np.float64]] = {}
+    out: dict[Dof, RealArray] = {}
     for label, vector in given.items():
         at = ("directions", str(label))
         dof = _label(label, at)
@@ -326,7 +327,7 @@ class _UserInput:
 
     sensors: Mapping[Dof, str]
     table: _Table
-    vectors: Mapping[Dof, NDArray[np.float64]]
+    vectors: Mapping[Dof, RealArray]
     measured: Geometry | None
     given: Geometry | None
 
@@ -342,7 +343,7 @@ class _UserInput:
                 return source
         return None
 
-    def axes(self, node: int) -> NDArray[np.float64] | None:
+    def axes(self, node: int) -> RealArray | None:
         """Return the directions of a node of the test as rows; None if no geometry has the node."""
         source = self._geometry_of_node(node)
         if source is None:
@@ -437,7 +438,7 @@ class _UserInput:
         sensor: Dof,
         role: str,
         nodes: Mapping[int, NodeMatch],
-        R: NDArray[np.float64],
+        R: RealArray,
         by: str,
         model: Model,
     ) -> SensorDirection:
@@ -490,7 +491,7 @@ class _UserInput:
             warnings.warn(text, UpdynWarning, stacklevel=3)
         return out
 
-    def _has_other_axes(self, node: int, axes: NDArray[np.float64]) -> bool:
+    def _has_other_axes(self, node: int, axes: RealArray) -> bool:
         test_axes = self.axes(node)
         if test_axes is None:
             return False

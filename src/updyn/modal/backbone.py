@@ -9,21 +9,17 @@ polynomial follow by linear least squares, as in `refine`.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import BoolArray, ComplexArray, IndexArray, NumberArray, RealArray
 from updyn.modal.refine import Errors, LineWindow, Weights, WindowFit, fit_residues
 from updyn.modal.settings import CHANNEL_FIT, POLE_REFINEMENT
 
 __all__ = ["Backbone", "Level", "fit_backbone", "motion", "predict_gain"]
 
-_Complex = NDArray[np.complex128]
-_Real = NDArray[np.float64]
 
-
-def motion(x: _Complex, pole: complex, shift: complex, width: float) -> _Real:
+def motion(x: ComplexArray, pole: complex, shift: complex, width: float) -> RealArray:
     """Return the square of the motion of a mode relative to that of the linear peak, shape (n,).
 
     With X = (x - pole) / width and C = shift / width, a |X - C a|^2 = 1; `width` is the distance of
@@ -51,7 +47,7 @@ class _LeaningWindow(LineWindow):
 
     shift: complex = 0.0
 
-    def fractions(self, poles: _Complex) -> _Complex:
+    def fractions(self, poles: ComplexArray) -> ComplexArray:
         """Return the functions of the pole, shape (n_f, 1 or 2)."""
         (pole,) = poles.tolist()
         width = float(self.width(poles)[0])
@@ -66,7 +62,7 @@ class _LeaningWindow(LineWindow):
         image = (moved_pole / pole).conj() ** 2 / (self.x - moved_pole.conj())
         return np.stack([direct_term + image, 1j * (direct_term - image)], axis=1)
 
-    def slopes(self, pole: complex) -> NDArray[Any]:
+    def slopes(self, pole: complex) -> NumberArray:
         """Return derivatives by parts of pole and shift in units of the width, (rows, m, 4)."""
         width, mirrored = float(self.width(np.array([pole]))[0]), self.basis.mirrored
         a = motion(self.x, pole, self.shift, width)[:, None]
@@ -101,16 +97,16 @@ class Level:
     each run relative to the largest.
     """
 
-    runs: NDArray[np.intp]
-    of_runs: _Real
+    runs: IndexArray
+    of_runs: RealArray
 
     @classmethod
-    def of(cls, residues: _Complex, runs: NDArray[np.intp]) -> Level:
+    def of(cls, residues: ComplexArray, runs: IndexArray) -> Level:
         """Return the level for forces of equal amplitude, from residues of all channels."""
         squares = np.bincount(runs, np.abs(residues) ** 2)
         return cls(runs, squares / max(float(squares.max()), CHANNEL_FIT.smallest_divisor))
 
-    def join(self, by_run: list[NDArray[Any]]) -> NDArray[Any]:
+    def join(self, by_run: list[NumberArray]) -> NumberArray:
         """Return the values of all channels, shape (p, ...), from those of each run."""
         out = np.zeros((len(self.runs), *by_run[0].shape[1:]), dtype=by_run[0].dtype)
         for run, values in enumerate(by_run):
@@ -132,9 +128,9 @@ class Backbone:
     shift: complex
     level: Level
     fits: list[WindowFit]
-    normal: _Real
-    gradients: _Real
-    follow: _Complex
+    normal: RealArray
+    gradients: RealArray
+    follow: ComplexArray
 
     @property
     def cost(self) -> float:
@@ -142,7 +138,7 @@ class Backbone:
         return sum(fit.cost for fit in self.fits)
 
     @property
-    def residues(self) -> _Complex:
+    def residues(self) -> ComplexArray:
         """Residue of each channel, shape (p,)."""
         return self.level.join([fit.residues[0] for fit in self.fits])
 
@@ -156,12 +152,12 @@ class Backbone:
         shift = np.array([self.shift.real, self.shift.imag]) / width
         return float(shift @ np.linalg.lstsq(follow @ follow.T, shift, rcond=None)[0])
 
-    def motion(self, window: LineWindow) -> _Real:
+    def motion(self, window: LineWindow) -> RealArray:
         """Return the squared motion of the largest run at the lines of a window."""
         width = float(window.width(np.array([self.pole]))[0])
         return motion(window.x, self.pole, self.shift, width)
 
-    def spread(self, window: LineWindow, weights: Weights) -> tuple[_Real, Errors]:
+    def spread(self, window: LineWindow, weights: Weights) -> tuple[RealArray, Errors]:
         """Return the standard deviations of the pole's parts, and errors of the residues."""
         pole = np.array([self.pole])
         values, vectors = np.linalg.eigh(self.normal)
@@ -177,7 +173,7 @@ class Backbone:
         std = float(window.width(pole)[0]) * moving * np.linalg.norm(root[:2], axis=1)
         return std, Errors(of_noise, moving * (self.follow @ root).T)
 
-    def response(self, window: LineWindow) -> _Complex:
+    def response(self, window: LineWindow) -> ComplexArray:
         """Return the contribution of the mode to the channels of a window, shape (p, n)."""
         parts = []
         for run, level in enumerate(self.level.of_runs.tolist()):
@@ -221,7 +217,7 @@ def predict_gain(window: LineWindow, linear: WindowFit, at: int, level: Level) -
     return float(gradient @ np.linalg.lstsq(equations.normal, gradient, rcond=None)[0])
 
 
-def _compute_step(current: Backbone, damping: float) -> tuple[_Complex, float]:
+def _compute_step(current: Backbone, damping: float) -> tuple[ComplexArray, float]:
     """Return a step of pole and shift in units of the width, and its expected decrease."""
     loaded = current.normal + damping * np.diag(np.diag(current.normal))
     gradient = np.sum(current.gradients, axis=0)
@@ -229,9 +225,7 @@ def _compute_step(current: Backbone, damping: float) -> tuple[_Complex, float]:
     return np.asarray(step[::2] + 1j * step[1::2]), float(gradient @ step)
 
 
-def _select_channels(
-    window: LineWindow, chosen: NDArray[np.bool_], shift: complex
-) -> _LeaningWindow:
+def _select_channels(window: LineWindow, chosen: BoolArray, shift: complex) -> _LeaningWindow:
     """Return the window of some channels."""
     subtracted = window.subtracted if len(window.subtracted) == 1 else window.subtracted[chosen]
     parts = (
@@ -271,12 +265,12 @@ class _Equations:
     Shapes as in `Backbone`: `normal` (4, 4), `gradients` and `follow` (p, 4).
     """
 
-    normal: _Real
-    gradients: _Real
-    follow: _Complex
+    normal: RealArray
+    gradients: RealArray
+    follow: ComplexArray
 
     @classmethod
-    def of(cls, window: _LeaningWindow, found: WindowFit, at: int, share: _Real) -> _Equations:
+    def of(cls, window: _LeaningWindow, found: WindowFit, at: int, share: RealArray) -> _Equations:
         """Return the equations at the fit of a run, in the approximation of Kaufman (`refine`).
 
         `at` is the pole that depends on the motion; `share`, shape (p,), its shift by channel.
@@ -284,7 +278,7 @@ class _Equations:
         slopes = window.slopes(complex(found.poles[at]))
         m, flat = slopes.shape[1], slopes.reshape(len(slopes), -1)
         residues, error = found.residues[at] / found.level[:, 0], found.error / found.level
-        mix: NDArray[Any] = residues[:, None]
+        mix: NumberArray = residues[:, None]
         if window.basis.mirrored:
             mix = np.stack([residues.real, residues.imag], axis=1)
             error = np.hstack([error.real, error.imag])

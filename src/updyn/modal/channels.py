@@ -8,16 +8,13 @@ ratio of its weights to the common ones only.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import NumberArray, RealArray
 from updyn.modal.settings import CHANNEL_FIT
 
 __all__ = ["Columns"]
-
-_Real = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,14 +35,14 @@ class Columns:
         Normal matrices of the channels in the basis Q.
     """
 
-    Q: NDArray[Any]
-    to_coefficients: NDArray[Any]
-    common_weights: _Real
-    channel_weights: _Real | None
-    gram: NDArray[Any] | None
+    Q: NumberArray
+    to_coefficients: NumberArray
+    common_weights: RealArray
+    channel_weights: RealArray | None
+    gram: NumberArray | None
 
     @classmethod
-    def of(cls, A: NDArray[Any], deviation: _Real) -> Columns:
+    def of(cls, A: NumberArray, deviation: RealArray) -> Columns:
         """Return the decomposition of columns A, shape (n, k).
 
         `deviation` are standard deviations, shape (p, n) or, common to all channels, (1, n).
@@ -70,7 +67,7 @@ class Columns:
             Q, to_coefficients, common_weights, channel_weights, _products(channel_weights, Q, Q)
         )
 
-    def fit(self, Y: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
+    def fit(self, Y: NumberArray) -> tuple[NumberArray, NumberArray]:
         """Return coefficients (p, k) of the columns and errors (p, n) for channels Y (p, n)."""
         y = Y * self.common_weights
         found = y @ self.Q.conj()
@@ -84,18 +81,18 @@ class Columns:
             found, error = found + change, error - change @ self.Q.T
         return found @ self.to_coefficients.T, error / self.common_weights
 
-    def solve_normal_equations(self, B: NDArray[Any]) -> NDArray[Any]:
+    def solve_normal_equations(self, B: NumberArray) -> NumberArray:
         """Return the inverses of the normal matrices times B, shape (p, m, j) or (m, j)."""
         return B if self.gram is None else np.linalg.solve(self.gram, B)
 
-    def normalise_squares(self, error: NDArray[Any]) -> _Real:
+    def normalise_squares(self, error: NumberArray) -> RealArray:
         """Return squares of errors divided by their variances, shape (p, n)."""
         squares = np.abs(error * self.common_weights) ** 2
         return np.asarray(
             squares if self.channel_weights is None else squares * self.channel_weights
         )
 
-    def divide_by_variance(self, error: NDArray[Any]) -> NDArray[Any]:
+    def divide_by_variance(self, error: NumberArray) -> NumberArray:
         """Return errors divided by their variances, shape (p, n)."""
         return np.asarray(
             error
@@ -103,7 +100,7 @@ class Columns:
             * (1.0 if self.channel_weights is None else self.channel_weights)
         )
 
-    def project_out(self, T: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
+    def project_out(self, T: NumberArray) -> tuple[NumberArray, NumberArray]:
         """Return the residual products and fit coefficients of further columns T, shape (n, j).
 
         The products have the shape (p, j, j) or (1, j, j), the coefficients (p, k, j) or (1, k, j).
@@ -120,7 +117,7 @@ class Columns:
         )
         return residual_products, np.matmul(self.to_coefficients, along + fitted)
 
-    def leverage(self) -> _Real:
+    def leverage(self) -> RealArray:
         """Return the leverage of each value, shape (p, n) or (1, n), 0 to 1."""
         if self.channel_weights is None:
             return np.asarray(np.sum(np.abs(self.Q) ** 2, axis=1)[None])
@@ -132,14 +129,14 @@ class Columns:
             parts.append(np.sum(self.Q.T * solved, axis=1).real)
         return np.concatenate(parts) * self.channel_weights
 
-    def covariance(self, columns: list[int]) -> NDArray[Any]:
+    def covariance(self, columns: list[int]) -> NumberArray:
         """Return the covariance of some coefficients, shape (p, i, i) or (1, i, i)."""
         rows = self.to_coefficients[columns]
         spread = self.solve_normal_equations(rows.conj().T)
         return np.asarray(np.matmul(rows, spread if spread.ndim == 3 else spread[None]))
 
 
-def _products(channel_weights: _Real, left: NDArray[Any], right: NDArray[Any]) -> NDArray[Any]:
+def _products(channel_weights: RealArray, left: NumberArray, right: NumberArray) -> NumberArray:
     """Return left^H diag(own) right for each channel, shape (p, i, j), as a matrix product."""
     n, i, j = len(left), left.shape[1], right.shape[1]
     first, second = (index.reshape(-1) for index in np.indices((i, j)))

@@ -10,17 +10,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import BoolArray, ComplexArray, NumberArray, RealArray
 from updyn.modal.settings import CHANNEL_FIT, NOISE_ENVELOPE
 
 __all__ = ["Envelope"]
-
-_Complex = NDArray[np.complex128]
-_Real = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -30,7 +26,7 @@ class Envelope:
     A single value is white noise, with independent lines.
     """
 
-    power: _Real
+    power: RealArray
 
     @classmethod
     def white(cls) -> Envelope:
@@ -43,7 +39,7 @@ class Envelope:
         return len(self.power) == 1
 
     @classmethod
-    def of(cls, freq: _Real, values: _Complex) -> Envelope:
+    def of(cls, freq: RealArray, values: ComplexArray) -> Envelope:
         """Estimate the envelope from measured functions, (n_f, ...), before any mode is known.
 
         It is white if lines are uneven or too few.
@@ -74,7 +70,7 @@ class Envelope:
         return cls(_estimate_power([np.hstack([parts[k] for k in chosen])], [response]))
 
     @classmethod
-    def of_residuals(cls, residuals: Sequence[tuple[_Complex, NDArray[np.complex128]]]) -> Envelope:
+    def of_residuals(cls, residuals: Sequence[tuple[ComplexArray, ComplexArray]]) -> Envelope:
         """Estimate the envelope from the residuals of fits; white if values are too few.
 
         For each window of n lines, `residuals` has columns Q, shape (n, m), with Q Q^H the
@@ -96,7 +92,7 @@ class Envelope:
             return cls.white()
         return cls(_estimate_power(powers, responses))
 
-    def inflation(self, columns: NDArray[Any]) -> _Real:
+    def inflation(self, columns: NumberArray) -> RealArray:
         """Return the variance of noise projections relative to white noise, (k,), at least 1.
 
         Noise of unit variance is projected on `columns`, functions of n neighbouring lines, shape
@@ -114,7 +110,7 @@ class Envelope:
         return np.asarray(np.maximum(share, 1.0))
 
 
-def _power_over_time(columns: NDArray[np.complex128] | _Real, n: int | None = None) -> _Real:
+def _power_over_time(columns: ComplexArray | RealArray, n: int | None = None) -> RealArray:
     """Return the power over time of functions of lines."""
     return np.asarray(np.abs(np.fft.ifft(columns, n, axis=0)) ** 2)
 
@@ -128,7 +124,7 @@ def _split_lines(n: int) -> Iterator[slice]:
         yield slice(first, last)
 
 
-def _power_response(response: NDArray[np.complex128] | _Real) -> _Real:
+def _power_response(response: ComplexArray | RealArray) -> RealArray:
     """Return the mean power of functions at each time by the power of the noise at each time.
 
     `response`, shape (n, m), is the linear map from m lines of noise to n lines of the functions.
@@ -138,7 +134,7 @@ def _power_response(response: NDArray[np.complex128] | _Real) -> _Real:
     return np.asarray(_power_over_time(response @ turns, times) / m)
 
 
-def _estimate_power(powers: Sequence[_Real], responses: Sequence[_Real]) -> _Real:
+def _estimate_power(powers: Sequence[RealArray], responses: Sequence[RealArray]) -> RealArray:
     """Return the estimated power over time, with mean 1, by a fixed-point iteration.
 
     `powers` have the shape (m, p), `responses`, (m, m), are from `_power_response`. Medians of
@@ -158,7 +154,7 @@ def _estimate_power(powers: Sequence[_Real], responses: Sequence[_Real]) -> _Rea
     return whole
 
 
-def _extrapolate_power(power: _Real, known: NDArray[np.bool_]) -> _Real:
+def _extrapolate_power(power: RealArray, known: BoolArray) -> RealArray:
     """Return the power over time, with mean 1, extrapolated to times around 0.
 
     The extrapolation, from the powers just after and (time is periodic) just before, is

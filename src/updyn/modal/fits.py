@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from itertools import combinations, pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import ComplexArray, IndexArray, RealArray
 from updyn.modal.measured import Measured
 from updyn.modal.refine import Errors, LineWindow, Weights, WindowFit, fit_with_unknown_noise
 from updyn.modal.search import Visibility
@@ -24,9 +24,6 @@ __all__ = [
     "take_means",
 ]
 
-_Complex = NDArray[np.complex128]
-_Real = NDArray[np.float64]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WeightedFit:
@@ -39,7 +36,7 @@ class WeightedFit:
     window: LineWindow
     window_fit: WindowFit
     weights: Weights
-    added: NDArray[np.intp]
+    added: IndexArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,19 +70,19 @@ class Mode:
     """
 
     pole: complex
-    std: _Real
-    residues: _Complex
+    std: RealArray
+    residues: ComplexArray
     errors: Errors
     quality: float
     visibility: Visibility
     everywhere: bool = True
     added: int = -1
-    by_channel: _Complex | None = None
+    by_channel: ComplexArray | None = None
     single: bool = False
     shift: complex = 0.0
 
     @property
-    def poles(self) -> _Complex:
+    def poles(self) -> ComplexArray:
         """The pole of each channel, shape (p,)."""
         if self.by_channel is None:
             return np.full(len(self.residues), self.pole)
@@ -142,14 +139,14 @@ def fit_together(
     return WeightedFit(window, fitted, weights, np.full(len(poles), -1)), list(range(len(poles)))
 
 
-def take_means(fit: WeightedFit, bundle: list[int], modes: int) -> _Complex:
+def take_means(fit: WeightedFit, bundle: list[int], modes: int) -> ComplexArray:
     """Return initial poles: means of neighbours with the smallest weighted squares."""
     poles = fit.window_fit.poles[bundle]
     weight = np.abs(fit.window_fit.residues[bundle]).sum(axis=1)
     order = np.argsort(position(poles, fit.window), kind="stable")
     poles, weight = poles[order], weight[order]
 
-    def means(cuts: tuple[int, ...]) -> tuple[float, _Complex]:
+    def means(cuts: tuple[int, ...]) -> tuple[float, ComplexArray]:
         parts = list(pairwise((0, *cuts, len(poles))))
         mean = np.array([np.average(poles[a:b], weights=weight[a:b]) for a, b in parts])
         near = np.repeat(mean, [b - a for a, b in parts])
@@ -159,7 +156,7 @@ def take_means(fit: WeightedFit, bundle: list[int], modes: int) -> _Complex:
     return min(tried, key=lambda one: one[0])[1]
 
 
-def position(poles: _Complex, window: LineWindow) -> _Real:
+def position(poles: ComplexArray, window: LineWindow) -> RealArray:
     """Return the positions of poles along the lines, in the unit of the variable."""
     return np.asarray(poles.imag if window.basis.mirrored else poles.real)
 
@@ -167,11 +164,11 @@ def position(poles: _Complex, window: LineWindow) -> _Real:
 def make_mode(
     fit: WeightedFit,
     pole: complex,
-    std: _Real,
-    residues: _Complex,
+    std: RealArray,
+    residues: ComplexArray,
     errors: Errors,
-    squared_error: _Real,
-    without: _Real,
+    squared_error: RealArray,
+    without: RealArray,
 ) -> Mode:
     """Return a mode of a window; `std` has the shape (2,), squared residuals (p, n_f).
 

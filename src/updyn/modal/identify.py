@@ -13,8 +13,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import ComplexArray
 from updyn.errors import DataError, OptionError, suggest
 from updyn.frf import FRF
 from updyn.linalg.threads import use_one_thread
@@ -37,8 +37,6 @@ from updyn.modal.vector_fitting import RationalBasis, RationalFit, fit, fit_incr
 
 __all__ = ["DAMPING", "identify_modes", "identify_with_picks"]
 
-_Complex = NDArray[np.complex128]
-_Real = NDArray[np.float64]
 
 DAMPING = ("structural", "viscous")
 
@@ -189,7 +187,7 @@ def _identify_noise_free(measured: Measured) -> list[Mode]:
     return sorted(modes, key=lambda mode: abs(mode.pole))
 
 
-def _fit_exactly(measured: Measured, begin: _Complex, most: int) -> RationalFit | None:
+def _fit_exactly(measured: Measured, begin: ComplexArray, most: int) -> RationalFit | None:
     """Return an exact rational fit of the data by vector fitting; None if there is none.
 
     Most noisy data are excluded by a subset of the lines, at lower cost.
@@ -198,7 +196,7 @@ def _fit_exactly(measured: Measured, begin: _Complex, most: int) -> RationalFit 
     combinations = np.linalg.svd(Y, full_matrices=False)[2].conj().T
     few = np.asarray(Y @ combinations[:, : NOISE_FREE_DATA.strongest_functions])
     basis = RationalBasis(2, measured.axis.mirrored)
-    poles: _Complex | None = None
+    poles: ComplexArray | None = None
     coarse = max(1, len(few) // (NOISE_FREE_DATA.test_lines_per_pole * most))
     for step in sorted({coarse, 1}, reverse=True):
         poles = _find_exact_poles(basis, measured.x[::step], few[::step], begin, most)
@@ -209,8 +207,8 @@ def _fit_exactly(measured: Measured, begin: _Complex, most: int) -> RationalFit 
 
 
 def _find_exact_poles(
-    basis: RationalBasis, x: _Complex, few: _Complex, begin: _Complex, most: int
-) -> _Complex | None:
+    basis: RationalBasis, x: ComplexArray, few: ComplexArray, begin: ComplexArray, most: int
+) -> ComplexArray | None:
     """Return the poles of an exact fit; None without one."""
     fits = list(fit_increasing_orders(basis, x, few, begin, most))
     least = min(fitted.cost for fitted in fits)

@@ -5,15 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import RealArray
 from updyn.errors import DataError
 from updyn.frf import FRF, unit
 from updyn.modal.sides import Sides
 
 __all__ = ["Indicator", "cmif"]
-
-_Real = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -25,8 +23,8 @@ class Indicator:
     references.
     """
 
-    freq: _Real
-    values: _Real
+    freq: RealArray
+    values: RealArray
     unit: str
 
 

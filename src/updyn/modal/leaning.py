@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.special
-from numpy.typing import NDArray
 
+from updyn.arrays import ComplexArray
 from updyn.modal.backbone import Backbone, Level, fit_backbone, predict_gain
 from updyn.modal.envelope import Envelope
 from updyn.modal.fits import Mode, WeightedFit, make_mode, take_means
@@ -32,8 +32,6 @@ from updyn.modal.settle import estimate_envelope
 
 __all__ = ["Bundle", "Leaning", "PolesByRun", "find_leaning"]
 
-_Complex = NDArray[np.complex128]
-_Real = NDArray[np.float64]
 
 #: Largest shift in widths: above 8 / (3 sqrt 3) the motion is not unique (A. H. Nayfeh & D. T.
 #: Mook, Nonlinear Oscillations, 1979, section 4.1), and the nonlinearity is not weak.
@@ -197,7 +195,7 @@ def _linearise_window(
     return window
 
 
-def _mode_response(window: LineWindow, pole: complex, residues: _Complex) -> _Complex:
+def _mode_response(window: LineWindow, pole: complex, residues: ComplexArray) -> ComplexArray:
     """Return the contribution of a linear mode to the channels, shape (p, n)."""
     part = residues[:, None] / (window.x - pole)
     if window.basis.mirrored:

@@ -15,15 +15,13 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from updyn.arrays import ComplexArray, RealArray
 from updyn.modal.settings import STABILISATION
 
 __all__ = ["fit_orders"]
 
-_Complex = NDArray[np.complex128]
-_Real = NDArray[np.float64]
 
-
-def fit_orders(omega: _Real, Y: _Complex, orders: Iterable[int]) -> Iterator[_Complex]:
+def fit_orders(omega: RealArray, Y: ComplexArray, orders: Iterable[int]) -> Iterator[ComplexArray]:
     """Yield the stable poles s in rad/s within the band for fits of increasing order.
 
     Right matrix fraction Y(omega) = B(omega) A(omega)^-1, Y of shape (n_f, n_o, n_r), in powers of
@@ -60,15 +58,15 @@ def fit_orders(omega: _Real, Y: _Complex, orders: Iterable[int]) -> Iterator[_Co
 
 
 def _toeplitz(
-    moments: _Complex, products: _Complex, powers: _Complex, lag: NDArray[np.int_]
-) -> _Real:
+    moments: ComplexArray, products: ComplexArray, powers: ComplexArray, lag: NDArray[np.int_]
+) -> RealArray:
     n_r = len(moments)
     back = (powers.conj().T @ products).T.reshape(n_r, n_r, -1)
     blocks = np.where(lag >= 0, moments[:, :, np.abs(lag)], back[:, :, np.abs(lag)]).real
     return np.ascontiguousarray(blocks.transpose(2, 3, 0, 1))  # (row, column, a, b)
 
 
-def _find_roots(M: _Real, n: int, n_r: int, step: float, omega: _Real) -> _Complex:
+def _find_roots(M: RealArray, n: int, n_r: int, step: float, omega: RealArray) -> ComplexArray:
     """Return stable poles in the band; the last coefficient is one, the others solve M."""
     below = np.linalg.lstsq(M[:-n_r, :-n_r], M[:-n_r, -n_r:], rcond=None)[0]
     companion = np.zeros((n * n_r, n * n_r))

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import BoolArray, ComplexArray, IndexArray, RealArray
 from updyn.errors import DataError
 from updyn.frf import FRF, QUANTITIES
 from updyn.modal.axis import Axis
@@ -16,19 +16,16 @@ from updyn.modal.settings import MODE_WINDOW
 
 __all__ = ["Measured", "group_overlapping"]
 
-_Complex = NDArray[np.complex128]
-_Real = NDArray[np.float64]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Measured:
     """Measured accelerances, divided by the rms of their unit."""
 
     axis: Axis
-    freq: _Real  # shape (n_f,)
-    x: _Complex  # shape (n_f,)
-    cube: _Complex  # shape (n_f, n_i, n_j)
-    level: _Real  # shape (n_i, n_j): divisor of the functions
+    freq: RealArray  # shape (n_f,)
+    x: ComplexArray  # shape (n_f,)
+    cube: ComplexArray  # shape (n_f, n_i, n_j)
+    level: RealArray  # shape (n_i, n_j): divisor of the functions
     envelope: Envelope
 
     @classmethod
@@ -59,7 +56,7 @@ class Measured:
         return cls(axis, freq, axis.at(freq), cube, level, Envelope.of(freq, cube))
 
     @property
-    def runs(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    def runs(self) -> tuple[IndexArray, IndexArray]:
         """Number of the response and of the reference of each channel."""
         rows, columns = np.indices(self.level.shape)
         return rows.reshape(-1), columns.reshape(-1)
@@ -69,7 +66,7 @@ class Measured:
         """Median distance of the lines in Hz."""
         return float(np.median(np.diff(self.freq)))
 
-    def lines_of(self, poles: _Complex) -> slice:
+    def lines_of(self, poles: ComplexArray) -> slice:
         """Return the lines of a window around some poles."""
         f, reach = self.axis.frequency(poles), MODE_WINDOW.bandwidths_beyond * self.bandwidth(poles)
         first, last = np.searchsorted(self.freq, [np.min(f - reach), np.max(f + reach)])
@@ -78,7 +75,7 @@ class Measured:
         return slice(int(max(0, first - few - 1)), int(min(len(self.freq), last + few + 1)))
 
     def window(
-        self, lines: slice, others: _Complex, residues: _Complex | None = None
+        self, lines: slice, others: ComplexArray, residues: ComplexArray | None = None
     ) -> LineWindow:
         """Return a window of some lines with nearby poles of other modes fixed.
 
@@ -98,19 +95,19 @@ class Measured:
             self.axis.basis, x, Y - subtracted, others[near], subtracted, self.envelope
         )
 
-    def _part(self, x: _Complex, poles: _Complex, residues: _Complex) -> _Complex:
+    def _part(self, x: ComplexArray, poles: ComplexArray, residues: ComplexArray) -> ComplexArray:
         """Return the contribution of some modes to the functions, shape (n, p)."""
         part = (1.0 / (x[:, None] - poles)) @ residues
         if self.axis.mirrored:
             part = part + (1.0 / (x[:, None] - poles.conj())) @ residues.conj()
         return np.asarray(part)
 
-    def bandwidth(self, poles: _Complex) -> _Real:
+    def bandwidth(self, poles: ComplexArray) -> RealArray:
         """Return the half-power bandwidths in Hz."""
         loss = np.clip(self.axis.loss(poles), 0.0, MODE_WINDOW.largest_loss_factor)
         return np.asarray(self.axis.frequency(poles) * loss)
 
-    def is_inside(self, poles: _Complex) -> NDArray[np.bool_]:
+    def is_inside(self, poles: ComplexArray) -> BoolArray:
         """Return which poles may be modes within the band."""
         frequency, loss = self.axis.frequency(poles), self.axis.loss(poles)
         within = (frequency >= self.freq[0]) & (frequency <= self.freq[-1])
@@ -118,7 +115,7 @@ class Measured:
         return np.asarray(within & damped & (loss < MODE_WINDOW.largest_loss_factor))
 
 
-def group_overlapping(frequency: _Real, bandwidth: _Real) -> list[slice]:
+def group_overlapping(frequency: RealArray, bandwidth: RealArray) -> list[slice]:
     """Return groups of neighbours with overlapping lines, at most a few in each."""
     groups, first = [], 0
     reach = np.maximum.accumulate(frequency + MODE_WINDOW.bandwidths_beyond * bandwidth)

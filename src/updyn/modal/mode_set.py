@@ -8,8 +8,9 @@ from hashlib import blake2b
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from updyn.arrays import BoolArray, ComplexArray, NumberArray, RealArray
 from updyn.dofs import Dof, DofSet, positions
 from updyn.errors import DataError
 from updyn.frf import check_band
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
 
 __all__ = ["ModeSet"]
 
-_Real = NDArray[np.float64]
 
 #: Arguments of a set, except the diagram, peaks without a mode and leaning peaks.
 _FIELDS = (
@@ -99,19 +99,19 @@ class ModeSet:
     False
     """
 
-    frequency: _Real
-    shapes: NDArray[np.complex128]
+    frequency: RealArray
+    shapes: ComplexArray
     dofs: DofSet
-    loss_factor: _Real
-    scaled: NDArray[np.bool_]
-    quality: _Real
+    loss_factor: RealArray
+    scaled: BoolArray
+    quality: RealArray
     source: str
-    std_frequency: _Real
-    std_loss_factor: _Real
-    std_shapes: _Real | None
+    std_frequency: RealArray
+    std_loss_factor: RealArray
+    std_shapes: RealArray | None
     diagram: Diagram | None
-    unexplained: _Real
-    lean: _Real
+    unexplained: RealArray
+    lean: RealArray
     digest: str = field(init=False)
 
     def __init__(
@@ -165,7 +165,7 @@ class ModeSet:
             "std_frequency": std_frequency,
             "std_loss_factor": std_loss_factor,
         }
-        arrays: dict[str, NDArray[Any]] = {
+        arrays: dict[str, NumberArray] = {
             "frequency": f[order],
             "shapes": phi[:, order],
             "scaled": _flags("scaled", scaled, n)[order],
@@ -276,12 +276,12 @@ class ModeSet:
         return len(self.dofs) > 0
 
     @property
-    def damping(self) -> _Real:
+    def damping(self) -> RealArray:
         """Damping ratios, half the loss factors; shape (n,)."""
         return self.loss_factor / 2.0
 
     @property
-    def std_damping(self) -> _Real:
+    def std_damping(self) -> RealArray:
         """Standard deviations of the damping ratios, shape (n,); nan: not known."""
         return self.std_loss_factor / 2.0
 
@@ -307,7 +307,7 @@ class ModeSet:
         return ModeSet(**given)
 
     @property
-    def phase_collinearity(self) -> _Real:
+    def phase_collinearity(self) -> RealArray:
         """Modal phase collinearity, shape (n,): 1 for a shape that is real up to a factor.
 
         With the eigenvalues a and b of the 2 x 2 matrix of inner products of real and imaginary
@@ -322,7 +322,7 @@ class ModeSet:
         return np.asarray(((xx - yy) ** 2 + 4.0 * xy**2) / (xx + yy) ** 2)
 
     @property
-    def real_shapes(self) -> _Real:
+    def real_shapes(self) -> RealArray:
         """Real parts of the shapes after rotation to the most real phase; shape (N, n).
 
         The largest component is positive.
@@ -385,7 +385,7 @@ def _restore(given: dict[str, Any]) -> ModeSet:
     return ModeSet(**given)
 
 
-def _array(name: str, given: ArrayLike, dtype: type) -> NDArray[Any]:
+def _array(name: str, given: ArrayLike, dtype: type) -> NumberArray:
     if np.ma.is_masked(given):
         raise DataError(f"modes: {name}: holds masked values; leave out their modes or DOFs")
     try:
@@ -397,7 +397,7 @@ def _array(name: str, given: ArrayLike, dtype: type) -> NDArray[Any]:
     return array.astype(dtype)
 
 
-def _std_shapes(given: ArrayLike, shape: tuple[int, ...], f: _Real) -> _Real | None:
+def _std_shapes(given: ArrayLike, shape: tuple[int, ...], f: RealArray) -> RealArray | None:
     """Return standard deviations of shapes; None if all are unknown."""
     std = _array("std_shapes", given, np.float64)
     if std.shape != shape:
@@ -412,7 +412,7 @@ def _std_shapes(given: ArrayLike, shape: tuple[int, ...], f: _Real) -> _Real | N
     return None if unknown.all() else std
 
 
-def _row(name: str, given: ArrayLike, n: int) -> _Real:
+def _row(name: str, given: ArrayLike, n: int) -> RealArray:
     """Return a number for each mode, shape (n,); nan if not known."""
     array = _for_each(name, _array(name, given, np.float64), n)
     least = 0.0 if name.startswith("std_") else -np.inf
@@ -426,7 +426,7 @@ def _row(name: str, given: ArrayLike, n: int) -> _Real:
     return array
 
 
-def _flags(name: str, given: ArrayLike, n: int) -> NDArray[np.bool_]:
+def _flags(name: str, given: ArrayLike, n: int) -> BoolArray:
     """Return a flag for each mode, shape (n,); 0 and 1 are accepted as flags."""
     array: Any = np.ma.asanyarray(given)
     if array.dtype.kind == "b":
@@ -437,7 +437,7 @@ def _flags(name: str, given: ArrayLike, n: int) -> NDArray[np.bool_]:
     return _for_each(name, numbers.astype(np.bool_), n)
 
 
-def _for_each(name: str, array: NDArray[Any], n: int) -> NDArray[Any]:
+def _for_each(name: str, array: NumberArray, n: int) -> NumberArray:
     if array.shape not in ((), (n,)):
         raise DataError(
             f"modes: {name}: expected {n}, one for each mode, found an array of shape {array.shape}"

@@ -7,17 +7,14 @@ Syst. Signal Process. 2 (1988) 367-377).
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import ComplexArray, IndexArray, RealArray
 from updyn.frf import FRF
 from updyn.modal.mode_set import ModeSet
 from updyn.modal.settings import RESONANCE_PEAK
 from updyn.modal.sides import Sides
 
 __all__ = ["find_resonance_peaks"]
-
-_Complex = NDArray[np.complex128]
-_Real = NDArray[np.float64]
 
 
 def find_resonance_peaks(frf: FRF) -> ModeSet | None:
@@ -45,7 +42,7 @@ def find_resonance_peaks(frf: FRF) -> ModeSet | None:
     return ModeSet(found.freq[peaks], np.stack(shapes, axis=1), sides.dofs, source=frf.source)
 
 
-def find_prominences(level: _Real) -> tuple[NDArray[np.intp], _Real]:
+def find_prominences(level: RealArray) -> tuple[IndexArray, RealArray]:
     """Return positions of the inner local maxima of a curve, and their topographic prominences.
 
     A prominence is the height over the higher of the two lowest values before the next higher
@@ -63,7 +60,7 @@ def find_prominences(level: _Real) -> tuple[NDArray[np.intp], _Real]:
     return peaks, height
 
 
-def _is_lasting(scaled: _Complex, k: int) -> bool:
+def _is_lasting(scaled: ComplexArray, k: int) -> bool:
     """Return whether the FRFs at a line are nearly proportional to those at an adjacent line."""
     here = scaled[k].ravel()
     norm = float(np.vdot(here, here).real)
@@ -74,7 +71,7 @@ def _is_lasting(scaled: _Complex, k: int) -> bool:
     return False
 
 
-def _dominant_shape(sides: Sides, values: _Complex) -> _Complex:
+def _dominant_shape(sides: Sides, values: ComplexArray) -> ComplexArray:
     """Return the shape from the dominant part of the FRF matrix of a line."""
     U, s, Vh = np.linalg.svd(values * sides.row_scale[:, None] * sides.column_scale)
     product = s[0] * np.outer(U[:, 0], Vh[0])

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import BoolArray, ComplexArray
 from updyn.errors import DataError
 from updyn.group import is_number
 from updyn.modal.fits import WeightedFit
@@ -16,8 +16,6 @@ from updyn.modal.settle import collect_poles, fit_all_windows
 from updyn.modal.stabilisation import Diagram
 
 __all__ = ["add_picks", "check_picks", "start_pole_at"]
-
-_Complex = NDArray[np.complex128]
 
 
 def check_picks(poles: Sequence[float]) -> list[float]:
@@ -29,7 +27,7 @@ def check_picks(poles: Sequence[float]) -> list[float]:
 
 
 def start_pole_at(
-    measured: Measured, diagram: Diagram, others: _Complex, frequency: float
+    measured: Measured, diagram: Diagram, others: ComplexArray, frequency: float
 ) -> complex:
     """Return the initial pole of a pick at a frequency in Hz.
 
@@ -55,7 +53,7 @@ def start_pole_at(
 
 
 def add_picks(
-    measured: Measured, fits: list[WeightedFit], begin: _Complex, shown: _Complex
+    measured: Measured, fits: list[WeightedFit], begin: ComplexArray, shown: ComplexArray
 ) -> list[WeightedFit]:
     """Return the fits including the picks `begin`; `shown` are the poles that are modes."""
     axis, poles = measured.axis, collect_poles(fits)
@@ -89,14 +87,14 @@ def add_picks(
     return fits
 
 
-def _find_same(measured: Measured, poles: _Complex, pole: complex) -> NDArray[np.bool_]:
+def _find_same(measured: Measured, poles: ComplexArray, pole: complex) -> BoolArray:
     """Return which poles of the fits are the same as one of the diagram."""
     width = np.abs(poles.real if measured.axis.mirrored else poles.imag)
     return np.asarray(np.abs(poles - pole) < POLE_PICK.same_distance * width)
 
 
 def _check_added(
-    measured: Measured, first: complex, last: complex, modes: _Complex, others: _Complex
+    measured: Measured, first: complex, last: complex, modes: ComplexArray, others: ComplexArray
 ) -> None:
     """Raise if the fit moved an added pole, from `first` to `last`, to a mode or away.
 

@@ -11,11 +11,10 @@ Identification, 2nd ed. 2012, section 9.10).
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import BoolArray, ComplexArray, NumberArray, RealArray
 from updyn.modal.channels import Columns
 from updyn.modal.envelope import Envelope
 from updyn.modal.settings import CHANNEL_FIT, POLE_REFINEMENT
@@ -34,9 +33,6 @@ __all__ = [
     "fit_residues",
     "fit_with_unknown_noise",
 ]
-
-_Complex = NDArray[np.complex128]
-_Real = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,14 +57,14 @@ class LineWindow:
     """
 
     basis: RationalBasis
-    x: _Complex
-    Y: _Complex
-    fixed_poles: _Complex
-    subtracted: _Complex = field(default_factory=lambda: np.zeros((1, 1), dtype=np.complex128))
+    x: ComplexArray
+    Y: ComplexArray
+    fixed_poles: ComplexArray
+    subtracted: ComplexArray = field(default_factory=lambda: np.zeros((1, 1), dtype=np.complex128))
     envelope: Envelope = field(default_factory=Envelope.white)
 
     @property
-    def measured_channels(self) -> _Complex:
+    def measured_channels(self) -> ComplexArray:
         """The channels with the subtracted contributions, shape (p, n_f).
 
         Fractions of distant modes are large at low frequencies, where a polynomial cancels them, so
@@ -76,32 +72,32 @@ class LineWindow:
         """
         return np.asarray(self.Y + self.subtracted)
 
-    def of_lines(self, chosen: NDArray[np.bool_]) -> LineWindow:
+    def of_lines(self, chosen: BoolArray) -> LineWindow:
         """Return the window restricted to some of its lines."""
         subtracted = (
             self.subtracted if self.subtracted.shape[1] == 1 else self.subtracted[:, chosen]
         )
         return replace(self, x=self.x[chosen], Y=self.Y[:, chosen], subtracted=subtracted)
 
-    def width(self, poles: _Complex) -> _Real:
+    def width(self, poles: ComplexArray) -> RealArray:
         """Return the distance of the half-power points from the poles in the unit of x, (k,)."""
         width = np.abs(poles.real if self.basis.mirrored else poles.imag)
         return np.maximum(width, POLE_REFINEMENT.least_width_share * np.abs(poles))
 
-    def near(self, pole: complex) -> NDArray[np.bool_]:
+    def near(self, pole: complex) -> BoolArray:
         """Return the lines in the half-power band of a pole, but at least the three nearest."""
         distance = np.abs(self.x - (1j * pole.imag if self.basis.mirrored else pole.real))
         third = float(np.sort(distance)[min(2, len(distance) - 1)])
         return np.asarray(distance <= max(float(self.width(np.array([pole]))[0]), third))
 
     @property
-    def powers(self) -> _Complex:
+    def powers(self) -> ComplexArray:
         """The polynomial for all modes outside the window, shape (n_f, degree + 1)."""
         middle = 0.5 * (self.x[0] + self.x[-1])
         reach = max(float(np.abs(self.x[-1] - middle)), CHANNEL_FIT.smallest_divisor)
         return np.asarray(((self.x[:, None] - middle) / reach) ** np.arange(self.basis.degree + 1))
 
-    def columns(self, poles: _Complex) -> NDArray[Any]:
+    def columns(self, poles: ComplexArray) -> NumberArray:
         """Return the functions of the linear fit of the channels, shape (rows, m); poles first."""
         powers = self.powers
         if self.basis.mirrored:  # distant modes have complex contributions
@@ -109,11 +105,13 @@ class LineWindow:
         fixed_poles = self.basis.fractions(self.x, self.fixed_poles)
         return self.basis.parts(np.hstack([self.fractions(poles), fixed_poles, powers]))
 
-    def fractions(self, poles: _Complex) -> _Complex:
+    def fractions(self, poles: ComplexArray) -> ComplexArray:
         """Return the functions of the free poles, shape (n_f, m)."""
         return self.basis.fractions(self.x, poles)
 
-    def inflation(self, poles: _Complex, weights: Weights, *, moving: bool = False) -> _Real:
+    def inflation(
+        self, poles: ComplexArray, weights: Weights, *, moving: bool = False
+    ) -> RealArray:
         """Return the variance of residues (poles if `moving`) relative to white noise, (k,)."""
         if self.envelope.is_white:
             return np.ones(len(poles))
@@ -132,7 +130,7 @@ class LineWindow:
             out[r] = self.envelope.inflation(column - Q @ (Q.conj().T @ column))[0]
         return out
 
-    def derivatives(self, poles: _Complex) -> NDArray[Any]:
+    def derivatives(self, poles: ComplexArray) -> NumberArray:
         """Return functions that span the derivatives by the poles, shape (rows, k or 2 k)."""
         pole_terms = 1.0 / (self.x[:, None] - poles) ** 2
         if not self.basis.mirrored:
@@ -140,7 +138,7 @@ class LineWindow:
         image = 1.0 / (self.x[:, None] - poles.conj()) ** 2
         return self.basis.parts(np.hstack([pole_terms + image, 1j * (pole_terms - image)]))
 
-    def derivative_coefficients(self, residues: _Complex) -> NDArray[Any]:
+    def derivative_coefficients(self, residues: ComplexArray) -> NumberArray:
         """Return the derivatives of the channels by the poles in these functions, (p, k, k).
 
         For poles with mirror images, they are the derivatives by the real parts, followed by those
@@ -149,7 +147,7 @@ class LineWindow:
         k, p = residues.shape
         at = np.arange(k)
         if not self.basis.mirrored:
-            out: NDArray[Any] = np.zeros((p, k, k), dtype=np.complex128)
+            out: NumberArray = np.zeros((p, k, k), dtype=np.complex128)
             out[:, at, at] = residues.T
             return out
         out = np.zeros((p, 2 * k, 2 * k))
@@ -165,11 +163,11 @@ class ChannelNoise:
     `share` is relative to the squared values, `floor` in squared units of the channel.
     """
 
-    share: _Real
-    floor: _Real
+    share: RealArray
+    floor: RealArray
 
     @classmethod
-    def of(cls, squares: _Real, size: _Real) -> ChannelNoise:
+    def of(cls, squares: RealArray, size: RealArray) -> ChannelNoise:
         """Return the noise of maximum likelihood for exponentially distributed squares.
 
         `squares` are squared errors, `size` squared values without noise, shape (p, n_f). The
@@ -185,12 +183,12 @@ class ChannelNoise:
         share, floor = (np.concatenate(values) for values in zip(*parts, strict=True))
         return cls(share, floor)
 
-    def deviation(self, size: _Real) -> _Real:
+    def deviation(self, size: RealArray) -> RealArray:
         """Return the standard deviations for squared values `size`, shape (p, n_f)."""
         return np.asarray(np.sqrt(self.share[:, None] * size + self.floor[:, None]))
 
 
-def _estimate_noise(squares: _Real, size: _Real) -> tuple[_Real, _Real]:
+def _estimate_noise(squares: RealArray, size: RealArray) -> tuple[RealArray, RealArray]:
     """Return the most likely share and floor of the noise of each channel (`ChannelNoise.of`)."""
     smallest = CHANNEL_FIT.smallest_divisor
     least = POLE_REFINEMENT.noise_rounding**2 * size.max(axis=1) + smallest
@@ -208,7 +206,7 @@ def _estimate_noise(squares: _Real, size: _Real) -> tuple[_Real, _Real]:
     return share, floor
 
 
-def _dot_rows(a: _Real, b: _Real) -> _Real:
+def _dot_rows(a: RealArray, b: RealArray) -> RealArray:
     """Return the inner products of the rows of two matrices, shape (p,)."""
     return np.asarray(np.einsum("ij,ij->i", a, b))
 
@@ -220,21 +218,21 @@ class Weights:
     `channel` has the shape (p, 1) or (1, 1), `line` (p, n_f) or, common to all channels, (1, n_f).
     """
 
-    channel: _Real
-    line: _Real
+    channel: RealArray
+    line: RealArray
 
     @classmethod
-    def of(cls, size: _Real) -> Weights:
+    def of(cls, size: RealArray) -> Weights:
         """Return weights that normalise each channel by its rms, from squared values."""
         level = np.sqrt(np.mean(size, axis=1, keepdims=True)) + CHANNEL_FIT.smallest_divisor
         return cls(level, np.ones((1, size.shape[1])))
 
     @property
-    def common(self) -> _Real:
+    def common(self) -> RealArray:
         """Inverse standard deviations of the lines, common to all channels, shape (n_f,)."""
         return np.asarray(np.exp(-np.mean(np.log(self.line), axis=0)))
 
-    def of_channels(self, chosen: NDArray[np.bool_]) -> Weights:
+    def of_channels(self, chosen: BoolArray) -> Weights:
         """Return the weights of some channels."""
         return Weights(*(a[chosen] if len(a) > 1 else a for a in (self.channel, self.line)))
 
@@ -246,7 +244,7 @@ class Weights:
         )
 
     @classmethod
-    def near(cls, deviation: _Real) -> Weights:
+    def near(cls, deviation: RealArray) -> Weights:
         """Return the product closest to given standard deviations, shape (p, n_f)."""
         level = np.exp(np.mean(np.log(deviation), axis=1, keepdims=True))
         return cls(level, np.exp(np.mean(np.log(deviation / level), axis=0, keepdims=True)))
@@ -281,20 +279,20 @@ class WindowFit:
         Envelope of the noise.
     """
 
-    poles: _Complex
-    residues: _Complex
-    error: _Complex
-    size: _Real
-    weights: NDArray[Any]
-    level: _Real
+    poles: ComplexArray
+    residues: ComplexArray
+    error: ComplexArray
+    size: RealArray
+    weights: NumberArray
+    level: RealArray
     columns: Columns
-    normalised_squares: _Real
-    normals: NDArray[Any]
-    gradients: NDArray[Any]
+    normalised_squares: RealArray
+    normals: NumberArray
+    gradients: NumberArray
     envelope: Envelope
     cost: float = field(init=False)
-    normal: NDArray[Any] = field(init=False)
-    gradient: NDArray[Any] = field(init=False)
+    normal: NumberArray = field(init=False)
+    gradient: NumberArray = field(init=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "cost", float(np.sum(self.normalised_squares)))
@@ -302,12 +300,12 @@ class WindowFit:
             object.__setattr__(self, name, np.sum(getattr(self, name + "s"), axis=0))
 
     @property
-    def squared_error(self) -> _Real:
+    def squared_error(self) -> RealArray:
         """Squared errors, shape (p, n_f)."""
         return np.asarray(np.abs(self.error) ** 2)
 
     @property
-    def unbiased_squared_error(self) -> _Real:
+    def unbiased_squared_error(self) -> RealArray:
         """Squared errors, divided by the share of noise that remains in the residual."""
         n_f, Q = self.error.shape[1], self.columns.Q
         if len(Q) > n_f:  # real and imaginary parts
@@ -329,7 +327,7 @@ class WindowFit:
         return [[r, int(images[r])] if self.poles[r].imag != 0 else [r] for r in range(k)]
 
     @property
-    def cost_increase_by_channel(self) -> _Real:
+    def cost_increase_by_channel(self) -> RealArray:
         """Increase of the cost of each channel without each pole, shape (k, p)."""
         out = np.zeros((len(self.poles), len(self.error)))
         for r, columns_of_pole in enumerate(self.pole_columns):
@@ -343,11 +341,11 @@ class WindowFit:
         return out
 
     @property
-    def cost_increase(self) -> _Real:
+    def cost_increase(self) -> RealArray:
         """Increase of the cost without each pole, shape (k,)."""
         return np.asarray(np.sum(self.cost_increase_by_channel, axis=1))
 
-    def compute_damped_step(self, damping: float) -> tuple[_Complex, float]:
+    def compute_damped_step(self, damping: float) -> tuple[ComplexArray, float]:
         """Return a step with a relatively increased diagonal, and its expected decrease."""
         loaded = self.normal + damping * np.diag(np.diag(self.normal))
         step = np.linalg.lstsq(loaded, self.gradient, rcond=None)[0]
@@ -356,7 +354,7 @@ class WindowFit:
         return np.asarray(step if len(step) == k else step[:k] + 1j * step[k:]), expected_decrease
 
     @property
-    def deviation(self) -> _Real:
+    def deviation(self) -> RealArray:
         """Standard deviations of the poles' real and imaginary parts, (2, k).
 
         They are valid if the errors were weighted by their standard deviations.
@@ -376,8 +374,8 @@ class Errors:
     the errors caused by the errors of the poles.
     """
 
-    noise: _Real
-    common: _Complex
+    noise: RealArray
+    common: ComplexArray
 
     @classmethod
     def none(cls, p: int) -> Errors:
@@ -393,7 +391,7 @@ def deviance(fitted: WindowFit) -> float:
     return 2.0 * float(np.sum(np.log(variance) + fitted.squared_error / variance))
 
 
-def estimate_pole_deviation(window: LineWindow, fitted: WindowFit, weights: Weights) -> _Real:
+def estimate_pole_deviation(window: LineWindow, fitted: WindowFit, weights: Weights) -> RealArray:
     """Return standard deviations of the poles' parts, (2, k), for noise of weights and envelope."""
     inflation = np.sqrt(window.inflation(fitted.poles, weights, moving=True))
     return np.asarray(fitted.deviation * inflation)
@@ -427,7 +425,7 @@ def estimate_errors(window: LineWindow, fitted: WindowFit, weights: Weights) -> 
 
 def fit_with_unknown_noise(
     window: LineWindow,
-    poles: _Complex,
+    poles: ComplexArray,
     weights: Weights,
     gain: float | None = None,
 ) -> tuple[WindowFit, Weights]:
@@ -444,7 +442,7 @@ def fit_with_unknown_noise(
 
 def fit_poles(
     window: LineWindow,
-    poles: _Complex,
+    poles: ComplexArray,
     weights: Weights,
     gain: float | None = None,
 ) -> WindowFit:
@@ -470,7 +468,7 @@ def fit_poles(
     return current
 
 
-def fit_residues(window: LineWindow, poles: _Complex, weights: Weights) -> WindowFit:
+def fit_residues(window: LineWindow, poles: ComplexArray, weights: Weights) -> WindowFit:
     """Return the fit with given poles by linear least squares."""
     basis, n_f = window.basis, len(window.x)
     # The noise of channels without signal is nearly zero: divide by the mean weight of each

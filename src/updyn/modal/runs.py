@@ -12,8 +12,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import BoolArray, ComplexArray, IndexArray, RealArray
 from updyn.modal.fits import (
     Mode,
     WeightedFit,
@@ -38,9 +38,6 @@ from updyn.modal.refine import (
 from updyn.modal.settings import POLE_BUNDLE
 
 __all__ = ["extract_modes", "is_split_off"]
-
-_Complex = NDArray[np.complex128]
-_Real = NDArray[np.float64]
 
 
 def extract_modes(measured: Measured, fits: Sequence[WeightedFit]) -> list[Mode]:
@@ -71,7 +68,7 @@ def extract_modes(measured: Measured, fits: Sequence[WeightedFit]) -> list[Mode]
 
 
 def _fit_by_run(
-    fit: WeightedFit, poles: list[int], roving: tuple[NDArray[np.intp], ...]
+    fit: WeightedFit, poles: list[int], roving: tuple[IndexArray, ...]
 ) -> _ModesByRun | None:
     """Return modes with poles for each run in place of poles of a bundle; None if no better."""
     if (fit.added[poles] >= 0).any():
@@ -111,7 +108,7 @@ def is_split_off(mode: Mode, modes: list[Mode], shape: tuple[int, ...], mirrored
     return False
 
 
-def _shapes_of_unit_length(mode: Mode, shape: tuple[int, ...]) -> tuple[_Complex, _Complex]:
+def _shapes_of_unit_length(mode: Mode, shape: tuple[int, ...]) -> tuple[ComplexArray, ComplexArray]:
     """Return the shapes of unit length at responses and references."""
     U, _, Vh = np.linalg.svd(mode.residues.reshape(shape), full_matrices=False)
     return U[:, 0], Vh[0]
@@ -122,8 +119,8 @@ def _pole_width(pole: complex, mirrored: bool) -> float:
 
 
 def _group_by_shape(
-    fit: WeightedFit, bundle: list[int], runs: tuple[NDArray[np.intp], NDArray[np.intp]]
-) -> list[tuple[list[int], tuple[NDArray[np.intp], ...]]]:
+    fit: WeightedFit, bundle: list[int], runs: tuple[IndexArray, IndexArray]
+) -> list[tuple[list[int], tuple[IndexArray, ...]]]:
     """Return parts of a bundle with one shape each, and the sides that may be roving.
 
     A mode split by runs has poles of the same shape on the fixed side; two modes have it on
@@ -133,7 +130,7 @@ def _group_by_shape(
     residues = fit.window_fit.residues[bundle].reshape(
         len(bundle), rows.max() + 1, columns.max() + 1
     )
-    parts: list[tuple[list[int], tuple[NDArray[np.intp], ...]]] = []
+    parts: list[tuple[list[int], tuple[IndexArray, ...]]] = []
     remaining = list(range(len(bundle)))
     for side, roving in ((residues, columns), (residues.swapaxes(1, 2), rows)):
         if side.shape[1] < POLE_BUNDLE.least_channels:
@@ -155,7 +152,7 @@ def _is_damped(pole: complex, window: LineWindow) -> bool:
     return bool((-pole.real if window.basis.mirrored else pole.imag) > 0.0)
 
 
-def _may_rove(fit: WeightedFit, bundle: list[int], runs: NDArray[np.intp]) -> bool:
+def _may_rove(fit: WeightedFit, bundle: list[int], runs: IndexArray) -> bool:
     """Return whether poles may be one mode with a pole for each run.
 
     For a single pole, one Gauss-Newton step in each run predicts the gain before any fit.
@@ -205,7 +202,7 @@ class _Criterion:
         return min(self.shapes, len(self.bundle) - 1, POLE_BUNDLE.most_modes) if self.fewer else 1
 
     @classmethod
-    def of(cls, fit: WeightedFit, bundle: list[int], runs: NDArray[np.intp]) -> _Criterion:
+    def of(cls, fit: WeightedFit, bundle: list[int], runs: IndexArray) -> _Criterion:
         """Return the criterion for poles that may vary with the runs."""
         return cls(fit, bundle, _count_shapes(fit, bundle, runs))
 
@@ -225,13 +222,13 @@ class _Criterion:
         return float(2.0 * np.mean(inflation[self.bundle]) * free)
 
 
-def _count_shapes(fit: WeightedFit, bundle: list[int], runs: NDArray[np.intp]) -> int:
+def _count_shapes(fit: WeightedFit, bundle: list[int], runs: IndexArray) -> int:
     """Return the number of shapes of poles at the fixed channels; 0 for a single channel."""
     count = int(runs.max()) + 1
     order = np.argsort(runs, kind="stable")
     if len(runs) == count:
         return 0
-    different: list[_Complex] = []
+    different: list[ComplexArray] = []
     for r in sorted(bundle, key=lambda r: -float(fit.window_fit.cost_increase[r])):
         shape = np.linalg.svd(fit.window_fit.residues[r][order].reshape(count, -1))[2][0]
         macs = [abs(np.vdot(shape, other)) ** 2 for other in different]
@@ -240,7 +237,7 @@ def _count_shapes(fit: WeightedFit, bundle: list[int], runs: NDArray[np.intp]) -
     return len(different)
 
 
-def _are_in_separate_runs(fit: WeightedFit, bundle: list[int], runs: NDArray[np.intp]) -> bool:
+def _are_in_separate_runs(fit: WeightedFit, bundle: list[int], runs: IndexArray) -> bool:
     """Return whether each run contains only one of the poles.
 
     Example: sensors in two directions of a structure with one mode in each. Poles for each run fit
@@ -267,7 +264,7 @@ class _ModesByRun:
 
 
 def _find_modes_by_run(
-    criterion: _Criterion, runs: NDArray[np.intp], modes: int, least: float
+    criterion: _Criterion, runs: IndexArray, modes: int, least: float
 ) -> _ModesByRun | None:
     """Return modes with poles for each run; None if the gain is not above `least`."""
     fit, bundle = criterion.fit, criterion.bundle
@@ -276,7 +273,7 @@ def _find_modes_by_run(
     fixed_poles = np.concatenate([window.fixed_poles, others])
     begin = take_means(fit, bundle, modes)
     residues, noise = np.zeros((modes, p), dtype=np.complex128), np.zeros((modes, p))
-    common: list[list[_Complex]] = [[] for _ in begin]
+    common: list[list[ComplexArray]] = [[] for _ in begin]
     cost, found, deviations, fitted = 0.0, [], [], 0.0
     squares = np.zeros(window.Y.shape)
     count = int(runs.max()) + 1
@@ -322,7 +319,7 @@ def _find_modes_by_run(
     return _ModesByRun(criterion.gain(cost, modes * count, modes), cost, evidence, out)
 
 
-def _have_strayed(fit: WeightedFit, bundle: list[int], poles: _Complex) -> NDArray[np.bool_]:
+def _have_strayed(fit: WeightedFit, bundle: list[int], poles: ComplexArray) -> BoolArray:
     """Return which poles of a run are undamped, or far from the common poles."""
     window, shared = fit.window, fit.window_fit.poles[bundle]
     damped = np.array([_is_damped(complex(pole), window) for pole in poles])
@@ -332,7 +329,7 @@ def _have_strayed(fit: WeightedFit, bundle: list[int], poles: _Complex) -> NDArr
     return ~damped | (near > 0.5 * np.ptp(along) + reach)
 
 
-def _average_poles(each: _Complex, std: _Real) -> tuple[complex, _Real]:
+def _average_poles(each: ComplexArray, std: RealArray) -> tuple[complex, RealArray]:
     """Return mean and spread of the poles of the runs, weighted by their variances."""
     sure = 1.0 / np.maximum(std.T, 1e-12 * np.abs(each)) ** 2
     parts = np.array([each.real, each.imag])
@@ -343,12 +340,12 @@ def _average_poles(each: _Complex, std: _Real) -> tuple[complex, _Real]:
 
 def _residual_without(
     window: LineWindow,
-    fixed_poles: _Complex,
-    each: _Complex,
+    fixed_poles: ComplexArray,
+    each: ComplexArray,
     r: int,
-    runs: NDArray[np.intp],
+    runs: IndexArray,
     weights: Weights,
-) -> _Real:
+) -> RealArray:
     """Return the squared residuals without mode `r`, which has a pole for each run, (p, n)."""
     if each.shape[1] == 1:
         window_without = LineWindow(window.basis, window.x, window.Y, fixed_poles)

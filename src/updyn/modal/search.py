@@ -10,8 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import BoolArray, ComplexArray, RealArray
 from updyn.modal.refine import (
     LineWindow,
     Weights,
@@ -31,9 +31,6 @@ __all__ = [
     "shows_on_lines",
 ]
 
-_Complex = NDArray[np.complex128]
-_Real = NDArray[np.float64]
-
 
 def chance_gain(window: LineWindow) -> float:
     """Return the decrease of the deviance that a spurious mode reaches by chance.
@@ -46,7 +43,9 @@ def chance_gain(window: LineWindow) -> float:
     return float(2 * p * np.log(2 * n_f) + 2 * np.log(2 * p * n_f))
 
 
-def search_window(window: LineWindow, stable: _Complex, trials: _Complex, most: int) -> WindowFit:
+def search_window(
+    window: LineWindow, stable: ComplexArray, trials: ComplexArray, most: int
+) -> WindowFit:
     """Return the fit of a window with at most `most` modes.
 
     Before any mode is known, a window full of modes looks like correlated noise, so stable poles
@@ -119,7 +118,7 @@ def shows_on_lines(
 
 
 def _compute_explained_share(
-    at: NDArray[np.bool_], fitted: WindowFit, more: WindowFit, weights: Weights
+    at: BoolArray, fitted: WindowFit, more: WindowFit, weights: Weights
 ) -> float:
     """Return the share of the residual at some lines that the last pole explains."""
     weight = 1.0 / (weights.channel * weights.line[:, at]) ** 2
@@ -144,9 +143,9 @@ class Visibility:
         cls,
         window: LineWindow,
         pole: complex,
-        residues: _Complex,
-        at: NDArray[np.bool_],
-        worths: _Real,
+        residues: ComplexArray,
+        at: BoolArray,
+        worths: RealArray,
     ) -> Visibility:
         """Return the visibility of a pole at its lines `at`.
 
@@ -169,8 +168,8 @@ class Visibility:
 
 
 def _estimate_gains(
-    window: LineWindow, fitted: WindowFit, weights: Weights, trial_poles: _Complex
-) -> _Real:
+    window: LineWindow, fitted: WindowFit, weights: Weights, trial_poles: ComplexArray
+) -> RealArray:
     """Return the decrease of the cost with each trial pole at its initial position."""
     inverse = weights.common
     Q = np.linalg.qr(_complex_columns(window, fitted.poles) * inverse[:, None])[0]
@@ -188,7 +187,7 @@ def _estimate_gains(
     )
 
 
-def _complex_columns(window: LineWindow, poles: _Complex) -> _Complex:
+def _complex_columns(window: LineWindow, poles: ComplexArray) -> ComplexArray:
     """Return the functions of the fit with complex weights."""
     both = window.columns(poles)
     if not window.basis.mirrored:

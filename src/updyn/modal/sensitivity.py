@@ -18,9 +18,9 @@ from typing import Any
 import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
-from numpy.typing import NDArray
 from scipy.sparse.linalg import splu
 
+from updyn.arrays import IndexArray, RealArray
 from updyn.dynamics import eigen
 from updyn.dynamics.affine import AffineSystem, State
 from updyn.dynamics.settings import EIGEN
@@ -35,7 +35,6 @@ __all__ = [
     "separate_repeated_modes",
 ]
 
-_Real = NDArray[np.float64]
 
 _SINGULAR = "the equations of the derivative of a mode shape are singular"
 
@@ -52,11 +51,11 @@ class RealModes:
 
     K: Any
     M: Any
-    value: _Real
-    shapes: _Real
+    value: RealArray
+    shapes: RealArray
     n_rigid: int
     complete: bool
-    whole: tuple[_Real, _Real, _Real] | None = None
+    whole: tuple[RealArray, RealArray, RealArray] | None = None
 
     @classmethod
     def lowest(cls, system: AffineSystem, state: State, n: int, highest: float) -> RealModes:
@@ -84,11 +83,11 @@ class RealModes:
         return cls(K, M, value, shapes, wanted - len(value), wanted == finite, whole)
 
     @property
-    def frequency(self) -> _Real:
+    def frequency(self) -> RealArray:
         """Natural frequencies in Hz, shape (n,)."""
         return np.asarray(np.sqrt(self.value) / (2.0 * np.pi))
 
-    def find_repeated(self, which: int) -> NDArray[np.intp]:
+    def find_repeated(self, which: int) -> IndexArray:
         """Return all modes with the eigenvalue of mode `which`, including itself."""
         reach = MODE_DERIVATIVE.equal_eigenvalues * self.value[which]
         return np.flatnonzero(np.abs(self.value - self.value[which]) <= reach)
@@ -99,10 +98,10 @@ def differentiate_mode(
     which: int,
     system: AffineSystem,
     unknowns: Unknowns,
-    values: _Real,
-    rows: NDArray[np.intp] | None = None,
-    along: _Real | None = None,
-) -> tuple[_Real, _Real]:
+    values: RealArray,
+    rows: IndexArray | None = None,
+    along: RealArray | None = None,
+) -> tuple[RealArray, RealArray]:
     """Return the derivatives of one mode by the unknowns.
 
     Those of the eigenvalue, shape (n,), are in 1/s2. Those of the shape of unit modal mass, shape
@@ -144,7 +143,7 @@ def differentiate_mode(
     return d_value.copy(), v[:, :number] + shares @ (basis.T @ wanted)
 
 
-def _check_uncoupled(by_value: _Real, own_index: int, values: _Real, value: float) -> None:
+def _check_uncoupled(by_value: RealArray, own_index: int, values: RealArray, value: float) -> None:
     """Raise SolverError if an unknown couples a mode with another of its eigenvalue.
 
     `by_value`, shape (n, m), is phi_j^T (K' - lambda M') phi of all modes j of the eigenvalue.
@@ -161,13 +160,13 @@ def _check_uncoupled(by_value: _Real, own_index: int, values: _Real, value: floa
 
 def differentiate_modes(
     modes: RealModes,
-    which: NDArray[np.intp],
+    which: IndexArray,
     system: AffineSystem,
     unknowns: Unknowns,
-    values: _Real,
-    rows: NDArray[np.intp] | None = None,
-    along: _Real | None = None,
-) -> tuple[_Real, _Real]:
+    values: RealArray,
+    rows: IndexArray | None = None,
+    along: RealArray | None = None,
+) -> tuple[RealArray, RealArray]:
     """Return the derivatives of several modes by the unknowns, as `differentiate_mode`.
 
     `along`, shape (N, m), has a vector for each mode. Shapes: (m, n) and (m, n, k + 1).
@@ -195,14 +194,14 @@ def differentiate_modes(
 
 def _differentiate_by_expansion(
     modes: RealModes,
-    whole: tuple[_Real, _Real, _Real],
-    which: NDArray[np.intp],
+    whole: tuple[RealArray, RealArray, RealArray],
+    which: IndexArray,
     system: AffineSystem,
     unknowns: Unknowns,
-    values: _Real,
-    rows: NDArray[np.intp] | None,
-    along: _Real | None,
-) -> tuple[_Real, _Real]:
+    values: RealArray,
+    rows: IndexArray | None,
+    along: RealArray | None,
+) -> tuple[RealArray, RealArray]:
     """Return `differentiate_modes` by the sum over all modes of the model."""
     V, stiffness, mass = whole
     phi, value = modes.shapes[:, which], modes.value[which]
@@ -241,7 +240,7 @@ def _differentiate_by_expansion(
     return d_value, shape
 
 
-def _collect_vectors(n: int, rows: NDArray[np.intp] | None, along: _Real | None) -> _Real:
+def _collect_vectors(n: int, rows: IndexArray | None, along: RealArray | None) -> RealArray:
     """Return the vectors for the derivatives of a shape, shape (n, k + p)."""
     at = np.zeros(0, dtype=np.intp) if rows is None else rows
     unit = np.zeros((n, len(at)))
@@ -253,9 +252,9 @@ def separate_repeated_modes(
     modes: RealModes,
     system: AffineSystem,
     unknowns: Unknowns,
-    values: _Real,
-    shapes_at_sensors: Callable[[_Real], _Real],
-    measured: _Real,
+    values: RealArray,
+    shapes_at_sensors: Callable[[RealArray], RealArray],
+    measured: RealArray,
 ) -> RealModes:
     """Return the modes in a basis in which no unknown couples modes of one eigenvalue.
 
@@ -290,8 +289,8 @@ def separate_repeated_modes(
 
 
 def _derivative_forces(
-    system: AffineSystem, unknowns: Unknowns, values: _Real, shapes: _Real
-) -> Iterator[tuple[int, Any, _Real, bool]]:
+    system: AffineSystem, unknowns: Unknowns, values: RealArray, shapes: RealArray
+) -> Iterator[tuple[int, Any, RealArray, bool]]:
     """Yield unknown, DOFs, derivative times shapes, and whether it is of mass, by drive."""
     state = unknowns.state(system, values)
     drives = zip(unknowns.owner, unknowns.at, unknowns.power, unknowns.scales, strict=True)
@@ -308,8 +307,8 @@ def _derivative_forces(
 
 
 def _compute_couplings(
-    system: AffineSystem, unknowns: Unknowns, values: _Real, basis: _Real, value: float
-) -> _Real:
+    system: AffineSystem, unknowns: Unknowns, values: RealArray, basis: RealArray, value: float
+) -> RealArray:
     """Return weighted Phi^T (K' - lambda M') Phi by the logarithm of each unknown, (n, m, m)."""
     out = np.zeros((unknowns.n, basis.shape[1], basis.shape[1]))
     for owner, rows_of_term, force, is_mass in _derivative_forces(system, unknowns, values, basis):
@@ -322,14 +321,14 @@ def _compute_couplings(
 
 
 def _decoupling_rotation(
-    system: AffineSystem, unknowns: Unknowns, values: _Real, basis: _Real, value: float
-) -> _Real:
+    system: AffineSystem, unknowns: Unknowns, values: RealArray, basis: RealArray, value: float
+) -> RealArray:
     """Return the rotation, shape (m, m), after which the sum of all couplings is diagonal."""
     whole = _compute_couplings(system, unknowns, values, basis, value).sum(axis=0)
     return np.asarray(np.linalg.eigh((whole + whole.T) / 2)[1])
 
 
-def _rotate_towards_measured(shapes_at_sensors: _Real, measured: _Real) -> _Real:
+def _rotate_towards_measured(shapes_at_sensors: RealArray, measured: RealArray) -> RealArray:
     """Return the rotation, (m, m), that orders shapes by their agreement with measured ones."""
     if not len(shapes_at_sensors):
         return np.eye(shapes_at_sensors.shape[1])
@@ -348,7 +347,7 @@ def _assemble(system: AffineSystem, state: State, quantity: str) -> Any:
     return matrix
 
 
-def _choose_pivots(modes: RealModes, basis: _Real) -> NDArray[np.intp]:
+def _choose_pivots(modes: RealModes, basis: RealArray) -> IndexArray:
     """Return the DOFs of largest motion, one for each mode, weighted by strain energy."""
     weighted = basis.T * np.sqrt(np.maximum(modes.K.diagonal(), 0.0))
     return np.asarray(
@@ -357,8 +356,8 @@ def _choose_pivots(modes: RealModes, basis: _Real) -> NDArray[np.intp]:
 
 
 def _solve_with_pivots(
-    modes: RealModes, value: float, pivots: NDArray[np.intp], loads: _Real
-) -> _Real:
+    modes: RealModes, value: float, pivots: IndexArray, loads: RealArray
+) -> RealArray:
     """Solve (K - lambda M) X = loads without rows and columns `pivots`, where X is zero."""
     size = np.abs(modes.K.diagonal()) + value * np.abs(modes.M.diagonal())
     scale = 1.0 / np.sqrt(np.where(size > 0, size, 1.0))  # equal translations and rotations
@@ -380,7 +379,7 @@ def _solve_with_pivots(
     return np.asarray(scale[:, None] * X)
 
 
-def _scaled_full(modes: RealModes, value: float, scale: _Real, pivots: NDArray[np.intp]) -> Any:
+def _scaled_full(modes: RealModes, value: float, scale: RealArray, pivots: IndexArray) -> Any:
     """Return the scaled dense matrix with 1 on the diagonal at the pivots."""
     A = modes.K.toarray()
     A -= value * modes.M.toarray()
@@ -390,7 +389,7 @@ def _scaled_full(modes: RealModes, value: float, scale: _Real, pivots: NDArray[n
     return A
 
 
-def _scaled_sparse(modes: RealModes, value: float, scale: _Real, pivots: NDArray[np.intp]) -> Any:
+def _scaled_sparse(modes: RealModes, value: float, scale: RealArray, pivots: IndexArray) -> Any:
     """Return the scaled sparse matrix with 1 on the diagonal at the pivots."""
     one = sp.csc_array((np.ones(len(pivots)), (pivots, pivots)), shape=modes.K.shape)
     by = sp.diags_array(scale)

@@ -6,8 +6,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import ComplexArray, IndexArray, RealArray
 from updyn.modal.envelope import Envelope
 from updyn.modal.fits import WeightedFit
 from updyn.modal.measured import Measured, group_overlapping
@@ -26,18 +26,15 @@ from updyn.modal.settings import WINDOW_SWEEP
 
 __all__ = ["collect_poles", "estimate_envelope", "fit_all_windows"]
 
-_Complex = NDArray[np.complex128]
-_Real = NDArray[np.float64]
 
-
-def collect_poles(fits: Sequence[WeightedFit]) -> _Complex:
+def collect_poles(fits: Sequence[WeightedFit]) -> ComplexArray:
     """Return the poles of all fits."""
     none = np.zeros(0, dtype=np.complex128)
     return np.concatenate([none, *(fit.window_fit.poles for fit in fits)])
 
 
 def fit_all_windows(
-    measured: Measured, poles: _Complex, added: NDArray[np.intp]
+    measured: Measured, poles: ComplexArray, added: IndexArray
 ) -> list[WeightedFit]:
     """Return the fits of all windows, each with the noise of nearby residuals.
 
@@ -45,7 +42,7 @@ def fit_all_windows(
     for poles that are kept without a test, and -1 for all others.
     """
     residuals: _Residuals | None = None
-    residues: _Complex | None = None
+    residues: ComplexArray | None = None
     fits: list[WeightedFit] = []
     for _ in range(1 + WINDOW_SWEEP.sweeps):
         fits = []
@@ -75,7 +72,7 @@ def fit_all_windows(
     return [replace(fit, window=replace(fit.window, envelope=measured.envelope)) for fit in fits]
 
 
-def estimate_envelope(measured: Measured, fits: Sequence[tuple[WindowFit, _Real]]) -> Envelope:
+def estimate_envelope(measured: Measured, fits: Sequence[tuple[WindowFit, RealArray]]) -> Envelope:
     """Return the envelope of the residuals of fits, which contain no modes; white stays white."""
     if measured.envelope.is_white:
         return measured.envelope
@@ -93,9 +90,9 @@ def estimate_envelope(measured: Measured, fits: Sequence[tuple[WindowFit, _Real]
 class _Residuals:
     """Squared residuals of fits, shapes (p, n), by centre of their windows in Hz."""
 
-    frequency: _Real
-    squares: list[_Real]
-    sizes: list[_Real]
+    frequency: RealArray
+    squares: list[RealArray]
+    sizes: list[RealArray]
 
     @classmethod
     def of(cls, measured: Measured, fits: Sequence[WeightedFit]) -> _Residuals:
@@ -107,7 +104,7 @@ class _Residuals:
             [f.window_fit.size for f in fits],
         )
 
-    def noise(self, measured: Measured, poles: _Complex) -> ChannelNoise:
+    def noise(self, measured: Measured, poles: ComplexArray) -> ChannelNoise:
         """Return the noise around some poles."""
         at = float(np.mean(measured.axis.frequency(poles)))
         nearest, lines = np.argsort(np.abs(self.frequency - at), kind="stable"), 0
@@ -124,8 +121,8 @@ class _Residuals:
 def _prune_poles(
     measured: Measured,
     window: LineWindow,
-    poles: _Complex,
-    added: NDArray[np.intp],
+    poles: ComplexArray,
+    added: IndexArray,
     noise: ChannelNoise | None,
 ) -> WeightedFit:
     """Return the fit of a window without spurious poles."""
@@ -151,7 +148,7 @@ def _prune_poles(
 
 
 def _reset_escaped_poles(
-    measured: Measured, window: LineWindow, poles: _Complex, fitted: WindowFit, weights: Weights
+    measured: Measured, window: LineWindow, poles: ComplexArray, fitted: WindowFit, weights: Weights
 ) -> WindowFit:
     """Return the fit with poles reset that left the band or became unstable."""
     escaped = measured.is_inside(poles) & ~measured.is_inside(fitted.poles)

@@ -11,16 +11,13 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
+from updyn.arrays import ComplexArray, IndexArray, RealArray
 from updyn.dofs import Dof
 from updyn.frf import FRF
 from updyn.modal.settings import CHANNEL_FIT, PHYSICAL_MODE
 
 __all__ = ["Sides"]
-
-_Complex = NDArray[np.complex128]
-_Real = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,14 +41,14 @@ class Sides:
         Factors for rotations and translations of equal size: 1 for translations.
     """
 
-    rows: NDArray[np.intp]
-    columns: NDArray[np.intp]
-    sign: NDArray[np.float64]
-    more: NDArray[np.intp]
+    rows: IndexArray
+    columns: IndexArray
+    sign: RealArray
+    more: IndexArray
     at_references: bool
     dofs: list[Dof]
-    row_scale: _Real
-    column_scale: _Real
+    row_scale: RealArray
+    column_scale: RealArray
 
     @classmethod
     def of(cls, frf: FRF) -> Sides:
@@ -76,7 +73,7 @@ class Sides:
         """Whether the shapes have unit modal mass."""
         return len(self.rows) > 0
 
-    def shapes(self, product: _Complex) -> list[_Complex]:
+    def shapes(self, product: ComplexArray) -> list[ComplexArray]:
         """Return one or several shapes of one frequency at `dofs`.
 
         `product`, (n_i, n_j), sums the products of these shapes at responses and references. With
@@ -95,7 +92,7 @@ class Sides:
         at_responses, at_references = U @ G, np.linalg.solve(G, W.T).T
         return list(np.concatenate([at_responses, at_references[self.more]]).T)
 
-    def _factors(self, product: _Complex) -> tuple[_Complex, _Complex]:
+    def _factors(self, product: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
         """Return U and W, shapes (n_i, rank) and (n_j, rank)."""
         scaled = product * self.row_scale[:, None] * self.column_scale
         U, s, Vh = np.linalg.svd(scaled, full_matrices=False)
@@ -104,7 +101,9 @@ class Sides:
         U, W = U[:, :rank] * np.sqrt(s[:rank]), Vh[:rank].T * np.sqrt(s[:rank])
         return U / self.row_scale[:, None], W / self.column_scale[:, None]
 
-    def deviations(self, product: _Complex, noise: _Real, common: _Complex) -> _Real:
+    def deviations(
+        self, product: ComplexArray, noise: RealArray, common: ComplexArray
+    ) -> RealArray:
         """Return standard deviations of the real shape at `dofs`, for fixed length, shape (N,).
 
         They are nan if the product contains two modes, whose shapes are arbitrary in their plane.
@@ -129,7 +128,7 @@ class Sides:
         fixed = by_rows @ (common @ w).T + by_columns @ (common.swapaxes(1, 2) @ u).T
         return np.asarray(np.sqrt(np.maximum(squares + np.sum(fixed.real**2, axis=1), 0.0)))
 
-    def _derivatives(self, U: _Complex, W: _Complex) -> tuple[_Complex, _Complex]:
+    def _derivatives(self, U: ComplexArray, W: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
         """Return the derivatives of the shape of one mode at `dofs` by U and by W."""
         N = len(self.dofs)
         by_rows, by_columns = (np.zeros((N, len(side)), dtype=np.complex128) for side in (U, W))
@@ -149,7 +148,7 @@ class Sides:
         return by_rows, by_columns
 
 
-def _real_part(shape: _Complex, slope: _Complex) -> _Complex:
+def _real_part(shape: ComplexArray, slope: ComplexArray) -> ComplexArray:
     """Return derivatives with the real part of those, (N, n), of the real shape at fixed length."""
     turn = np.exp(-0.5j * np.angle(np.sum(shape**2)))
     x, y = (shape * turn).real, (shape * turn).imag

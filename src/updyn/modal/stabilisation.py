@@ -12,13 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from updyn.arrays import BoolArray, ComplexArray, RealArray
 from updyn.modal.lscf import fit_orders
 from updyn.modal.settings import CHANNEL_FIT, STABILISATION
 
 __all__ = ["Diagram", "find_stable_poles"]
-
-_Complex = NDArray[np.complex128]
-_Real = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -29,14 +27,14 @@ class Diagram:
     """
 
     order: NDArray[np.int_]
-    frequency: _Real
-    damping: _Real
-    stable: NDArray[np.bool_]
+    frequency: RealArray
+    damping: RealArray
+    stable: BoolArray
 
 
-def find_stable_poles(freq: _Real, Y: _Complex) -> tuple[_Complex, Diagram]:
+def find_stable_poles(freq: RealArray, Y: ComplexArray) -> tuple[ComplexArray, Diagram]:
     """Return the stable poles s in rad/s, by ascending frequency, and the diagram."""
-    found: list[_Complex] = []
+    found: list[ComplexArray] = []
     rows: list[tuple[int, complex, bool]] = []
     for first, last, low, high in _split_band(freq):
         fits = _fit_part(freq[first:last], Y[first:last])
@@ -62,7 +60,7 @@ def find_stable_poles(freq: _Real, Y: _Complex) -> tuple[_Complex, Diagram]:
     return poles[np.argsort(np.abs(poles), kind="stable")], diagram
 
 
-def _split_band(freq: _Real) -> list[tuple[int, int, float, float]]:
+def _split_band(freq: RealArray) -> list[tuple[int, int, float, float]]:
     """Return parts of the band: first and last line, and limits of the part in frequency."""
     n = len(freq)
     count = max(1, round(n / STABILISATION.part_lines))
@@ -77,7 +75,7 @@ def _split_band(freq: _Real) -> list[tuple[int, int, float, float]]:
     return out
 
 
-def _fit_part(freq: _Real, Y: _Complex) -> list[tuple[int, _Complex]]:
+def _fit_part(freq: RealArray, Y: ComplexArray) -> list[tuple[int, ComplexArray]]:
     """Return orders and poles of the fits of one part."""
     Y = _combine_columns(Y)
     largest = max(2, min(STABILISATION.largest_order, len(freq) // STABILISATION.lines_per_order))
@@ -92,7 +90,7 @@ def _fit_part(freq: _Real, Y: _Complex) -> list[tuple[int, _Complex]]:
     return fits
 
 
-def _combine_columns(Y: _Complex) -> _Complex:
+def _combine_columns(Y: ComplexArray) -> ComplexArray:
     """Return the functions with the smaller side as columns, or its strongest combinations."""
     if Y.shape[2] > Y.shape[1]:
         Y = Y.transpose(0, 2, 1)
@@ -104,13 +102,11 @@ def _combine_columns(Y: _Complex) -> _Complex:
     return np.asarray(Y @ strongest)
 
 
-def _find_chains(
-    fits: list[_Complex], least: float
-) -> tuple[list[complex], list[NDArray[np.bool_]]]:
+def _find_chains(fits: list[ComplexArray], least: float) -> tuple[list[complex], list[BoolArray]]:
     """Return the poles that are stable up to the last order, and flags for each order."""
-    stable: list[NDArray[np.bool_]] = []
+    stable: list[BoolArray] = []
     length = np.zeros(0, dtype=int)
-    before: _Complex = np.zeros(0, dtype=np.complex128)
+    before: ComplexArray = np.zeros(0, dtype=np.complex128)
     for poles in fits:
         longer, marks = np.ones(len(poles), dtype=int), np.zeros(len(poles), dtype=bool)
         for i, j in _pair_nearest(poles, before, least):
@@ -121,7 +117,7 @@ def _find_chains(
     return [complex(p) for p in long], stable
 
 
-def _pair_nearest(poles: _Complex, before: _Complex, least: float) -> list[tuple[int, int]]:
+def _pair_nearest(poles: ComplexArray, before: ComplexArray, least: float) -> list[tuple[int, int]]:
     """Return pairs of nearly equal poles, one to one, nearest first."""
     if not len(poles) or not len(before):
         return []

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import BoolArray, ComplexArray, RealArray
 from updyn.errors import DataError
 from updyn.frf import FRF, QUANTITIES
 from updyn.modal.mode_set import ModeSet
@@ -14,11 +14,8 @@ from updyn.modal.settings import SYNTHESIS, UNEXPLAINED_PEAK
 
 __all__ = ["band_of_modes", "line_weights", "synthesise"]
 
-_Complex = NDArray[np.complex128]
-_Real = NDArray[np.float64]
 
-
-def line_weights(frf: FRF) -> _Real:
+def line_weights(frf: FRF) -> RealArray:
     """Return the weight of each line: the inverse of the rms of all channels around it, or 0.
 
     Without weights, errors of the largest peaks would determine the residues of all modes. Each
@@ -34,7 +31,7 @@ def line_weights(frf: FRF) -> _Real:
     return np.divide(1.0, np.sqrt(around), out=np.zeros_like(around), where=heard)
 
 
-def band_of_modes(modes: ModeSet, frf: FRF) -> NDArray[np.bool_]:
+def band_of_modes(modes: ModeSet, frf: FRF) -> BoolArray:
     """Return the lines that the modes of a set can explain, shape (n_f,).
 
     These are the lines from five half-power bandwidths below the lowest mode to five above the
@@ -104,7 +101,7 @@ def synthesise(modes: ModeSet, frf: FRF) -> FRF:
     )
 
 
-def _terms(modes: ModeSet, frf: FRF) -> _Complex:
+def _terms(modes: ModeSet, frf: FRF) -> ComplexArray:
     """Return the terms of the FRFs, shape (n_f, n_modes + 2)."""
     s = frf.s[:, None]
     poles = (2.0 * np.pi * modes.frequency) ** 2 * (1.0 + 1j * modes.loss_factor)

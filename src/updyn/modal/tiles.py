@@ -10,16 +10,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import ComplexArray, RealArray
 from updyn.modal.measured import Measured, group_overlapping
 from updyn.modal.search import search_window
 from updyn.modal.settings import MODE_SEARCH, MODE_WINDOW
 
 __all__ = ["search_band"]
-
-_Complex = NDArray[np.complex128]
-_Real = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +29,7 @@ class _Tile:
     high: float
 
 
-def search_band(measured: Measured, candidates: _Complex) -> _Complex:
+def search_band(measured: Measured, candidates: ComplexArray) -> ComplexArray:
     """Return the poles that may be modes, from the stable poles of a diagram."""
     axis = measured.axis
     candidates = candidates[measured.is_inside(candidates)]
@@ -54,7 +51,7 @@ def search_band(measured: Measured, candidates: _Complex) -> _Complex:
     return found[np.argsort(axis.frequency(found), kind="stable")]
 
 
-def _split_into_tiles(measured: Measured, candidates: _Complex) -> Iterator[_Tile]:
+def _split_into_tiles(measured: Measured, candidates: ComplexArray) -> Iterator[_Tile]:
     """Yield the tiles from the lowest line to the highest."""
     freq = measured.freq
     at = measured.axis.frequency(candidates)
@@ -75,7 +72,7 @@ def _split_into_tiles(measured: Measured, candidates: _Complex) -> Iterator[_Til
         yield from _tile_gap(freq, len(at), covered, len(freq))
 
 
-def _tile_gap(freq: _Real, next_candidate: int, first: int, last: int) -> Iterator[_Tile]:
+def _tile_gap(freq: RealArray, next_candidate: int, first: int, last: int) -> Iterator[_Tile]:
     """Yield tiles of lines without candidates."""
     count = max(1, round((last - first) / MODE_SEARCH.tile_lines))
     edges = np.linspace(first, last, count + 1).astype(int)
@@ -85,13 +82,15 @@ def _tile_gap(freq: _Real, next_candidate: int, first: int, last: int) -> Iterat
         yield _Tile(none, lines, *_tile_limits(freq, a, b))
 
 
-def _tile_limits(freq: _Real, first: int, last: int) -> tuple[float, float]:
+def _tile_limits(freq: RealArray, first: int, last: int) -> tuple[float, float]:
     """Return the limits of some lines for the frequencies of their modes."""
     low = float(freq[first]) if first else 0.0
     return low, float(freq[last]) if last < len(freq) else np.inf
 
 
-def _make_trial_poles(measured: Measured, tile_candidates: _Complex, tile: _Tile) -> _Complex:
+def _make_trial_poles(
+    measured: Measured, tile_candidates: ComplexArray, tile: _Tile
+) -> ComplexArray:
     """Return trial poles over all lines of a tile."""
     axis, f = measured.axis, measured.freq[tile.lines]
     f = f[(f >= tile.low) & (f < tile.high)]

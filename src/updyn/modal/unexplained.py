@@ -5,18 +5,15 @@ from __future__ import annotations
 import numpy as np
 import scipy.ndimage
 import scipy.special
-from numpy.typing import NDArray
 
+from updyn.arrays import ComplexArray, RealArray
 from updyn.modal.measured import Measured
 from updyn.modal.settings import UNEXPLAINED_PEAK
 
 __all__ = ["describe_unexplained", "find_unexplained"]
 
-_Complex = NDArray[np.complex128]
-_Real = NDArray[np.float64]
 
-
-def describe_unexplained(peaks: _Real) -> str:
+def describe_unexplained(peaks: RealArray) -> str:
     """Return the frequencies of significant peaks without a mode, as text; empty for none."""
     if not len(peaks):
         return ""
@@ -25,7 +22,7 @@ def describe_unexplained(peaks: _Real) -> str:
     return f"{'Peak' if len(peaks) == 1 else 'Peaks'} without a mode: {shown} Hz"
 
 
-def find_unexplained(measured: Measured, poles: _Complex) -> _Real:
+def find_unexplained(measured: Measured, poles: ComplexArray) -> RealArray:
     """Return the frequencies in Hz of significant peaks without a mode, ascending.
 
     The mode indicator is the sum of the squared values of all channels over its running median.

@@ -11,12 +11,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
+from updyn.arrays import ComplexArray, NumberArray
 from updyn.modal.settings import VECTOR_FITTING
 
 __all__ = [
@@ -28,8 +27,6 @@ __all__ = [
     "fit_increasing_orders",
     "stack_equations",
 ]
-
-_Complex = NDArray[np.complex128]
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +40,7 @@ class RationalBasis:
     degree: int
     mirrored: bool
 
-    def fractions(self, x: _Complex, poles: _Complex) -> _Complex:
+    def fractions(self, x: ComplexArray, poles: ComplexArray) -> ComplexArray:
         """Return the fractions at x, shape (n_f, m).
 
         A mirrored pole has two, the sum and i times the difference with its image, unless it is
@@ -56,17 +53,17 @@ class RationalBasis:
         other = np.where(pair, 1.0 / (x[:, None] - poles.conj()), 0.0)
         return np.hstack([direct + other, 1j * (direct - other)[:, pair]])
 
-    def powers(self, x: _Complex) -> _Complex:
+    def powers(self, x: ComplexArray) -> ComplexArray:
         """Return the powers at x, shape (n_f, degree + 1)."""
         return np.asarray(x[:, None] ** np.arange(self.degree + 1))
 
-    def parts(self, A: _Complex) -> NDArray[Any]:
+    def parts(self, A: ComplexArray) -> NumberArray:
         """Return real equations of the weights, real above imaginary parts, if they are real."""
         if not self.mirrored:
             return A
         return np.vstack([A.real, A.imag])
 
-    def residues(self, weights: NDArray[Any], poles: _Complex) -> _Complex:
+    def residues(self, weights: NumberArray, poles: ComplexArray) -> ComplexArray:
         """Return the residues at the poles, shape (k, ...), from the weights of the fractions."""
         out = weights[: len(poles)].astype(np.complex128)
         if self.mirrored:
@@ -84,22 +81,22 @@ class RationalFit:
     """
 
     basis: RationalBasis
-    poles: _Complex
-    weights: NDArray[Any]
+    poles: ComplexArray
+    weights: NumberArray
     cost: float
 
     @property
-    def residues(self) -> _Complex:
+    def residues(self) -> ComplexArray:
         """Residues of each function, shape (k, p)."""
         return self.basis.residues(self.weights, self.poles)
 
-    def at(self, x: _Complex) -> _Complex:
+    def at(self, x: ComplexArray) -> ComplexArray:
         """Return the fitted functions at x, shape (n_f, p)."""
         return np.asarray(_columns(self.basis, x, self.poles) @ self.weights)
 
 
 def fit_increasing_orders(
-    basis: RationalBasis, x: _Complex, Y: _Complex, first: _Complex, largest: int
+    basis: RationalBasis, x: ComplexArray, Y: ComplexArray, first: ComplexArray, largest: int
 ) -> Iterator[RationalFit]:
     """Yield fits with an increasing number of poles, up to `largest`, from initial poles `first`.
 
@@ -117,7 +114,7 @@ def fit_increasing_orders(
 
 
 def fit_by_cross_validation(
-    basis: RationalBasis, x: _Complex, Y: _Complex, first: _Complex, largest: int
+    basis: RationalBasis, x: ComplexArray, Y: ComplexArray, first: ComplexArray, largest: int
 ) -> tuple[RationalFit, tuple[RationalFit, RationalFit]]:
     """Return the fit with the number of poles that best predicts omitted lines.
 
@@ -150,7 +147,7 @@ def fit_by_cross_validation(
     return last, pair
 
 
-def fit(basis: RationalBasis, x: _Complex, Y: _Complex, poles: _Complex) -> RationalFit:
+def fit(basis: RationalBasis, x: ComplexArray, Y: ComplexArray, poles: ComplexArray) -> RationalFit:
     """Fit the residues to the functions for given poles, by linear least squares."""
     A = basis.parts(_columns(basis, x, poles))
     norms = np.linalg.norm(A, axis=0)
@@ -162,11 +159,13 @@ def fit(basis: RationalBasis, x: _Complex, Y: _Complex, poles: _Complex) -> Rati
     )
 
 
-def _columns(basis: RationalBasis, x: _Complex, poles: _Complex) -> _Complex:
+def _columns(basis: RationalBasis, x: ComplexArray, poles: ComplexArray) -> ComplexArray:
     return np.hstack([basis.fractions(x, poles), basis.powers(x)])
 
 
-def _place_pole(basis: RationalBasis, x: _Complex, error: _Complex, poles: _Complex) -> complex:
+def _place_pole(
+    basis: RationalBasis, x: ComplexArray, error: ComplexArray, poles: ComplexArray
+) -> complex:
     """Return a new pole next to the line with the largest error."""
     at = complex(x[int(np.argmax(np.sum(np.abs(error) ** 2, axis=1)))])
     away = 1j * VECTOR_FITTING.new_loss_factor * abs(at)
@@ -177,7 +176,9 @@ def _place_pole(basis: RationalBasis, x: _Complex, error: _Complex, poles: _Comp
     return at + away
 
 
-def _relocate_poles(basis: RationalBasis, x: _Complex, Y: _Complex, poles: _Complex) -> _Complex:
+def _relocate_poles(
+    basis: RationalBasis, x: ComplexArray, Y: ComplexArray, poles: ComplexArray
+) -> ComplexArray:
     """Relocate the poles until they converge."""
     for _ in range(VECTOR_FITTING.sweeps):
         before = poles
@@ -192,18 +193,20 @@ def _relocate_poles(basis: RationalBasis, x: _Complex, Y: _Complex, poles: _Comp
     return poles
 
 
-def _compute_zeros(basis: RationalBasis, x: _Complex, Y: _Complex, poles: _Complex) -> _Complex:
+def _compute_zeros(
+    basis: RationalBasis, x: ComplexArray, Y: ComplexArray, poles: ComplexArray
+) -> ComplexArray:
     """Return the zeros of the sigma that minimises |sigma Y - numerators| at mean |sigma|^2 = 1."""
     inner = basis.fractions(x, poles)
     Q = np.linalg.qr(basis.parts(np.hstack([inner, basis.powers(x)])))[0]
     sigma = np.hstack([inner, np.ones((len(x), 1))])
-    triangle: NDArray[Any] = np.zeros((0, sigma.shape[1]))
+    triangle: NumberArray = np.zeros((0, sigma.shape[1]))
     for y in Y.T:
         triangle = stack_equations(triangle, basis.parts(y[:, None] * sigma), Q)
     return compute_sigma_zeros(basis, x, poles, triangle)
 
 
-def stack_equations(triangle: NDArray[Any], block: NDArray[Any], Q: NDArray[Any]) -> NDArray[Any]:
+def stack_equations(triangle: NumberArray, block: NumberArray, Q: NumberArray) -> NumberArray:
     """Return the triangle of the equations of sigma, (k, m + 1), extended by one function.
 
     `block`, shape (n, m + 1), is the function times the fractions and 1, as from
@@ -216,8 +219,8 @@ def stack_equations(triangle: NDArray[Any], block: NDArray[Any], Q: NDArray[Any]
 
 
 def compute_sigma_zeros(
-    basis: RationalBasis, x: _Complex, poles: _Complex, triangle: NDArray[Any]
-) -> _Complex:
+    basis: RationalBasis, x: ComplexArray, poles: ComplexArray, triangle: NumberArray
+) -> ComplexArray:
     """Return the poles moved to the zeros of sigma at mean |sigma|^2 = 1, unstable ones reflected.
 
     `triangle` are the equations of sigma, from `stack_equations`.
@@ -241,7 +244,7 @@ def compute_sigma_zeros(
     return _stable(basis, above[finite] / below[finite])
 
 
-def _stable(basis: RationalBasis, poles: _Complex) -> _Complex:
+def _stable(basis: RationalBasis, poles: ComplexArray) -> ComplexArray:
     """Return stable poles: unstable ones reflected, and the upper one of each mirrored pair."""
     if not basis.mirrored:
         return np.asarray(poles.real + 1j * np.maximum(np.abs(poles.imag), VECTOR_FITTING.rounding))

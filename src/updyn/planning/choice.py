@@ -6,8 +6,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import RealArray
 from updyn.dofs import DofSet
 from updyn.errors import DataError
 from updyn.planning.criteria import CRITERIA, Criterion, Planning, volume_score
@@ -18,8 +18,6 @@ from updyn.planning.settings import PLANNING
 from updyn.updating.problem.optimal_design import DesignScore, select_greedily
 
 __all__ = ["Choice"]
-
-_Real = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,7 +48,7 @@ class Choice:
         return cls(band, planning, score, rows, columns, row_gain, column_gain)
 
     @property
-    def total(self) -> _Real:
+    def total(self) -> RealArray:
         """Information of the layout, shape (n_points, n, n)."""
         return self.planning.information.of_layout(self.rows, self.columns)
 
@@ -59,12 +57,12 @@ class Choice:
         """Geometric mean of the semi-axes of its confidence ellipsoid (`Plan.radius`)."""
         return self._compute_radius(self.total)
 
-    def _compute_radius(self, information: _Real) -> float:
+    def _compute_radius(self, information: RealArray) -> float:
         score = float(volume_score(self.planning).score(information))
         scale = self.planning.information.scale[list(self.planning.wanted)]
         return float(np.exp(-0.5 * score - np.mean(np.log(scale))))
 
-    def gain(self, more: _Real, less: _Real) -> float:
+    def gain(self, more: RealArray, less: RealArray) -> float:
         """Return the relative decrease of all standard deviations with more information."""
         return _compute_gain(self.score, more, less)
 
@@ -79,7 +77,7 @@ class Choice:
         return self._rank_further(items, self.columns, self.planning.candidates.references)
 
     def _rank_further(
-        self, items: _Real, chosen: Sequence[int], names: DofSet
+        self, items: RealArray, chosen: Sequence[int], names: DofSet
     ) -> tuple[Worth, ...]:
         remaining = np.setdiff1d(np.arange(len(items)), chosen)
         count = min(PLANNING.further_items, len(remaining))
@@ -107,7 +105,7 @@ class Choice:
 
 
 def _sort_by_gain(
-    items: _Real, before: _Real, chosen: Sequence[int], score: DesignScore
+    items: RealArray, before: RealArray, chosen: Sequence[int], score: DesignScore
 ) -> tuple[list[int], tuple[float, ...]]:
     """Return selected items in the order of gains, and the gains."""
     at = np.array(chosen, dtype=np.intp)
@@ -115,13 +113,13 @@ def _sort_by_gain(
     return at[order].tolist(), tuple(_accumulate_gains(items[at[order]], before, score))
 
 
-def _accumulate_gains(items: _Real, total: _Real, score: DesignScore) -> Iterator[float]:
+def _accumulate_gains(items: RealArray, total: RealArray, score: DesignScore) -> Iterator[float]:
     """Yield the gain of each item after the previous ones."""
     for item in items:
         yield _compute_gain(score, total + item, total)
         total = total + item
 
 
-def _compute_gain(score: DesignScore, more: _Real, less: _Real) -> float:
+def _compute_gain(score: DesignScore, more: RealArray, less: RealArray) -> float:
     rise = float(score.score(more) - score.score(less))
     return float(-np.expm1(-0.5 * rise))

@@ -9,8 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import RealArray
 from updyn.correlation.shapes import find_moving
 from updyn.errors import DataError
 from updyn.planning.criteria import Criterion, Planning
@@ -25,8 +25,6 @@ __all__ = [
     "effective_independence",
     "least_mac",
 ]
-
-_Real = NDArray[np.float64]
 
 
 class EffectiveIndependence(Criterion):
@@ -64,7 +62,7 @@ class DrivingPointResidue(Criterion):
         )
 
 
-def _find_observed_shapes(planning: Planning) -> _Real:
+def _find_observed_shapes(planning: Planning) -> RealArray:
     """Return the target modes at the candidate responses, without those at rest."""
     shapes = planning.response_shapes
     move = find_moving(shapes, planning.modes.shapes)
@@ -78,11 +76,11 @@ def _select_references(planning: Planning, count: int) -> tuple[int, ...]:
     return _find_largest(residue, count)
 
 
-def _find_largest(values: _Real, count: int) -> tuple[int, ...]:
+def _find_largest(values: RealArray, count: int) -> tuple[int, ...]:
     return tuple(np.argsort(-values, kind="stable")[:count].tolist())
 
 
-def driving_point_residues(shapes: _Real, frequency: _Real) -> _Real:
+def driving_point_residues(shapes: RealArray, frequency: RealArray) -> RealArray:
     """Return the sum over modes of the driving-point residue phi^2 / (2 omega), in s/kg.
 
     `shapes` are normalised by mass, in 1/sqrt(kg); `frequency` is in Hz.
@@ -90,7 +88,7 @@ def driving_point_residues(shapes: _Real, frequency: _Real) -> _Real:
     return np.asarray((shapes**2 / (4.0 * np.pi * frequency)).sum(axis=1))
 
 
-def effective_independence(shapes: _Real, count: int) -> list[int]:
+def effective_independence(shapes: RealArray, count: int) -> list[int]:
     """Return DOFs, ascending, after deletion of those that contribute least to the rank.
 
     `shapes` has shape (n, n_modes); at most `count` modes are used. The contribution of a DOF is
@@ -109,7 +107,7 @@ def effective_independence(shapes: _Real, count: int) -> list[int]:
 class _LargestMac(DesignScore):
     """Minus the largest MAC between different modes, from the sum of phi_i phi_i^T over DOFs."""
 
-    def score(self, information: _Real) -> _Real:
+    def score(self, information: RealArray) -> RealArray:
         n = information.shape[-1]
         size = np.einsum("...pp->...p", information)
         both = np.maximum(size[..., :, None] * size[..., None, :], np.finfo(float).tiny)
@@ -117,7 +115,7 @@ class _LargestMac(DesignScore):
         return np.asarray(-mac[..., ~np.eye(n, dtype=np.bool_)].max(axis=-1))
 
 
-def least_mac(shapes: _Real, count: int) -> list[int]:
+def least_mac(shapes: RealArray, count: int) -> list[int]:
     """Return DOFs, ascending, with the smallest maximum MAC between different modes.
 
     Greedy from the best pair, then by exchange. Raises `DataError` for fewer than two modes.

@@ -8,8 +8,8 @@ from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import RealArray
 from updyn.correlation.modes import undamped_modes
 from updyn.dynamics.modes import Modes
 from updyn.planning.information import Candidates, PairInformation
@@ -18,8 +18,6 @@ from updyn.registry import Registry
 from updyn.updating.problem.optimal_design import AOptimal, DesignScore, DOptimal
 
 __all__ = ["CRITERIA", "Criterion", "Planning", "volume_score"]
-
-_Real = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,12 +47,12 @@ class Planning:
         return found.select(inside) if inside.any() else found
 
     @property
-    def response_shapes(self) -> _Real:
+    def response_shapes(self) -> RealArray:
         """Target modes at the candidate responses, shape (n_i, n_modes), in 1/sqrt(kg)."""
         return np.asarray(self.modes.at(self.candidates.responses))
 
     @property
-    def reference_shapes(self) -> _Real:
+    def reference_shapes(self) -> RealArray:
         """Target modes at the candidate references, shape (n_j, n_modes), in 1/sqrt(kg)."""
         return np.asarray(self.modes.at(self.candidates.references))
 
@@ -121,7 +119,7 @@ class _PerUnknown(DesignScore):
     base: DesignScore
     n: int
 
-    def score(self, information: _Real) -> _Real:
+    def score(self, information: RealArray) -> RealArray:
         return np.asarray(self.base.score(information) / self.n)
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import RealArray
 from updyn.errors import ParameterError
 from updyn.frf import FRF
 from updyn.planning.choice import Choice
@@ -20,7 +20,6 @@ from updyn.updating.problem.problem import FRFPart, Problem
 
 __all__ = ["Expected"]
 
-_Real = NDArray[np.float64]
 
 #: Variance of a channel that is rounding: it has no influence.
 _BOUNDLESS = np.finfo(np.float64).max ** 0.25
@@ -37,7 +36,7 @@ class Expected:
     choice: Choice
     layout: Candidates
     part: FRFPart
-    map_lines: _Real
+    map_lines: RealArray
 
     @classmethod
     def of(cls, choice: Choice) -> Expected:
@@ -49,7 +48,7 @@ class Expected:
         )
 
     @property
-    def variance(self) -> _Real:
+    def variance(self) -> RealArray:
         """E|dH|^2 of the data, shape (n_f, n_responses, n_references)."""
         assert self.part.frf.variance is not None
         return self.part.frf.variance
@@ -128,7 +127,7 @@ class Expected:
         return out
 
 
-def _compute_line_information(part: FRFPart, scale: _Real) -> _Real:
+def _compute_line_information(part: FRFPart, scale: RealArray) -> RealArray:
     """Return the scaled information of each line at the start, shape (n_f, n, n)."""
     assert part.frf.variance is not None
     out = []

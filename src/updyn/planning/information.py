@@ -18,8 +18,8 @@ from dataclasses import dataclass, field, replace
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import ComplexArray, IndexArray, RealArray
 from updyn.dofs import DofSet
 from updyn.dynamics.fields import FieldSolver, split_into_blocks
 from updyn.errors import OptionError
@@ -37,10 +37,8 @@ from updyn.updating.problem.settings import EVALUATION
 
 __all__ = ["Candidates", "PairInformation", "Stage", "check_size"]
 
-_Real = NDArray[np.float64]
-_Complex = NDArray[np.complex128]
 #: A point of the parameters and a range of lines: a unit of work, local or remote.
-_Item: TypeAlias = "tuple[_Real, slice]"
+_Item: TypeAlias = "tuple[RealArray, slice]"
 #: Context that names a stage of the work.
 Stage: TypeAlias = Callable[[str], AbstractContextManager[object]]
 
@@ -60,7 +58,7 @@ class Candidates:
     responses: DofSet
     references: DofSet
     noise: Stated
-    level: _Real
+    level: RealArray
     reduced: FieldSolver | None = None
     error: float = field(default_factory=lambda: INFORMATION.rounding)
 
@@ -71,7 +69,7 @@ class Candidates:
         parameters: ParameterSet,
         responses: DofSet,
         references: DofSet,
-        freq: _Real,
+        freq: RealArray,
         quantity: str,
         noise: Stated,
         session: Session | None = None,
@@ -112,7 +110,7 @@ class Candidates:
         """
         return self._mask_weak(_compute_mean_square(self))
 
-    def _mask_weak(self, squared: _Real) -> Candidates:
+    def _mask_weak(self, squared: RealArray) -> Candidates:
         kinds = unit_kinds(self.responses, self.references)
         loudest = np.zeros(kinds.shape)
         for kind in np.unique(kinds):
@@ -126,7 +124,7 @@ class Candidates:
         return self.reduced or self.part.solver
 
     @property
-    def freq(self) -> _Real:
+    def freq(self) -> RealArray:
         """The lines in Hz, shape (n_f,)."""
         return self.part.frf.freq
 
@@ -135,14 +133,14 @@ class Candidates:
         """The measured quantity."""
         return self.part.frf.quantity
 
-    def at_lines(self, freq: _Real) -> Candidates:
+    def at_lines(self, freq: RealArray) -> Candidates:
         """Return the candidates at other lines, with the same level of the noise."""
         nothing = np.zeros((len(freq), 1, 1), dtype=np.complex128)
         data = FRF(freq, nothing, self.responses[:1], self.references[:1], self.quantity)
         return replace(self, part=self.part.with_data(data))
 
     def select(
-        self, rows: Sequence[int] | NDArray[np.intp], columns: Sequence[int] | NDArray[np.intp]
+        self, rows: Sequence[int] | IndexArray, columns: Sequence[int] | IndexArray
     ) -> Candidates:
         """Return some of the candidates, by index, with the same level of the noise."""
         at = np.ix_(list(rows), list(columns))
@@ -155,7 +153,9 @@ class Candidates:
         n_values = len(self.freq) * len(self.responses) * len(self.references)
         return self.part.work + 4.0 * n_values * self.part.n**2 > EVALUATION.distributed_work
 
-    def over_lines(self, function: Callable[[Candidates, _Item], _Real], x: _Real) -> _Real:
+    def over_lines(
+        self, function: Callable[[Candidates, _Item], RealArray], x: RealArray
+    ) -> RealArray:
         """Return the sum of a function over all lines at a point, computed in pieces.
 
         The module-level function takes the candidates, and the point with a piece of the lines.
@@ -172,22 +172,22 @@ class Candidates:
             session.lines_solved += lines.stop - lines.start
         return total
 
-    def key(self, kind: str, x: _Real) -> list[object]:
+    def key(self, kind: str, x: RealArray) -> list[object]:
         """Return the key of a sum over lines at a point, within a run."""
         labels = [*self.responses.labels, "/", *self.references.labels]
         return [kind, *labels, self.freq, self.level, self.solver.label, x]
 
-    def variance(self, H: _Complex) -> _Real:
+    def variance(self, H: ComplexArray) -> RealArray:
         """Return E|dH|^2, shape (n_f, n_i, n_j), of a model's H of that shape."""
         return two_part_variance(self.noise.relative, self.noise.floor, H, self.level)
 
 
-def _compute_mean_square(candidates: Candidates) -> _Real:
+def _compute_mean_square(candidates: Candidates) -> RealArray:
     """Return the mean of |H|^2 over the lines at the start of the parameters, shape (n_i, n_j)."""
     return candidates.over_lines(_compute_line_mean_square, candidates.part.coordinates.start)
 
 
-def _compute_line_mean_square(candidates: Candidates, item: _Item) -> _Real:
+def _compute_line_mean_square(candidates: Candidates, item: _Item) -> RealArray:
     """Return the share of some lines in the mean of |H|^2, shape (n_i, n_j)."""
     x, piece = item
     solver, dofs = candidates.solver, candidates.model.dofs
@@ -216,10 +216,10 @@ class _Block:
     factor.
     """
 
-    freq: _Real
-    V: _Complex
-    U: _Complex
-    H: _Complex
+    freq: RealArray
+    V: ComplexArray
+    U: ComplexArray
+    H: ComplexArray
 
 
 def _iterate_blocks(candidates: Candidates, item: _Item) -> Iterator[_Block]:
@@ -252,15 +252,15 @@ class PairInformation:
     point.
     """
 
-    packed: _Real
-    before: _Real
-    scale: _Real
+    packed: RealArray
+    before: RealArray
+    scale: RealArray
 
     @classmethod
     def compute(
         cls,
         candidates: Candidates,
-        points: Sequence[_Real],
+        points: Sequence[RealArray],
         stage: Stage = nullcontext,
     ) -> PairInformation:
         """Return the information of every pair at points in the optimiser's coordinates.
@@ -295,26 +295,26 @@ class PairInformation:
         """Number of points, and twice the number of parameters."""
         return self.packed.shape[2], len(self.scale), len(self.scale)
 
-    def of_responses(self, columns: Sequence[int]) -> _Real:
+    def of_responses(self, columns: Sequence[int]) -> RealArray:
         """Return each response's information with given references, (n_i, n_points, n, n).
 
         Without the prior.
         """
         return self._unpack(self.packed[:, list(columns)].sum(axis=1))
 
-    def of_references(self, rows: Sequence[int]) -> _Real:
+    def of_references(self, rows: Sequence[int]) -> RealArray:
         """Return each reference's information with given responses, (n_j, n_points, n, n).
 
         Without the prior.
         """
         return self._unpack(self.packed[list(rows)].sum(axis=0))
 
-    def of_layout(self, rows: Sequence[int], columns: Sequence[int]) -> _Real:
+    def of_layout(self, rows: Sequence[int], columns: Sequence[int]) -> RealArray:
         """Return the information of a layout with the prior, shape (n_points, n, n)."""
         total = self.packed[np.ix_(list(rows), list(columns))].sum(axis=(0, 1))
         return self._unpack(total) + self.before
 
-    def _unpack(self, packed: _Real) -> _Real:
+    def _unpack(self, packed: RealArray) -> RealArray:
         n = len(self.scale)
         place = np.zeros((n, n), dtype=np.intp)
         lower = np.tril_indices(n)
@@ -341,7 +341,7 @@ def check_size(candidates: Candidates, n_points: int) -> None:
     raise OptionError(text, key=("reference_candidates",))
 
 
-def _compute_information(candidates: Candidates, x: _Real) -> _Real:
+def _compute_information(candidates: Candidates, x: RealArray) -> RealArray:
     """Return the information of each pair at a point, shape (n_i, n_j, n (n + 1) / 2)."""
 
     def compute() -> Record:
@@ -355,7 +355,7 @@ def _compute_information(candidates: Candidates, x: _Real) -> _Real:
 
 
 @use_one_thread
-def _compute_line_information(candidates: Candidates, item: _Item) -> _Real:
+def _compute_line_information(candidates: Candidates, item: _Item) -> RealArray:
     """Return the information of each pair at some lines, shape (n_i, n_j, n (n + 1) / 2).
 
     By reciprocity, pairs of the same candidates are computed once, below the diagonal.

@@ -6,15 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import RealArray
 from updyn.planning.information import PairInformation
 from updyn.planning.settings import LAYOUT_SEARCH
 from updyn.updating.problem.optimal_design import DesignScore, exchange_items, select_greedily
 
 __all__ = ["Layout", "OverPoints", "best_layout"]
-
-_Real = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +29,7 @@ class OverPoints(DesignScore):
 
     base: DesignScore
 
-    def score(self, information: _Real) -> _Real:
+    def score(self, information: RealArray) -> RealArray:
         """Return the mean score of each design, of information of shape (..., n_points, n, n)."""
         return np.asarray(self.base.score(information).mean(axis=-1))
 
@@ -61,7 +59,7 @@ def best_layout(
 
 
 def _select_further(
-    items: _Real, total: _Real, chosen: Sequence[int], count: int, criterion: DesignScore
+    items: RealArray, total: RealArray, chosen: Sequence[int], count: int, criterion: DesignScore
 ) -> list[int]:
     """Return further items by greedy selection."""
     left = np.setdiff1d(np.arange(len(items)), chosen)

@@ -6,8 +6,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from updyn.arrays import RealArray
 from updyn.errors import OptionError, ParameterError, key_path, suggest
 from updyn.frf import FRF, QUANTITIES
 from updyn.group import is_number
@@ -29,7 +30,6 @@ __all__ = [
     "find_wanted",
 ]
 
-_Real = NDArray[np.float64]
 
 Band = tuple[float, float]
 
@@ -109,7 +109,7 @@ def find_bands(given: Band | Sequence[Band]) -> list[Band]:
     return [(low, high) for low, high in table.tolist()]
 
 
-def find_lines(given: int | ArrayLike, band: Band) -> _Real:
+def find_lines(given: int | ArrayLike, band: Band) -> RealArray:
     """Return the lines of a band in Hz, ascending.
 
     A number gives evenly spaced lines with both ends; of given lines, those in the band are used.
@@ -173,7 +173,7 @@ class StartDraws:
                 key=("off",),
             )
 
-    def points(self, coordinates: Coordinates) -> list[_Real]:
+    def points(self, coordinates: Coordinates) -> list[RealArray]:
         """Return the start of the parameters and the draws within the bounds, each shape (n,)."""
         home, rng = coordinates.start, np.random.default_rng(self.seed)
         is_factor = coordinates.parameters.is_factor

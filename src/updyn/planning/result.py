@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
+from updyn.arrays import RealArray
 from updyn.model import Model
 from updyn.planning.settings import PLANNING
 from updyn.text_table import format_count, text_table
@@ -130,10 +128,10 @@ class Plan:
     responses: tuple[str, ...]
     references: tuple[str, ...]
     band: tuple[float, float]
-    freq: NDArray[np.float64]
+    freq: RealArray
     quantity: str
     noise: Mapping[str, float]
-    variance: NDArray[np.float64]
+    variance: RealArray
     std: Mapping[str, float]
     std_range: Mapping[str, tuple[float, float]]
     radius: float

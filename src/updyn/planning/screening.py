@@ -12,8 +12,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import IndexArray, RealArray
 from updyn.dofs import DofSet
 from updyn.dynamics.reduction import Reduction, VectorsPerState
 from updyn.planning.criteria import Criterion, Planning
@@ -24,8 +24,6 @@ from updyn.updating.problem.session import Record
 
 __all__ = ["is_many", "reduce_candidates", "screen_candidates"]
 
-_Real = NDArray[np.float64]
-
 
 def is_many(candidates: Candidates) -> bool:
     """Return whether the number of candidates requires screening."""
@@ -34,7 +32,7 @@ def is_many(candidates: Candidates) -> bool:
 
 def screen_candidates(
     candidates: Candidates,
-    points: Sequence[_Real],
+    points: Sequence[RealArray],
     rule: Criterion,
     wanted: tuple[int, ...],
     counts: tuple[int, int],
@@ -79,7 +77,7 @@ def screen_candidates(
 
 def _select_responses(
     information: PairInformation, counts: tuple[int, int], kept: int, score: DesignScore
-) -> NDArray[np.intp]:
+) -> IndexArray:
     """Return indices of responses: of layouts from several references, then the best of all.
 
     For each reference the layout that greedy selection reaches from it, the best layouts first.
@@ -107,7 +105,7 @@ def _select_responses(
     return np.union1d(of_layouts, more)
 
 
-def _build_reduction(candidates: Candidates, points: Sequence[_Real]) -> Reduction:
+def _build_reduction(candidates: Candidates, points: Sequence[RealArray]) -> Reduction:
     """Return an approximate reduction between all candidates and around all points."""
     part, dofs = candidates.part, candidates.model.dofs
     freq = candidates.freq
@@ -132,7 +130,7 @@ def _build_reduction(candidates: Candidates, points: Sequence[_Real]) -> Reducti
     return reduction
 
 
-def reduce_candidates(candidates: Candidates, points: Sequence[_Real]) -> Candidates:
+def reduce_candidates(candidates: Candidates, points: Sequence[RealArray]) -> Candidates:
     """Return the candidates in a reduced model that is accurate at all points, if possible.
 
     A small model is not reduced. Raises `SolverError` if the model cannot be solved, `Stopped` if
@@ -150,7 +148,7 @@ def reduce_candidates(candidates: Candidates, points: Sequence[_Real]) -> Candid
     return replace(candidates, reduced=reduction.solver(), error=error)
 
 
-def _certify_error(candidates: Candidates, reduction: Reduction, x: _Real) -> float:
+def _certify_error(candidates: Candidates, reduction: Reduction, x: RealArray) -> float:
     """Return the certified error of a reduced model at a point, relative to each line's largest."""
     part = candidates.part
     lines = _spread_lines(candidates.freq, CANDIDATE_REDUCTION.certified_lines)
@@ -162,12 +160,12 @@ def _certify_error(candidates: Candidates, reduction: Reduction, x: _Real) -> fl
     return float(part.session.recall(candidates.key("error", x), compute)[0])
 
 
-def _spread_lines(freq: _Real, count: int) -> _Real:
+def _spread_lines(freq: RealArray, count: int) -> RealArray:
     """Return evenly spaced lines, including the first and the last."""
     return np.asarray(freq[np.unique(np.linspace(0, len(freq) - 1, count).astype(int))])
 
 
-def _sample_dofs(dofs: DofSet) -> NDArray[np.intp]:
+def _sample_dofs(dofs: DofSet) -> IndexArray:
     """Return indices of evenly spaced DOFs, of translations and of rotations."""
     is_turned = dofs.axes >= 3
     found = []
@@ -178,7 +176,7 @@ def _sample_dofs(dofs: DofSet) -> NDArray[np.intp]:
     return np.sort(np.concatenate(found))
 
 
-def _select_best(items: _Real, before: _Real, count: int, score: DesignScore) -> NDArray[np.intp]:
+def _select_best(items: RealArray, before: RealArray, count: int, score: DesignScore) -> IndexArray:
     """Return indices of items: half by greedy selection, the rest the best separate ones."""
     if len(items) <= count or not count:
         return np.arange(min(len(items), count))

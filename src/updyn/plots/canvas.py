@@ -10,9 +10,10 @@ from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from updyn import style
+from updyn.arrays import RealArray
 from updyn.errors import OptionError, suggest
 from updyn.settings import FIGURES
 
@@ -201,7 +202,7 @@ def _find_figure(axes: Axes) -> Figure:
 
 
 # -- magnitude and phase ---------------------------------------------------------------------------
-def level_values(values: ArrayLike, level: str) -> NDArray[np.float64]:
+def level_values(values: ArrayLike, level: str) -> RealArray:
     """Return magnitudes on the scale `level` (dB relative to 1 unit); nan for a logarithm of zero.
 
     An `OptionError` is raised if `level` is not "log", "dB" or "linear".
@@ -293,7 +294,7 @@ def colour_map(stops: Sequence[str]) -> Colormap:
 
 def heat_map(
     found: Canvas,
-    values: NDArray[np.float64],
+    values: RealArray,
     names: tuple[Sequence[str], Sequence[str]],
     title: str,
     *,
@@ -331,7 +332,7 @@ def heat_map(
     bar.outline.set_visible(False)
 
 
-def _print_values(axes: Axes, values: NDArray[np.float64]) -> None:
+def _print_values(axes: Axes, values: RealArray) -> None:
     """Print the values in the cells of a map, in a light colour on dark cells."""
     for (i, j), value in np.ndenumerate(values):
         if np.isfinite(value):

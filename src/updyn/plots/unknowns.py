@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import RealArray
 from updyn.errors import OptionError
 from updyn.plots.canvas import (
     Canvas,
@@ -141,7 +141,7 @@ def _to_plotted(p: Parameter, value: float, percent: bool) -> float:
     return 100.0 * (value / p.start - 1.0) if percent else value
 
 
-def _bounds(axes: Axes, limits: NDArray[np.float64]) -> None:
+def _bounds(axes: Axes, limits: RealArray) -> None:
     """Draw the bounds inside the current limits of the x axis, and keep these limits."""
     low, high = axes.get_xlim()
     rows, _ = np.nonzero((limits > low) & (limits < high))
@@ -216,7 +216,7 @@ def _draw_panels(
     ident: Identifiability,
     involved: Sequence[str],
     names: Sequence[str],
-    matrix: NDArray[np.float64] | None,
+    matrix: RealArray | None,
 ) -> None:
     _singular_values(made.axes["values"], ident)
     if "null" in made.axes:

@@ -8,8 +8,8 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import ComplexArray, IndexArray, RealArray
 from updyn.correlation import correlate, csf, fdac
 from updyn.correlation.figures import ONE_AT_BEST, figure_text
 from updyn.correlation.frfs import nonzero_lines
@@ -65,9 +65,9 @@ def correlation_maps(data: ReportData) -> dict[str, Figure]:
 
 def _correlation_map(
     data: ReportData,
-    correlation: NDArray[np.float64],
-    frac: NDArray[np.float64],
-    residual: NDArray[np.float64],
+    correlation: RealArray,
+    frac: RealArray,
+    residual: RealArray,
 ) -> Figure:
     """Return a heat map from -1 to 1: responses down, references across."""
     rows, hover = [], []
@@ -128,8 +128,8 @@ def csf_lines(data: ReportData) -> Figure | None:
 def _plot_by_line(
     data: ReportData,
     criterion: str,
-    before: NDArray[np.float64] | None,
-    after: NDArray[np.float64] | None,
+    before: RealArray | None,
+    after: RealArray | None,
 ) -> Figure | None:
     """Return a criterion between 0 and 1 over frequency, before and after the update."""
     if before is None and after is None:
@@ -178,7 +178,7 @@ def fdac_maps(data: ReportData) -> dict[str, Figure]:
     return made
 
 
-def _thin_lines(data: ReportData) -> NDArray[np.intp]:
+def _thin_lines(data: ReportData) -> IndexArray:
     """Return all compared lines, or the line with the highest level in each of `_LINES` bins."""
     compared = np.arange(len(data.freq))[data.compared]
     if len(compared) <= REPORT_SIZE.fdac_lines:
@@ -189,7 +189,7 @@ def _thin_lines(data: ReportData) -> NDArray[np.intp]:
     return np.asarray(compared[kept])
 
 
-def _fdac_map(freq: NDArray[np.float64], found: NDArray[np.float64]) -> Figure:
+def _fdac_map(freq: RealArray, found: RealArray) -> Figure:
     """Return an FDAC map, measured lines across, computed lines up, with ridge and diagonal."""
     x = encode_numbers(freq, packed=False)
     best = np.argmax(found, axis=0)
@@ -236,9 +236,7 @@ def _fdac_map(freq: NDArray[np.float64], found: NDArray[np.float64]) -> Figure:
     }
 
 
-def level_difference(
-    measured: NDArray[np.complex128], computed: NDArray[np.complex128]
-) -> NDArray[np.float64]:
+def level_difference(measured: ComplexArray, computed: ComplexArray) -> RealArray:
     """Return 20 log10 abs(computed / measured) in dB as a flat array, omitting zeros."""
     a, b = np.abs(computed).ravel(), np.abs(measured).ravel()
     nonzero = (a > 0) & (b > 0)
@@ -258,7 +256,7 @@ def agreement_figures(result: UpdateResult, data: ReportData) -> dict[str, dict[
     return out
 
 
-def compute_agreement(data: ReportData, values: NDArray[np.complex128] | None) -> dict[str, float]:
+def compute_agreement(data: ReportData, values: ComplexArray | None) -> dict[str, float]:
     """Return `Correlation.figures` over the fitted responses of a page; empty without any."""
     fitted = ~np.array(data.held_out, dtype=np.bool_)
     if values is None or not fitted.any():

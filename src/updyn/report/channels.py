@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import ComplexArray, IndexArray, RealArray
 from updyn.report.data import ReportData
 from updyn.report.formats import figure_of_agreement, percentage, unit
 from updyn.report.plots import (
@@ -145,9 +145,7 @@ def channel_curves(data: ReportData, i: int, j: int) -> Figure | None:
     return stack_panels(panels, linear_frequency(data.freq), height=430)
 
 
-def _measured_trace(
-    x: NDArray[np.float64], y: NDArray[np.float64], value_format: str
-) -> dict[str, Any]:
+def _measured_trace(x: RealArray, y: RealArray, value_format: str) -> dict[str, Any]:
     """Return the trace of measured values: points, or a wide line if there are many."""
     style: dict[str, Any] = {"mode": "markers", "marker": {"color": "@measured", "size": 6}}
     if x.size > FIGURES.measured_points:
@@ -162,7 +160,7 @@ def _measured_trace(
     } | style
 
 
-def _thin_curve(H: NDArray[np.complex128]) -> NDArray[np.intp]:
+def _thin_curve(H: ComplexArray) -> IndexArray:
     """Return the lines of a curve to draw; of many lines, a selection that keeps every peak."""
     level = np.log(np.maximum(np.abs(H), np.finfo(np.float64).tiny))
     return thin_indices(level, REPORT_SIZE.curve_lines)

@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from updyn import __version__
+from updyn.arrays import BoolArray, ComplexArray, RealArray
 from updyn.comparison import Comparison, Row
 from updyn.comparison.table import cells, columns, limits, reason
 from updyn.frf import FRF
@@ -379,12 +379,12 @@ class Curves:
     response: str
     reference: str
     quantity: str
-    lines: NDArray[np.float64]
-    measured: NDArray[np.complex128]
-    fitted: NDArray[np.bool_]
-    freq: NDArray[np.float64]
-    before: NDArray[np.complex128]
-    after: Mapping[str, NDArray[np.complex128]]
+    lines: RealArray
+    measured: ComplexArray
+    fitted: BoolArray
+    freq: RealArray
+    before: ComplexArray
+    after: Mapping[str, ComplexArray]
     misfit: float
     notes: tuple[str, ...]
 
@@ -471,7 +471,7 @@ def _thin_data(test: Test) -> FRF:
     return frf.select(lines=frf.freq[keep])
 
 
-def _few_lines(lines: NDArray[np.float64], n_dofs: int) -> NDArray[np.float64]:
+def _few_lines(lines: RealArray, n_dofs: int) -> RealArray:
     """Return measured lines for the curves, including both ends; fewer lines for a larger model."""
     affordable = REPORT_COMPUTATION.evaluation_budget // (4 * n_dofs)
     most = max(affordable, REPORT_COMPUTATION.least_lines)
@@ -480,14 +480,14 @@ def _few_lines(lines: NDArray[np.float64], n_dofs: int) -> NDArray[np.float64]:
     return lines[np.unique(at)]
 
 
-def is_geometric(lines: NDArray[np.float64]) -> bool:
+def is_geometric(lines: RealArray) -> bool:
     """Whether the lines are closer to geometric than to even spacing and span a decade or more."""
     if len(lines) < 3 or lines[-1] < 10.0 * lines[0]:
         return False
     return _unevenness(np.log(lines)) < _unevenness(lines)
 
 
-def _unevenness(values: NDArray[np.float64]) -> float:
+def _unevenness(values: RealArray) -> float:
     """Return the standard deviation of the steps divided by their mean."""
     steps = np.diff(values)
     return float(np.std(steps) / np.mean(steps))
@@ -589,7 +589,7 @@ def _measured_trace(curves: Curves) -> dict[str, Any]:
 
 
 def _curve_trace(
-    curves: Curves, values: NDArray[np.complex128], name: str, colour: str, dash: str
+    curves: Curves, values: ComplexArray, name: str, colour: str, dash: str
 ) -> dict[str, Any]:
     return {
         "type": "scatter",
@@ -602,7 +602,7 @@ def _curve_trace(
     }
 
 
-def _magnitude(values: NDArray[np.complex128]) -> NDArray[np.float64]:
+def _magnitude(values: ComplexArray) -> RealArray:
     size = np.abs(values)
     return np.where(size > 0, size, np.nan)
 
@@ -643,7 +643,7 @@ def _tick_step(step: int | str, height: int) -> int | str:
     return step
 
 
-def _axis_range(values: NDArray[np.float64]) -> list[float]:
+def _axis_range(values: RealArray) -> list[float]:
     """Return an axis range common to all FRFs, in decades."""
     levels = np.log10(values[np.isfinite(values)])
     if not levels.size:

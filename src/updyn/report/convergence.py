@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import RealArray
 from updyn.group import VALUES
 from updyn.report.formats import (
     axis_title,
@@ -197,13 +197,13 @@ def _panel_title(text: str, domain: Sequence[float]) -> dict[str, Any]:
     }
 
 
-def _zero_position(costs: NDArray[np.float64]) -> float:
+def _zero_position(costs: RealArray) -> float:
     """Return the position of zero costs on a logarithmic axis."""
     positive = costs[costs > 0]
     return float(positive.min()) / 10.0 if positive.size else 0.1
 
 
-def _cost_axis(costs: NDArray[np.float64]) -> dict[str, Any]:
+def _cost_axis(costs: RealArray) -> dict[str, Any]:
     """Return a logarithmic cost axis, or a linear one for costs within a factor of 2."""
     low, high = float(costs.min()), float(costs.max())
     if low > 0.5 * high:
@@ -217,7 +217,7 @@ def _cost_axis(costs: NDArray[np.float64]) -> dict[str, Any]:
     return {"type": "log", "exponentformat": "power", "dtick": log_step(positive)}
 
 
-def _cost_traces(fits: Sequence[_Fit], costs: NDArray[np.float64]) -> list[dict[str, Any]]:
+def _cost_traces(fits: Sequence[_Fit], costs: RealArray) -> list[dict[str, Any]]:
     """Return the traces of the fits of a stage over their iteration numbers, separated by gaps."""
     foot = _zero_position(costs)
     x: list[int | None] = []
@@ -381,7 +381,7 @@ def _distance(result: UpdateResult, step: Iteration) -> float:
     return max(distances)
 
 
-def _find_span(path: NDArray[np.float64]) -> float:
+def _find_span(path: RealArray) -> float:
     finite = path[np.isfinite(path)]
     if not finite.size:
         return 0.0

@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from updyn.arrays import BoolArray, ComplexArray, IndexArray, RealArray
 from updyn.correlation import csac, frac, frf_correlation, relative_residual
 from updyn.dynamics.resonance_lines import even_lines, resonance_lines
 from updyn.errors import UpdynError
@@ -69,28 +70,28 @@ class ReportData:
         Whether there was a fit; otherwise there is only a start model.
     """
 
-    freq: NDArray[np.float64]
-    measured: NDArray[np.complex128]
-    before: NDArray[np.complex128] | None
-    after: NDArray[np.complex128] | None
-    grid: NDArray[np.float64]
-    before_curve: NDArray[np.complex128] | None
-    after_curve: NDArray[np.complex128] | None
-    coherence: NDArray[np.float64] | None
+    freq: RealArray
+    measured: ComplexArray
+    before: ComplexArray | None
+    after: ComplexArray | None
+    grid: RealArray
+    before_curve: ComplexArray | None
+    after_curve: ComplexArray | None
+    coherence: RealArray | None
     responses: tuple[str, ...]
     references: tuple[str, ...]
     held_out: tuple[bool, ...]
     quantity: str
-    used: NDArray[np.bool_]
-    compared: NDArray[np.bool_]
-    frac_before: NDArray[np.float64] | None
-    frac_after: NDArray[np.float64] | None
-    correlation_before: NDArray[np.float64] | None
-    correlation_after: NDArray[np.float64] | None
-    residual_before: NDArray[np.float64] | None
-    residual_after: NDArray[np.float64] | None
-    csac_before: NDArray[np.float64] | None
-    csac_after: NDArray[np.float64] | None
+    used: BoolArray
+    compared: BoolArray
+    frac_before: RealArray | None
+    frac_after: RealArray | None
+    correlation_before: RealArray | None
+    correlation_after: RealArray | None
+    residual_before: RealArray | None
+    residual_after: RealArray | None
+    csac_before: RealArray | None
+    csac_after: RealArray | None
     notes: tuple[str, ...]
     fit_band: tuple[float, float] | None = None
     validation_band: tuple[float, float] | None = None
@@ -141,11 +142,11 @@ def gather_start(start: Start) -> ReportData:
 def _compute_data(
     frf: FRF,
     models: tuple[Model, Model | None],
-    lines: NDArray[np.float64],
+    lines: RealArray,
     validation_responses: Sequence[str],
     validation_band: tuple[float, float] | None,
     options: Mapping[str, Any],
-    gains: NDArray[np.float64] | None,
+    gains: RealArray | None,
     *,
     stopped: bool,
 ) -> ReportData:
@@ -233,9 +234,7 @@ def _limit_lines(per_line: int) -> int:
     return min(max(affordable, REPORT_COMPUTATION.least_lines), REPORT_COMPUTATION.most_lines)
 
 
-def fine_grid(
-    models: Sequence[Model], freq: NDArray[np.float64], *, reduced: bool
-) -> NDArray[np.float64]:
+def fine_grid(models: Sequence[Model], freq: RealArray, *, reduced: bool) -> RealArray:
     """Return the given lines (Hz) together with lines that resolve the resonances of the models.
 
     If `reduced`, lines are evenly spaced, because the modes of the full model would be expensive.
@@ -255,16 +254,14 @@ def fine_grid(
     return np.unique(np.concatenate(parts))
 
 
-def _find_used_lines(frf: FRF, lines: NDArray[np.float64]) -> NDArray[np.bool_]:
+def _find_used_lines(frf: FRF, lines: RealArray) -> BoolArray:
     used = np.zeros(len(frf.freq), dtype=np.bool_)
     if len(lines):
         used[frf.find_lines(lines)] = True
     return used
 
 
-def _find_compared_lines(
-    freq: NDArray[np.float64], band: tuple[float, float] | None
-) -> NDArray[np.bool_]:
+def _find_compared_lines(freq: RealArray, band: tuple[float, float] | None) -> BoolArray:
     """Return which lines lie outside the validation band; all lines if none does."""
     if band is not None:
         outside = (freq < band[0]) | (freq > band[1])
@@ -276,11 +273,11 @@ def _find_compared_lines(
 def compute_frfs(
     model: Model,
     frf: FRF,
-    freq: NDArray[np.float64],
+    freq: RealArray,
     what: str,
     notes: list[str],
     options: Mapping[str, Any],
-) -> NDArray[np.complex128] | None:
+) -> ComplexArray | None:
     """Return the FRFs of a model, shape (n, n_responses, n_references), in the unit of the data.
 
     None if they cannot be computed, with a note on `what`. `freq` is in Hz; `options` are those of
@@ -304,28 +301,24 @@ def compute_frfs(
 
 
 def _measure_channels(
-    measure: Callable[[ArrayLike, ArrayLike], NDArray[np.float64]],
-    measured: NDArray[np.complex128],
-    computed: NDArray[np.complex128] | None,
-    compared: NDArray[np.bool_],
-) -> NDArray[np.float64] | None:
+    measure: Callable[[ArrayLike, ArrayLike], RealArray],
+    measured: ComplexArray,
+    computed: ComplexArray | None,
+    compared: BoolArray,
+) -> RealArray | None:
     """Return a measure of agreement per channel over the lines `compared`."""
     if computed is None:
         return None
     return measure(measured[compared], computed[compared])
 
 
-def _compute_csac(
-    measured: NDArray[np.complex128], computed: NDArray[np.complex128] | None
-) -> NDArray[np.float64] | None:
+def _compute_csac(measured: ComplexArray, computed: ComplexArray | None) -> RealArray | None:
     if computed is None or measured[:1].size < 2:
         return None
     return np.asarray(csac(measured, computed), dtype=np.float64)
 
 
-def keep_lines(
-    values: NDArray[np.complex128], used: NDArray[np.bool_], limit: int
-) -> NDArray[np.intp]:
+def keep_lines(values: ComplexArray, used: BoolArray, limit: int) -> IndexArray:
     """Return ascending positions of lines to keep: peaks, lines of the fit, evenly spaced lines.
 
     They include the first and the last line. The `limit` is at least 8.

@@ -6,9 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from updyn.arrays import RealArray
 from updyn.correlation.figures import FIGURE_NAMES
 from updyn.frf import FRF, unit
 from updyn.modal import ModeSet
@@ -210,7 +208,7 @@ def extent(data: FRF | ModeSet) -> str:
     return f"{responses} × {references}, {lines} {_span(frf.freq, 'from ', 'at ')}"
 
 
-def _span(freq: NDArray[np.float64], of_several: str, of_one: str = "") -> str:
+def _span(freq: RealArray, of_several: str, of_one: str = "") -> str:
     """Return the first and last frequency after a prefix, or the only one."""
     first, last = number(float(freq[0])), number(float(freq[-1]))
     return f"{of_one}{first} Hz" if len(freq) == 1 else f"{of_several}{first} to {last} Hz"

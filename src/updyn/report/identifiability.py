@@ -6,8 +6,8 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import BoolArray, RealArray
 from updyn.report.formats import estimate, number, quantity_words
 from updyn.report.of_unknowns import ParameterSection, name_unknowns
 from updyn.report.plots import (
@@ -149,8 +149,8 @@ def singular_values(ident: Identifiability) -> Figure | None:
 
 def _singular_trace(
     name: str,
-    values: NDArray[np.float64],
-    where: NDArray[np.bool_],
+    values: RealArray,
+    where: BoolArray,
     foot: float,
     colour: str,
     symbol: str,
@@ -167,7 +167,7 @@ def _singular_trace(
     }
 
 
-def correlations(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
+def correlations(covariance: RealArray) -> RealArray:
     """Return the correlation matrix of a covariance; NaN for a variance that is 0 or not finite."""
     variance = np.diag(covariance)
     known = np.isfinite(variance) & (variance > 0)
@@ -178,7 +178,7 @@ def correlations(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.where(np.isfinite(out), np.clip(out, -1.0, 1.0), np.nan)
 
 
-def correlation_map(parameters: ParameterSet, covariance: NDArray[np.float64]) -> Figure | None:
+def correlation_map(parameters: ParameterSet, covariance: RealArray) -> Figure | None:
     """Return the correlation map of the unknowns; cells of undetermined unknowns are blank.
 
     None for a single unknown, and if no correlation is known.
@@ -209,7 +209,7 @@ def _split(name: str) -> tuple[str, str, str]:
 
 
 def _signed_map(
-    matrix: NDArray[np.float64],
+    matrix: RealArray,
     rows: Sequence[str],
     columns: Sequence[str],
     what: str,

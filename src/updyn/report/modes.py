@@ -7,8 +7,9 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from updyn.arrays import RealArray
 from updyn.correlation import Subspace
 from updyn.correlation.modes import ModeCorrelation
 from updyn.dynamics.modes import Modes
@@ -127,7 +128,7 @@ def _frame_subspaces(subspaces: Sequence[Subspace]) -> dict[str, Any]:
     return {"shapes": frames, "annotations": texts} if frames else {}
 
 
-def _mode_axis(frequency: NDArray[np.float64], title: str, most: int) -> dict[str, Any]:
+def _mode_axis(frequency: RealArray, title: str, most: int) -> dict[str, Any]:
     """Return an axis with one place per mode, up to `most` labelled with the frequency in Hz."""
     every = -(-len(frequency) // most)
     at = list(range(0, len(frequency), every))
@@ -216,9 +217,7 @@ def comac_maps(table: ModalTable, geometry: Geometry | None) -> dict[str, Figure
     return made
 
 
-def _comac_map(
-    lines: NDArray[np.float64], at: NDArray[np.float64], found: Mapping[int, Mapping[str, float]]
-) -> Figure:
+def _comac_map(lines: RealArray, at: RealArray, found: Mapping[int, Mapping[str, float]]) -> Figure:
     """Return a picture of the lines, coloured by COMAC at the sensor positions."""
     nodes, hover = list(map(str, found)), []
     for node, values in found.items():

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import IndexArray, NumberArray, RealArray
 from updyn.report.data import ReportData, keep_lines
 from updyn.report.formats import unit
 from updyn.report.plots import encode_array, encode_numbers, escape_labels
@@ -127,7 +127,7 @@ def overlay(data: ReportData, budget: int | None = None) -> tuple[dict[str, Any]
     return payload, note
 
 
-def _choose_lines(data: ReportData, budget: int) -> tuple[NDArray[np.intp], str]:
+def _choose_lines(data: ReportData, budget: int) -> tuple[IndexArray, str]:
     """Return the lines that are drawn, and a note if lines are omitted."""
     line_bytes = _count_channels(data) * (8 + 4 * (data.coherence is not None))
     most = int(REPORT_SIZE.measured_share * budget) // line_bytes
@@ -141,7 +141,7 @@ def _choose_lines(data: ReportData, budget: int) -> tuple[NDArray[np.intp], str]
     return keep, note
 
 
-def _choose_grid_lines(data: ReportData, budget: int) -> NDArray[np.intp]:
+def _choose_grid_lines(data: ReportData, budget: int) -> IndexArray:
     """Return the lines at which the model curves are drawn, within their part of the budget."""
     curves = [values for values in (data.after_curve, data.before_curve) if values is not None]
     if not curves:
@@ -169,7 +169,7 @@ def _to_list(band: tuple[float, float] | None) -> list[float] | None:
     return [float(band[0]), float(band[1])]
 
 
-def _round_figures(values: NDArray[np.float64] | None) -> Any:
+def _round_figures(values: RealArray | None) -> Any:
     if values is None:
         return None
     return encode_numbers(np.round(values, 6), packed=False)  # more digits than are displayed
@@ -181,7 +181,7 @@ def _uses_every_line(data: ReportData) -> bool:
     return bool(at.size > 1 and at[-1] - at[0] + 1 == at.size)
 
 
-def _encode_channels(values: NDArray[Any] | None, keep: NDArray[np.intp], dtype: str) -> str | None:
+def _encode_channels(values: NumberArray | None, keep: IndexArray, dtype: str) -> str | None:
     """Return the kept lines, channel by channel, as base64."""
     if values is None:
         return None

@@ -7,8 +7,8 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import BoolArray, IndexArray, RealArray
 from updyn.correlation import frac
 from updyn.errors import DataError
 from updyn.frf import FRF, QUANTITIES, unit
@@ -48,12 +48,12 @@ class IdentifiedModes:
         return cmif(self.frf)
 
     @cached_property
-    def band(self) -> NDArray[np.bool_]:
+    def band(self) -> BoolArray:
         """The lines that the modes can explain, shape (n_f,)."""
         return band_of_modes(self.modes, self.frf)
 
     @cached_property
-    def frac(self) -> NDArray[np.float64] | None:
+    def frac(self) -> RealArray | None:
         """FRAC of each channel in `band`; None if the FRFs cannot be synthesised."""
         try:
             values = synthesise(self.modes, self.frf).values
@@ -62,7 +62,7 @@ class IdentifiedModes:
         return frac(self.frf.values[self.band], values[self.band])
 
     @cached_property
-    def channels(self) -> NDArray[np.intp]:
+    def channels(self) -> IndexArray:
         """Ascending flat positions of the channels that are drawn.
 
         All lines of a channel are kept, because the synthesis needs them. Of too many channels,
@@ -77,7 +77,7 @@ class IdentifiedModes:
         """Flat position of the drawn channel with the lowest FRAC."""
         return int(self._sort_by_agreement(self.channels)[0])
 
-    def _sort_by_agreement(self, channels: NDArray[np.intp]) -> NDArray[np.intp]:
+    def _sort_by_agreement(self, channels: IndexArray) -> IndexArray:
         """Return channels by ascending FRAC."""
         if self.frac is None:
             return channels

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import IndexArray, RealArray
 from updyn.dofs import DIRECTIONS, DofSet
 from updyn.model import Model
 from updyn.report.settings import REPORT_SIZE
@@ -41,8 +41,6 @@ _HEAD = 9.0
 _LABEL_GAP = 16.0
 #: Azimuth and elevation of the viewpoint, in degrees.
 VIEWS = {"front": (38.0, 24.0), "back": (218.0, 24.0)}
-
-_Real = NDArray[np.float64]
 
 
 def picture(
@@ -99,10 +97,10 @@ class PictureScene:
     group; groups missing there have no unknown.
     """
 
-    xyz: _Real
-    lines: NDArray[np.intp]
-    group: NDArray[np.intp]
-    lumps: Mapping[int, NDArray[np.intp]]
+    xyz: RealArray
+    lines: IndexArray
+    group: IndexArray
+    lumps: Mapping[int, IndexArray]
     names: Sequence[str]
     parts: Mapping[str, tuple[str, str]]
     notes: tuple[str, ...]
@@ -148,8 +146,8 @@ class Callout:
     """
 
     node: int
-    xyz: _Real
-    axes: _Real
+    xyz: RealArray
+    axes: RealArray
     sensors: tuple[str, ...]
     forces: tuple[str, ...]
 
@@ -192,7 +190,7 @@ def _collect_callouts(
 
 
 def _draw_arrow(
-    place: _Real, direction: str, axes: _Real, length: float, kind: str
+    place: RealArray, direction: str, axes: RealArray, length: float, kind: str
 ) -> dict[str, Any]:
     """Return an arrow as SVG paths; without a shaft if it points along the line of sight.
 
@@ -223,12 +221,12 @@ def _draw_arrow(
     return {"kind": kind, "shaft": _svg_path(tail, tip), "heads": heads}
 
 
-def _svg_path(*points: _Real) -> str:
+def _svg_path(*points: RealArray) -> str:
     """Return a polyline as an SVG path."""
     return "M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in points)
 
 
-def _place_labels(items: Sequence[Callout], at: _Real) -> list[dict[str, Any]]:
+def _place_labels(items: Sequence[Callout], at: RealArray) -> list[dict[str, Any]]:
     """Return labels in two columns, each in the nearer one; empty if they do not fit."""
     by_x = np.argsort(at[:, 0], kind="stable")
     half = (len(items) + 1) // 2
@@ -242,8 +240,8 @@ def _place_labels(items: Sequence[Callout], at: _Real) -> list[dict[str, Any]]:
 
 def _place_column(
     items: Sequence[Callout],
-    at: _Real,
-    chosen: NDArray[np.intp],
+    at: RealArray,
+    chosen: IndexArray,
     anchor: str,
     x: float,
     lowest: float,
@@ -267,9 +265,7 @@ def _place_column(
     return out
 
 
-def spread_heights(
-    wanted: NDArray[np.float64], gap: float, low: float, high: float
-) -> NDArray[np.float64]:
+def spread_heights(wanted: RealArray, gap: float, low: float, high: float) -> RealArray:
     """Return ascending heights near `wanted` (ascending), at least `gap` apart, within limits.
 
     Heights are moved up to keep the gap, then down from the upper limit. ``(n - 1) gap`` must fit
@@ -306,7 +302,7 @@ def _draw_view(
 class _Projection:
     """The map from view axes, shape (n, 3), to picture coordinates, shape (n, 2)."""
 
-    def __init__(self, scene: PictureScene, projected: _Real) -> None:
+    def __init__(self, scene: PictureScene, projected: RealArray) -> None:
         used = np.arange(len(projected))
         if len(scene.lines):
             lumps = [np.empty(0, dtype=np.intp), *scene.lumps.values()]
@@ -317,12 +313,12 @@ class _Projection:
         self.scale = float(np.min(free / np.maximum(high - low, least)))
         self.middle = (low + high) / 2
 
-    def __call__(self, points: _Real) -> _Real:
+    def __call__(self, points: RealArray) -> RealArray:
         flat = (points[:, :2] - self.middle) * self.scale * [1.0, -1.0]
         return np.asarray(np.array([_WIDTH, _HEIGHT]) / 2 + flat)
 
 
-def camera(azimuth: float, elevation: float) -> NDArray[np.float64]:
+def camera(azimuth: float, elevation: float) -> RealArray:
     """Return the right, up and towards-viewer axes as rows, for angles in degrees, shape (3, 3)."""
     a, e = math.radians(azimuth), math.radians(elevation)
     eye = np.array([math.cos(e) * math.cos(a), math.cos(e) * math.sin(a), math.sin(e)])
@@ -330,7 +326,9 @@ def camera(azimuth: float, elevation: float) -> NDArray[np.float64]:
     return np.array([right, np.cross(eye, right), eye])
 
 
-def _draw_layers(scene: PictureScene, xy: _Real, depth: _Real) -> list[list[dict[str, str]]]:
+def _draw_layers(
+    scene: PictureScene, xy: RealArray, depth: RealArray
+) -> list[list[dict[str, str]]]:
     """Return one path per group in each third of the depth, from back to front."""
     if not len(scene.lines):
         return []
@@ -347,7 +345,7 @@ def _draw_layers(scene: PictureScene, xy: _Real, depth: _Real) -> list[list[dict
     return layers
 
 
-def _draw_squares(scene: PictureScene, xy: _Real) -> list[dict[str, Any]]:
+def _draw_squares(scene: PictureScene, xy: RealArray) -> list[dict[str, Any]]:
     """Return squares at the nodes of groups without lines; several at a node are in a row."""
     out = []
     taken: dict[int, int] = {}
@@ -360,7 +358,7 @@ def _draw_squares(scene: PictureScene, xy: _Real) -> list[dict[str, Any]]:
     return out
 
 
-def _draw_callout(callout: Callout, place: _Real, camera: _Real) -> dict[str, Any]:
+def _draw_callout(callout: Callout, place: RealArray, camera: RealArray) -> dict[str, Any]:
     """Return the arrows of a callout."""
     axes = callout.axes @ camera.T * [1.0, -1.0, 1.0]
     arrows = [_draw_arrow(place, d, axes, _ARROW, "sensor") for d in callout.sensors]
@@ -368,7 +366,7 @@ def _draw_callout(callout: Callout, place: _Real, camera: _Real) -> dict[str, An
     return {"text": callout.text, "x": place[0], "y": place[1], "arrows": arrows}
 
 
-def _draw_axes(camera: _Real) -> list[dict[str, Any]]:
+def _draw_axes(camera: RealArray) -> list[dict[str, Any]]:
     """Return the directions of X, Y and Z, drawn at the lower left."""
     origin, length = np.array([46.0, _HEIGHT - 46.0]), 30.0
     out = []

@@ -11,9 +11,10 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from updyn import style
+from updyn.arrays import ComplexArray, IndexArray, NumberArray, RealArray
 from updyn.report.formats import number
 from updyn.style import colour_scale
 
@@ -91,7 +92,7 @@ def encode_numbers(values: ArrayLike, *, packed: bool = True) -> Any:
     return out
 
 
-def encode_array(array: NDArray[Any], dtype: str) -> str:
+def encode_array(array: NumberArray, dtype: str) -> str:
     """Return an array as base64 text of a number type."""
     return base64.b64encode(np.ascontiguousarray(array, dtype=dtype).tobytes()).decode("ascii")
 
@@ -318,12 +319,12 @@ def band_traces(
     return [edge | lower, edge | upper]
 
 
-def _avoid_zeros(values: ArrayLike, tiny: float) -> NDArray[np.float64]:
+def _avoid_zeros(values: ArrayLike, tiny: float) -> RealArray:
     array = np.asarray(values, dtype=np.float64)
     return np.where(np.abs(array) < tiny, tiny, array)
 
 
-def thin_indices(values: ArrayLike, limit: int) -> NDArray[np.intp]:
+def thin_indices(values: ArrayLike, limit: int) -> IndexArray:
     """Return ascending positions of the minimum and maximum of each interval, at most `limit`.
 
     An interval with nan has the position of one in addition, such that gaps are preserved.
@@ -341,9 +342,7 @@ def thin_indices(values: ArrayLike, limit: int) -> NDArray[np.intp]:
     return np.unique(found)
 
 
-def phases(
-    first: NDArray[np.complex128], *others: NDArray[np.complex128]
-) -> list[NDArray[np.float64]]:
+def phases(first: ComplexArray, *others: ComplexArray) -> list[RealArray]:
     """Return the unwrapped phase of `first` and the nearest phases of `others`, in degrees."""
     with np.errstate(invalid="ignore"):
         base = np.unwrap(np.angle(first))
@@ -353,9 +352,7 @@ def phases(
     return out
 
 
-def wrapped_phase(
-    x: ArrayLike, H: NDArray[np.complex128]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def wrapped_phase(x: ArrayLike, H: ComplexArray) -> tuple[RealArray, RealArray]:
     """Return lines and phase within ±180 degrees, with gaps at wraps and zeros of the FRF."""
     lines = np.asarray(x, dtype=np.float64)
     degrees = np.where(H == 0.0, np.nan, np.degrees(np.angle(H)))

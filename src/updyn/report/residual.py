@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import BoolArray, ComplexArray, IndexArray, RealArray
 from updyn.report.agreement import level_difference
 from updyn.report.data import ReportData
 from updyn.report.formats import format_count, noise_is_fitted, number, option_words, unknown_words
@@ -126,7 +126,7 @@ def _format_suspect(suspect: Suspect) -> list[str]:
     ]
 
 
-def shown_channels(found: Adequacy) -> NDArray[np.intp]:
+def shown_channels(found: Adequacy) -> IndexArray:
     """Return the (response, reference) positions of the channels in the map, shape (n, 2)."""
     worst = np.nan_to_num(found.misfit).max(axis=2)
     at = np.argwhere(np.isfinite(found.misfit).any(axis=2))
@@ -190,7 +190,7 @@ def _colour_bar(found: Adequacy, height: int) -> dict[str, Any]:
     return colour_bar(title, np.log10(_TICKS).tolist(), height) | {"ticktext": texts}
 
 
-def _find_edges(bands: NDArray[np.float64]) -> NDArray[np.float64]:
+def _find_edges(bands: RealArray) -> RealArray:
     """Return the edges of the bands, halfway between neighbouring bands, shape (n_bands + 1,)."""
     inner = 0.5 * (bands[:-1, 1] + bands[1:, 0])
     low, high = float(bands[0, 0]), float(bands[-1, 1])
@@ -221,9 +221,7 @@ def _hover_row(found: Adequacy, i: int, j: int) -> list[str]:
     return out
 
 
-def _mark_traces(
-    found: Adequacy, at: NDArray[np.intp], edges: NDArray[np.float64]
-) -> list[dict[str, Any]]:
+def _mark_traces(found: Adequacy, at: IndexArray, edges: RealArray) -> list[dict[str, Any]]:
     """Return marks on the cells that fail the test of correlation or the test of size."""
     correlated = found.whiteness_p[tuple(at.T)] <= found.level
     large = (found.chi_square_p[tuple(at.T)] <= found.level) & ~correlated
@@ -235,9 +233,7 @@ def _mark_traces(
     return marks
 
 
-def _mark_trace(
-    name: str, where: NDArray[np.bool_], symbol: str, edges: NDArray[np.float64]
-) -> dict[str, Any]:
+def _mark_trace(name: str, where: BoolArray, symbol: str, edges: RealArray) -> dict[str, Any]:
     middle = 0.5 * (edges[1:] + edges[:-1])
     rows, columns = np.nonzero(where)
     return {
@@ -380,7 +376,7 @@ def level_differences(data: ReportData) -> Figure | None:
     }
 
 
-def _histogram(data: ReportData, computed: NDArray[np.complex128], name: str) -> dict[str, Any]:
+def _histogram(data: ReportData, computed: ComplexArray, name: str) -> dict[str, Any]:
     edges = np.linspace(-30.0, 30.0, 121)
     level = level_difference(data.measured[data.compared], computed[data.compared])
     counts, _ = np.histogram(np.clip(level, edges[0], edges[-1]), edges)
@@ -455,9 +451,7 @@ def residual_by_channel(data: ReportData) -> Figure | None:
     }
 
 
-def _channel_trace(
-    percent: NDArray[np.float64], names: list[str], name: str, symbol: str
-) -> dict[str, Any]:
+def _channel_trace(percent: RealArray, names: list[str], name: str, symbol: str) -> dict[str, Any]:
     return {
         "type": "scatter",
         "mode": "markers",

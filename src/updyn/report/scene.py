@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import NumberArray, RealArray
 from updyn.correlation import ModeCorrelation, Subspace
 from updyn.correlation.modes import model_modes
 from updyn.dofs import Dof
@@ -185,7 +185,7 @@ class _ModalShapes:
         found = self.correlations[name].subspaces
         return next(one for one in found if entry.number in one.computed)
 
-    def model_shape(self, name: str, row: ModalRow) -> NDArray[Any] | None:
+    def model_shape(self, name: str, row: ModalRow) -> NumberArray | None:
         """Return the shape of a model's mode; None without one.
 
         Close modes of a model are combined to the shape nearest to the test mode (least squares).
@@ -206,7 +206,7 @@ class _ModalShapes:
         return full.shapes[:, at] if away[at] <= same * entry.frequency else None
 
     def test_shape(
-        self, row: ModalRow, close: Subspace | None, at_sensors: NDArray[Any] | None
+        self, row: ModalRow, close: Subspace | None, at_sensors: NumberArray | None
     ) -> Any:
         """Return the shape of a test mode, scaled to the model's shape; None without a test mode.
 
@@ -227,7 +227,7 @@ class _ModalShapes:
         """Return the layers; shapes of a row are scaled in size and phase to the first of them."""
         geometry = self.models["start"].geometry
         assert geometry is not None
-        found: dict[str, list[NDArray[Any]]] = {name: [] for name in self.looks}
+        found: dict[str, list[NumberArray]] = {name: [] for name in self.looks}
         rows = []
         for number, row in enumerate(self.rows, 1):
             members = []
@@ -247,11 +247,11 @@ class _ModalShapes:
             layers.append(Layer(name, role, style, at, motions(layer_body, entries, shapes)))
         return ModeShapes(layers, rows)
 
-    def _align_row(self, row: ModalRow) -> dict[str, NDArray[Any] | None]:
+    def _align_row(self, row: ModalRow) -> dict[str, NumberArray | None]:
         """Return the shapes of a row, those of the test scaled in size and phase to a model's."""
-        out: dict[str, NDArray[Any] | None] = dict.fromkeys(self.looks)
-        first: NDArray[Any] | None = None
-        at_sensors: NDArray[Any] | None = None
+        out: dict[str, NumberArray | None] = dict.fromkeys(self.looks)
+        first: NumberArray | None = None
+        at_sensors: NumberArray | None = None
         close: Subspace | None = None
         for name in self.models:
             shape = self.model_shape(name, row)
@@ -265,7 +265,7 @@ class _ModalShapes:
         out["test"] = self.test_shape(row, close, at_sensors)
         return out
 
-    def strain_energy(self) -> NDArray[np.float64]:
+    def strain_energy(self) -> RealArray:
         """Return the strain energy fraction of each group by row, shape (n_rows, n_groups)."""
         groups = self.models["start"].groups
         out = np.full((len(self.rows), len(groups)), np.nan)
@@ -283,7 +283,7 @@ class _ModalShapes:
         return out
 
 
-def _scale_to(shape: NDArray[Any], target: NDArray[Any]) -> NDArray[Any]:
+def _scale_to(shape: NumberArray, target: NumberArray) -> NumberArray:
     """Return a shape times its modal scale factor to the target."""
     size = np.vdot(shape, shape).real
     factor = np.vdot(shape, target) / size if size > 0.0 else 0.0

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import RealArray
 from updyn.frf import FRF
 from updyn.modal import ModeSet
 from updyn.model import Model
@@ -65,11 +65,11 @@ class Start:
     data: FRF | ModeSet
     parameters: ParameterSet
     identifiability: Identifiability
-    covariance: NDArray[np.float64]
+    covariance: RealArray
     findings: tuple[Finding, ...] = ()
     matching: str = ""
     title: str = ""
-    lines: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
+    lines: RealArray = field(default_factory=lambda: np.empty(0))
     validation_responses: tuple[str, ...] = ()
     validation_band: tuple[float, float] | None = None
     modes: ModeSet | None = None

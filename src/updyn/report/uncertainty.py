@@ -6,8 +6,8 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import RealArray
 from updyn.dynamics.resonance_lines import even_lines, resonance_lines
 from updyn.errors import UpdynError
 from updyn.report.data import keep_lines
@@ -184,9 +184,9 @@ def _normal_quantile(p: float) -> float:
 
 def _bars(
     name: str,
-    minus: NDArray[np.float64],
-    plus: NDArray[np.float64],
-    rows: NDArray[np.float64],
+    minus: RealArray,
+    plus: RealArray,
+    rows: RealArray,
     colour: str,
     names: list[str],
 ) -> dict[str, Any]:
@@ -246,7 +246,7 @@ def band_figure(result: UpdateResult, found: Draws | Profiles) -> tuple[Figure, 
     return _draw_band(band, result, lines, i, j), f"{frf.responses[i]} / {frf.references[j]}"
 
 
-def _add_resonance_lines(result: UpdateResult, lines: NDArray[np.float64]) -> NDArray[np.float64]:
+def _add_resonance_lines(result: UpdateResult, lines: RealArray) -> RealArray:
     """Return the lines together with further lines in Hz that resolve the peaks of the curves."""
     room = REPORT_COMPUTATION.band_lines - len(lines)
     if room < 2 or len(lines) < 2:
@@ -257,9 +257,7 @@ def _add_resonance_lines(result: UpdateResult, lines: NDArray[np.float64]) -> ND
     return np.union1d(lines, resonance_lines(result.model, low, high, room))
 
 
-def _draw_band(
-    band: Band, result: UpdateResult, lines: NDArray[np.float64], i: int, j: int
-) -> Figure:
+def _draw_band(band: Band, result: UpdateResult, lines: RealArray, i: int, j: int) -> Figure:
     """Return the band of one channel with the updated model and the data."""
     freq = band.frf.freq
     gains = estimated_gains(result)  # the band is that of the structure, without sensor gains

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import IndexArray, RealArray
 from updyn.group import VALUES
 from updyn.report.formats import (
     axis_title,
@@ -199,7 +199,7 @@ def estimates(result: UpdateResult, chosen: Sequence[Parameter]) -> Figure | Non
     }
 
 
-def _start_trace(start: NDArray[np.float64]) -> dict[str, Any]:
+def _start_trace(start: RealArray) -> dict[str, Any]:
     return {
         "type": "scatter",
         "mode": "markers",
@@ -218,10 +218,10 @@ def _start_trace(start: NDArray[np.float64]) -> dict[str, Any]:
 
 def _estimate_trace(
     name: str,
-    values: NDArray[np.float64],
-    low: NDArray[np.float64],
-    high: NDArray[np.float64],
-    at: NDArray[np.intp],
+    values: RealArray,
+    low: RealArray,
+    high: RealArray,
+    at: IndexArray,
     symbol: str,
     names: list[str],
 ) -> dict[str, Any]:
@@ -246,9 +246,7 @@ def _estimate_trace(
     return trace
 
 
-def _bound_trace(
-    limits: NDArray[np.float64], view: tuple[float, float], rows: NDArray[np.intp]
-) -> dict[str, Any]:
+def _bound_trace(limits: RealArray, view: tuple[float, float], rows: IndexArray) -> dict[str, Any]:
     inside = (limits > view[0]) & (limits < view[1])
     return {
         "type": "scatter",
@@ -261,7 +259,7 @@ def _bound_trace(
     }
 
 
-def _find_range(shown: NDArray[np.float64], *, log: bool) -> tuple[float, float]:
+def _find_range(shown: RealArray, *, log: bool) -> tuple[float, float]:
     """Return the axis range with a margin; a logarithmic range is limited to 0.001 to 1000."""
     finite = shown[np.isfinite(shown)]
     if log:

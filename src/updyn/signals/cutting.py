@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import BoolArray
 from updyn.errors import DataError, OptionError, key_path
 from updyn.signals.records import Records, as_records
 
@@ -118,7 +118,7 @@ def cut_records(
     return Records.of(parts, step, records.channels, records.units, records.source)
 
 
-def _hits(above: NDArray[np.bool_], rest: int) -> list[int]:
+def _hits(above: BoolArray, rest: int) -> list[int]:
     """Return the first samples of hits, at least the rest of a record apart."""
     begins: list[int] = []
     for at in np.flatnonzero(above).tolist():

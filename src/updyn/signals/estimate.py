@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import get_window
 
+from updyn.arrays import BoolArray, RealArray
 from updyn.dofs import Dof
 from updyn.errors import DataError, DofError, OptionError, key_path, suggest
 from updyn.frf import FRF, check_band
@@ -26,8 +26,6 @@ if TYPE_CHECKING:
     import xarray
 
 __all__ = ["FRFEstimate", "estimate_frf", "frf_estimate"]
-
-_Real = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,9 +68,9 @@ class FRFEstimate:
     """
 
     frf: FRF
-    ordinary: _Real | None
-    multiple: _Real | None
-    partial: _Real | None
+    ordinary: RealArray | None
+    multiple: RealArray | None
+    partial: RealArray | None
     records: tuple[int, ...]
     _spectra: Spectra
     _setting: _Setting
@@ -120,7 +118,7 @@ class _Setting:
     whose damping is removed. Of the `segments` of each record, `independent` are independent.
     """
 
-    freq: _Real
+    freq: RealArray
     forces: dict[str, str]
     responses: dict[str, str]
     quantity: str
@@ -361,7 +359,9 @@ def _check_unwindowed(
             )
 
 
-def _check_no_pulses(forces: _Real, step: float, names: tuple[str, ...], estimator: str) -> None:
+def _check_no_pulses(
+    forces: RealArray, step: float, names: tuple[str, ...], estimator: str
+) -> None:
     """Raise DataError for forces that are pulses, with spectra as smooth as those of transients."""
     duration = forces.shape[2] * step
     for name, force in zip(names, np.swapaxes(forces, 0, 1), strict=True):
@@ -420,7 +420,7 @@ def _scales(
     forces: Mapping[str, str],
     labels: Mapping[str, str],
     units: Mapping[str, str],
-) -> tuple[str, _Real]:
+) -> tuple[str, RealArray]:
     """Return the quantity of the FRF, and the factors from channel units to SI units."""
 
     def of(channel: str) -> Unit:
@@ -471,7 +471,7 @@ def _check_angular(name: str, label: str, unit: Unit, key: str) -> None:
         raise DataError(f"channel {name!r} at {label}: its unit is that of {what}", key=(key, name))
 
 
-def _band_mask(freq: _Real, band: tuple[float, float] | None) -> NDArray[np.bool_]:
+def _band_mask(freq: RealArray, band: tuple[float, float] | None) -> BoolArray:
     """Return a mask of the lines in the band, without 0 Hz."""
     chosen = freq > 0.0
     if band is not None:
@@ -484,13 +484,13 @@ def _band_mask(freq: _Real, band: tuple[float, float] | None) -> NDArray[np.bool
 
 
 def _window_segments(
-    values: _Real,
+    values: RealArray,
     n_forces: int,
     step: float,
     window: str | ImpactWindow | None,
     segment: float | None,
     overlap: float,
-) -> tuple[_Real, float, _Real]:
+) -> tuple[RealArray, float, RealArray]:
     """Return windowed segments, shape (n, channels, samples), their decay and the window."""
     n_samples = values.shape[2]
     if segment is None:
@@ -515,8 +515,8 @@ def _window_segments(
 
 
 def _window_hits(
-    values: _Real, n_forces: int, step: float, window: ImpactWindow
-) -> tuple[_Real, float, _Real]:
+    values: RealArray, n_forces: int, step: float, window: ImpactWindow
+) -> tuple[RealArray, float, RealArray]:
     """Return records of hits with their windows applied, as `_window_segments`."""
     n_samples = values.shape[2]
     decay = window.decay(n_samples * step)
@@ -528,7 +528,7 @@ def _window_hits(
     return values * falling, decay if window.remove_damping else 0.0, falling
 
 
-def _window(name: str, size: int) -> _Real:
+def _window(name: str, size: int) -> RealArray:
     """Return a window of scipy by name."""
     try:
         return np.asarray(get_window(name, size), dtype=np.float64)
@@ -540,7 +540,7 @@ def _window(name: str, size: int) -> _Real:
         ) from error
 
 
-def _count_independent(n: int, shape: _Real, overlap: float) -> float:
+def _count_independent(n: int, shape: RealArray, overlap: float) -> float:
     """Return the number of independent segments: Welch (1967), below equation 12."""
     size = len(shape)
     every = max(1, size - int(overlap * size))

@@ -6,16 +6,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import ComplexArray, RealArray
 from updyn.errors import DataError
 from updyn.signals.local import local_rational, without_transients
 from updyn.signals.spectra import Spectra
 
 __all__ = ["ESTIMATORS", "EstimatedFRF", "Estimator"]
-
-_Real = NDArray[np.float64]
-_Complex = NDArray[np.complex128]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -25,9 +22,9 @@ class EstimatedFRF:
     The coherence is the ordinary one, for several forces the partial one.
     """
 
-    values: _Complex
-    coherence: _Real | None
-    variance: _Real | None
+    values: ComplexArray
+    coherence: RealArray | None
+    variance: RealArray | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,14 +35,14 @@ class Estimator:
     records or of segments without overlap, and a single one may suffice for several forces.
     """
 
-    estimate: Callable[[Spectra, _Real, Sequence[str]], EstimatedFRF]
+    estimate: Callable[[Spectra, RealArray, Sequence[str]], EstimatedFRF]
     is_local: bool = False
 
 
-def _estimate_from_averages(values_of: Callable[[Spectra], _Complex]) -> Estimator:
+def _estimate_from_averages(values_of: Callable[[Spectra], ComplexArray]) -> Estimator:
     """Return an estimator from averaged spectra, with the variance from the coherence."""
 
-    def estimate(spectra: Spectra, freq: _Real, names: Sequence[str]) -> EstimatedFRF:
+    def estimate(spectra: Spectra, freq: RealArray, names: Sequence[str]) -> EstimatedFRF:
         spectra.check_forces(freq, names)
         H = values_of(spectra)
         n = len(names)
@@ -57,30 +54,30 @@ def _estimate_from_averages(values_of: Callable[[Spectra], _Complex]) -> Estimat
     return Estimator(estimate)
 
 
-def _variance(H: _Complex, coherence: _Real, freedom: float) -> _Real:
+def _variance(H: ComplexArray, coherence: RealArray, freedom: float) -> RealArray:
     """Return E|dH|^2 for a number of averages less unknowns."""
     least = np.maximum(coherence, np.finfo(float).eps)
     return np.asarray(np.abs(H) ** 2 * (1.0 - coherence) / (least * freedom))
 
 
 def _estimate_locally(
-    values_of: Callable[[Spectra, _Real, Sequence[str]], tuple[_Complex, _Real]],
+    values_of: Callable[[Spectra, RealArray, Sequence[str]], tuple[ComplexArray, RealArray]],
 ) -> Estimator:
     """Return an estimator from local models, with variance and without coherence."""
 
-    def estimate(spectra: Spectra, freq: _Real, names: Sequence[str]) -> EstimatedFRF:
+    def estimate(spectra: Spectra, freq: RealArray, names: Sequence[str]) -> EstimatedFRF:
         values, variance = values_of(spectra, freq, names)
         return EstimatedFRF(values, None, variance)
 
     return Estimator(estimate, is_local=True)
 
 
-def _h1(spectra: Spectra) -> _Complex:
+def _h1(spectra: Spectra) -> ComplexArray:
     """Return H1: least squares of each response on the forces, for noise on the responses."""
     return spectra.least_squares
 
 
-def _h2(spectra: Spectra) -> _Complex:
+def _h2(spectra: Spectra) -> ComplexArray:
     """Return H2: least squares of the forces on the responses, for noise on the forces.
 
     For one force, each response separately (Mitchell, 1982). For several it is S_xx S_fx^-1, of all
@@ -105,7 +102,7 @@ def _h2(spectra: Spectra) -> _Complex:
     return np.asarray(back.conj().transpose(0, 2, 1))
 
 
-def _hv(spectra: Spectra) -> _Complex:
+def _hv(spectra: Spectra) -> ComplexArray:
     """Return Hv: total least squares, for noise on all channels in proportion to their levels.
 
     Each channel is divided by its level; the smallest eigenvector of the spectral matrix of the

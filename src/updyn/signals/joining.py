@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import RealArray
 from updyn.dofs import Dof, DofSet
 from updyn.errors import DataError, UpdynWarning
 from updyn.frf import FRF
@@ -18,7 +18,6 @@ from updyn.signals.settings import SETUP_JOINING
 __all__ = ["joined_frfs"]
 
 _Unsigned = tuple[int, str]
-_Real = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,7 +142,7 @@ def _joined_geometry(frfs: Sequence[FRF], names: Sequence[str]) -> Geometry | No
     known = [(n, f.geometry) for n, f in zip(names, frfs, strict=True) if f.geometry is not None]
     if not known:
         return None
-    nodes: dict[int, tuple[str, _Real, _Real]] = {}
+    nodes: dict[int, tuple[str, RealArray, RealArray]] = {}
     allowed = SETUP_JOINING.place_difference
     for name, geometry in known:
         axes = geometry.axes

@@ -7,9 +7,9 @@ from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
+from updyn.arrays import ComplexArray, RealArray
 from updyn.errors import DataError
 from updyn.signals.local_model import LocalModel, LocalValues, Windows
 from updyn.signals.settings import LOCAL_RATIONAL
@@ -17,8 +17,6 @@ from updyn.signals.spectra import Spectra
 
 __all__ = ["local_rational", "without_transients"]
 
-_Real = NDArray[np.float64]
-_Complex = NDArray[np.complex128]
 
 #: Candidate local models of each line. Polynomials are for lines far from resonances, where two
 #: poles would follow the noise. Degrees are such that the bias stays below the standard deviation
@@ -35,7 +33,9 @@ _MODELS = (
 )
 
 
-def local_rational(spectra: Spectra, freq: _Real, names: Sequence[str]) -> tuple[_Complex, _Real]:
+def local_rational(
+    spectra: Spectra, freq: RealArray, names: Sequence[str]
+) -> tuple[ComplexArray, RealArray]:
     """Return FRFs by the local rational method, and the variance of each value.
 
     Around each line the responses are (B F + C) / A with polynomials in the frequency: A is common
@@ -54,8 +54,8 @@ def local_rational(spectra: Spectra, freq: _Real, names: Sequence[str]) -> tuple
 
 
 def without_transients(
-    spectra: Spectra, freq: _Real, names: Sequence[str]
-) -> tuple[_Complex, _Real]:
+    spectra: Spectra, freq: RealArray, names: Sequence[str]
+) -> tuple[ComplexArray, RealArray]:
     """Return H1 of records without their transients, and the variance of each value.
 
     H is (X - C / A) F^H (F F^H)^-1 over the records, with C / A of `local_rational`; the variance
@@ -74,7 +74,7 @@ def without_transients(
     return values, found.noise[:, :, None] * inverse[:, None, :]
 
 
-def _local_values(spectra: Spectra, freq: _Real, names: Sequence[str]) -> LocalValues:
+def _local_values(spectra: Spectra, freq: RealArray, names: Sequence[str]) -> LocalValues:
     """Return for each line the values of the model with the best prediction of its neighbours."""
     F, X = spectra.force, spectra.motion
     records, lines, forces = F.shape
@@ -116,7 +116,7 @@ def _too_few(lines: int, records: int, forces: int) -> str:
     )
 
 
-def _omission_errors(found: LocalValues) -> _Real:
+def _omission_errors(found: LocalValues) -> RealArray:
     """Return the mean logarithm of the error at omitted lines; inf where forces are inseparable."""
     lines = LOCAL_RATIONAL.comparison_lines
     smooth = uniform_filter1d(found.omission_error, lines, axis=0, mode="nearest")
@@ -125,7 +125,7 @@ def _omission_errors(found: LocalValues) -> _Real:
     return np.where(separable.all(axis=1), error, np.inf)
 
 
-def _check_separable(separable: _Real, freq: _Real, names: Sequence[str]) -> None:
+def _check_separable(separable: RealArray, freq: RealArray, names: Sequence[str]) -> None:
     """Raise DataError for lines at which a force is not distinct from a transient."""
     unknown = separable < LOCAL_RATIONAL.least_separable_share
     if not unknown.any():
@@ -142,7 +142,7 @@ def _check_separable(separable: _Real, freq: _Real, names: Sequence[str]) -> Non
     )
 
 
-def _values_at_lines(force: _Complex, motion: _Complex, model: LocalModel) -> LocalValues:
+def _values_at_lines(force: ComplexArray, motion: ComplexArray, model: LocalModel) -> LocalValues:
     """Return the values of one model at all lines, in batches of windows."""
     records, lines, forces = force.shape
     served = max(1, model.half // LOCAL_RATIONAL.half_width_per_use)

@@ -6,15 +6,12 @@ from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import BoolArray, ComplexArray, IndexArray, RealArray
 from updyn.signals.settings import LOCAL_RATIONAL
 
 __all__ = ["LocalModel", "LocalValues", "Windows"]
 
-_Real = NDArray[np.float64]
-_Complex = NDArray[np.complex128]
-_Index = NDArray[np.intp]
 
 _TINY = float(np.finfo(float).tiny) ** 0.25
 
@@ -62,14 +59,14 @@ class LocalValues:
         Share of the power of each force outside polynomial transients and the other forces.
     """
 
-    values: _Complex
-    variance: _Real
-    noise: _Real
-    unexplained: _Complex
-    omission_error: _Real
-    separable: _Real
+    values: ComplexArray
+    variance: RealArray
+    noise: RealArray
+    unexplained: ComplexArray
+    omission_error: RealArray
+    separable: RealArray
 
-    def better(self, closer: NDArray[np.bool_], other: LocalValues) -> LocalValues:
+    def better(self, closer: BoolArray, other: LocalValues) -> LocalValues:
         """Return the values of another model where `closer` is true, else these."""
 
         def of(name: str) -> Any:
@@ -98,13 +95,15 @@ class Windows:
     """
 
     model: LocalModel
-    centre: _Index
-    powers: _Real
-    force: _Complex
-    motion: _Complex
+    centre: IndexArray
+    powers: RealArray
+    force: ComplexArray
+    motion: ComplexArray
 
     @classmethod
-    def of(cls, force: _Complex, motion: _Complex, centres: _Index, model: LocalModel) -> Windows:
+    def of(
+        cls, force: ComplexArray, motion: ComplexArray, centres: IndexArray, model: LocalModel
+    ) -> Windows:
         """Return the windows of spectra of rms 1, shape (records, n_f, n_r or n_i)."""
         begin = np.clip(centres - model.half, 0, force.shape[1] - model.width)
         at = begin[:, None] + np.arange(model.width)
@@ -114,7 +113,7 @@ class Windows:
         F = F[..., :, None] * powers[:, None, :, None, : model.degree + 1]
         return cls(model, centres - begin, powers, F.reshape(*F.shape[:3], -1), X)
 
-    def values_at(self, offsets: _Index) -> LocalValues:
+    def values_at(self, offsets: IndexArray) -> LocalValues:
         """Return the values of the fitted models at some lines from their centres."""
         start = _FittedModels.of(
             self, np.zeros((len(self.powers), self.model.poles), dtype=complex)
@@ -156,16 +155,16 @@ class _FittedModels:
     """
 
     windows: Windows
-    poles: _Complex
-    inverse: _Complex
-    transient: _Complex
-    Q: _Complex
-    R: _Complex
-    along: _Complex
-    residual: _Complex
+    poles: ComplexArray
+    inverse: ComplexArray
+    transient: ComplexArray
+    Q: ComplexArray
+    R: ComplexArray
+    along: ComplexArray
+    residual: ComplexArray
 
     @classmethod
-    def of(cls, windows: Windows, poles: _Complex) -> _FittedModels:
+    def of(cls, windows: Windows, poles: ComplexArray) -> _FittedModels:
         model, powers = windows.model, windows.powers
         denominator = np.einsum("fwm,fm->fw", powers[..., 1 : model.poles + 1], poles)
         inverse = 1.0 / (1.0 + denominator)
@@ -188,18 +187,18 @@ class _FittedModels:
         return replace(self, **{name: of(name) for name in names})
 
     @property
-    def power(self) -> _Real:
+    def power(self) -> RealArray:
         """Sum of squares of the residual, shape (n, n_i), at least that of rounding."""
         squares = np.sum(np.abs(self.residual) ** 2, axis=1)
         return np.asarray(np.maximum(squares, LOCAL_RATIONAL.least_noise * self.residual.shape[1]))
 
     @property
-    def fitted_motion(self) -> _Complex:
+    def fitted_motion(self) -> ComplexArray:
         """Responses without their residual, shape (n, records, width, n_i)."""
         motion = self.windows.motion
         return motion - self.residual.reshape(motion.shape)
 
-    def change(self, *, is_first: bool) -> _Complex:
+    def change(self, *, is_first: bool) -> ComplexArray:
         """Return the Gauss-Newton step of the poles, shape (n, poles).
 
         The first step uses the measured response instead of the model's: linear least squares of A
@@ -210,7 +209,7 @@ class _FittedModels:
         Q, R = np.linalg.qr(self._weigh_slopes(J))
         return -_solve_triangular(R, _herm(Q) @ error)[..., 0]
 
-    def _slopes(self, motion: _Complex) -> tuple[_Complex, _Complex]:
+    def _slopes(self, motion: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
         """Return the derivative of the residual by the poles, and Q^H of it before projection.
 
         Shapes (n, records width, poles, n_i) and (n, n_r (degree + 1), poles, n_i).
@@ -224,13 +223,13 @@ class _FittedModels:
         shape = (n, -1, poles, responses)
         return (J - self.Q @ along).reshape(shape), along.reshape(shape)
 
-    def _weigh_slopes(self, J: _Complex) -> _Complex:
+    def _weigh_slopes(self, J: ComplexArray) -> ComplexArray:
         """Return the slopes of all responses relative to their residuals, stacked."""
         weighted = J / np.sqrt(self.power)[:, None, None, :]
         return np.moveaxis(weighted, 2, 3).reshape(len(J), -1, J.shape[2])
 
     @property
-    def separable(self) -> _Real:
+    def separable(self) -> RealArray:
         """Share of the power of each force outside C and the other forces, shape (n, n_r)."""
         force = self.windows.force[..., :: self.windows.model.degree + 1]
         power = np.sum(np.abs(force) ** 2, axis=(1, 2))
@@ -238,11 +237,11 @@ class _FittedModels:
         return np.asarray(1.0 / np.maximum(power * row, 1.0))
 
     @property
-    def weights(self) -> _Complex:
+    def weights(self) -> ComplexArray:
         """R^-1: the weights of Q^H X in B, shape (n, n_r (degree + 1), n_r (degree + 1))."""
         return _solve_triangular(self.R, np.broadcast_to(np.eye(self.R.shape[1]), self.R.shape))
 
-    def poles_basis(self) -> tuple[_Complex, _Complex, _Complex]:
+    def poles_basis(self) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
         """Return Q and R of the weighted slopes by the poles, and the slopes along `Q`.
 
         Shapes (n, records width, n_i, poles), (n, poles, poles), (n, n_r (degree + 1), poles, n_i).
@@ -275,15 +274,15 @@ class _Solution:
     """
 
     fit: _FittedModels
-    offsets: _Index
-    H: _Complex
-    rows: _Complex
-    of_poles: _Complex
-    leverage: _Real
-    freedom: _Real
+    offsets: IndexArray
+    H: ComplexArray
+    rows: ComplexArray
+    of_poles: ComplexArray
+    leverage: RealArray
+    freedom: RealArray
 
     @classmethod
-    def of(cls, fit: _FittedModels, offsets: _Index) -> _Solution:
+    def of(cls, fit: _FittedModels, offsets: IndexArray) -> _Solution:
         model = fit.windows.model
         n, records, width, responses = fit.windows.motion.shape
         terms = model.degree + 1
@@ -312,7 +311,7 @@ class _Solution:
             of_poles = np.moveaxis(across, 1, 2).reshape(slope.shape)
         return cls(fit, offsets, H, rows, of_poles, leverage, np.maximum(freedom, 1.0))
 
-    def values(self, separable: _Real) -> LocalValues:
+    def values(self, separable: RealArray) -> LocalValues:
         """Return the values, with the separable share of the forces, shape (n, n_r)."""
         n, lines = len(separable), len(self.offsets)
         noise = self._noise[:, None]
@@ -327,7 +326,7 @@ class _Solution:
             np.broadcast_to(separable[:, None], (n, lines, separable.shape[1])),
         )
 
-    def _at_lines(self, of_windows: _Complex) -> _Complex:
+    def _at_lines(self, of_windows: ComplexArray) -> ComplexArray:
         """Return values of the windows, shape (n, records, width, ...), at the lines."""
         width = of_windows.shape[2]
         # Lines beyond the last one are outside all windows; their values are not used.
@@ -335,12 +334,12 @@ class _Solution:
         return np.take_along_axis(of_windows, place[:, None, :, None], axis=2)
 
     @property
-    def _noise(self) -> _Real:
+    def _noise(self) -> RealArray:
         """Variance of the responses around the model, shape (n, n_i)."""
         return np.asarray(self.fit.power / self.freedom)
 
     @property
-    def _variance(self) -> _Real:
+    def _variance(self) -> RealArray:
         """E|dH|^2 from the noise of the response, and from that of all through the poles."""
         noise_factor = np.sum(np.abs(self.rows) ** 2, axis=3)[:, :, None]
         shared = np.sum(np.abs(self.of_poles) ** 2, axis=4)
@@ -349,28 +348,28 @@ class _Solution:
         return np.asarray(self._noise[:, None, :, None] * noise_factor + shared)
 
     @property
-    def _omission_error(self) -> _Real:
+    def _omission_error(self) -> RealArray:
         """Mean square error at omitted lines, by the leverage (Allen, 1974)."""
         rest = np.maximum(1.0 - self.leverage, LOCAL_RATIONAL.least_omitted_share)
         error = (self.fit.residual / rest).reshape(self.fit.windows.motion.shape)
         return np.asarray(np.mean(np.abs(self._at_lines(error)) ** 2, axis=1))
 
 
-def _herm(x: _Complex) -> _Complex:
+def _herm(x: ComplexArray) -> ComplexArray:
     return np.swapaxes(x, -1, -2).conj()
 
 
-def _stack_records(x: _Complex) -> _Complex:
+def _stack_records(x: ComplexArray) -> ComplexArray:
     """Return the lines of all records, stacked."""
     return x.reshape(len(x), -1, x.shape[-1])
 
 
-def _project_off(Q: _Complex, x: _Complex) -> _Complex:
+def _project_off(Q: ComplexArray, x: ComplexArray) -> ComplexArray:
     """Return x, shape (n, records, width, ...), projected off Q, shape (n, width, ...)."""
     return x - Q[:, None] @ (_herm(Q)[:, None] @ x)
 
 
-def _solve_triangular(R: _Complex, b: _Complex) -> _Complex:
+def _solve_triangular(R: ComplexArray, b: ComplexArray) -> ComplexArray:
     """Return R^-1 b for triangular R, with large values for a singular R."""
     diagonal = np.abs(np.einsum("...ii->...i", R))
     least = LOCAL_RATIONAL.dependent_share * diagonal.max(axis=-1, keepdims=True) + _TINY

@@ -8,8 +8,9 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from updyn.arrays import NumberArray, RealArray
 from updyn.errors import DataError, key_path, suggest
 from updyn.signals.settings import RECORD_TIME
 from updyn.units import find_unit, merge_units, suggest_unit
@@ -38,7 +39,7 @@ class Records:
         Source of the records.
     """
 
-    values: NDArray[np.float64]
+    values: RealArray
     step: float
     channels: tuple[str, ...]
     units: tuple[str, ...]
@@ -183,7 +184,7 @@ def _check_common(common: str, units: Sequence[str], channels: Sequence[str]) ->
             raise DataError(f"channel {name!r}: unit {unit!r}, but the records are in {common!r}")
 
 
-def seconds(times: NDArray[Any], label: str, name: str = "time") -> NDArray[np.float64]:
+def seconds(times: NumberArray, label: str, name: str = "time") -> RealArray:
     """Return times in s, from 0; `label` is the unit of numbers, such as ``"ms since 2020-01-01"``.
 
     Numbers without a label are in s; DataError for an unknown unit or another type.
@@ -203,7 +204,7 @@ def seconds(times: NDArray[Any], label: str, name: str = "time") -> NDArray[np.f
     return np.asarray(passed * unit.factor, dtype=np.float64)
 
 
-def find_step(times: NDArray[np.float64], rounding: NDArray[np.float64] | None = None) -> float:
+def find_step(times: RealArray, rounding: RealArray | None = None) -> float:
     """Return the step of times in s; raises DataError if they do not ascend in even steps.
 
     `rounding` is the place value of the last printed digit of each time.
@@ -218,7 +219,7 @@ def find_step(times: NDArray[np.float64], rounding: NDArray[np.float64] | None =
     raise DataError(f"times of the records: {found}; expected ascending times in even steps")
 
 
-def _is_rounded(times: NDArray[np.float64], step: float, rounding: NDArray[np.float64]) -> bool:
+def _is_rounded(times: RealArray, step: float, rounding: RealArray) -> bool:
     """Return whether times are even ones, each rounded to its last digit."""
     if not rounding.max() < RECORD_TIME.last_digit_share * step:
         return False

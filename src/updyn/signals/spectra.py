@@ -6,15 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import BoolArray, ComplexArray, RealArray
 from updyn.errors import DataError
 from updyn.signals.settings import FRF_ESTIMATE
 
 __all__ = ["Spectra"]
-
-_Real = NDArray[np.float64]
-_Complex = NDArray[np.complex128]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,15 +34,15 @@ class Spectra:
         E X F^H.
     """
 
-    force: _Complex
-    motion: _Complex
+    force: ComplexArray
+    motion: ComplexArray
     averages: float
-    ff: _Complex
-    xx: _Real
-    xf: _Complex
+    ff: ComplexArray
+    xx: RealArray
+    xf: ComplexArray
 
     @classmethod
-    def of(cls, force: _Complex, motion: _Complex, averages: float) -> Spectra:
+    def of(cls, force: ComplexArray, motion: ComplexArray, averages: float) -> Spectra:
         """Return the averages of the spectra of segments."""
         n = len(force)
         ff = np.einsum("nfr,nfs->frs", force, force.conj()) / n
@@ -53,24 +50,24 @@ class Spectra:
         return cls(force, motion, averages, ff, np.mean(np.abs(motion) ** 2, axis=0), xf)
 
     @property
-    def power(self) -> _Real:
+    def power(self) -> RealArray:
         """Spectra of the forces, E |F|^2, shape (n_f, n_r)."""
         return np.asarray(np.einsum("frr->fr", self.ff).real)
 
     @property
-    def ordinary(self) -> _Real:
+    def ordinary(self) -> RealArray:
         """Ordinary coherence |S_xf|^2 / (S_xx S_ff) (Bendat and Piersol 2010, section 6.1)."""
         return _share(np.abs(self.xf) ** 2, self.xx[:, :, None] * self.power[:, None, :])
 
     @property
-    def multiple(self) -> _Real:
+    def multiple(self) -> RealArray:
         """Multiple coherence S_xf S_ff^-1 S_fx / S_xx (Bendat and Piersol 2010, section 7.2)."""
         if self.ff.shape[1] == 1:
             return self.ordinary[:, :, 0]
         return _share(self._explained_power, self.xx)
 
     @property
-    def partial(self) -> _Real:
+    def partial(self) -> RealArray:
         """Partial coherence of a response and a force, without the other forces, (n_f, n_i, n_r).
 
         |H|^2 / (|H|^2 + N S_ff^-1) with H1 and the spectrum N of the response that no force
@@ -84,7 +81,7 @@ class Spectra:
         return _share(size, size + self.spread)
 
     @property
-    def least_squares(self) -> _Complex:
+    def least_squares(self) -> ComplexArray:
         """H1 = S_xf S_ff^-1, shape (n_f, n_i, n_r)."""
         if self.ff.shape[1] == 1:
             return np.asarray(self.xf / self.ff)
@@ -93,7 +90,7 @@ class Spectra:
         return np.asarray(np.linalg.solve(self.ff.conj(), right).transpose(0, 2, 1))
 
     @property
-    def spread(self) -> _Real:
+    def spread(self) -> RealArray:
         """Unexplained spectrum of the responses times diag(S_ff^-1), shape (n_f, n_i, n_r).
 
         Divided by the number of averages less that of the forces, it is the variance of H1.
@@ -106,11 +103,11 @@ class Spectra:
         return np.asarray(residual_power[:, :, None] * inverse[:, None, :])
 
     @property
-    def _explained_power(self) -> _Real:
+    def _explained_power(self) -> RealArray:
         """Spectra of the responses that the forces explain, shape (n_f, n_i)."""
         return np.asarray(np.einsum("fir,fir->fi", self.least_squares, self.xf.conj()).real)
 
-    def check_power(self, freq: _Real, names: Sequence[str]) -> None:
+    def check_power(self, freq: RealArray, names: Sequence[str]) -> None:
         """Raise DataError for a line at which a force is zero."""
         for name, column in zip(names, self.power.T, strict=True):
             silent = column <= FRF_ESTIMATE.zero_force_share**2 * column.max()
@@ -120,7 +117,7 @@ class Spectra:
                     key=("band",),
                 )
 
-    def check_forces(self, freq: _Real, names: Sequence[str]) -> None:
+    def check_forces(self, freq: RealArray, names: Sequence[str]) -> None:
         """Raise DataError for a line at which a force is zero, or forces are linearly dependent."""
         self.check_power(freq, names)
         if len(names) == 1:
@@ -143,12 +140,12 @@ class Spectra:
                 key=("excitation",),
             )
 
-    def part(self, chosen: slice | NDArray[np.bool_], averages: float) -> Spectra:
+    def part(self, chosen: slice | BoolArray, averages: float) -> Spectra:
         """Return the averages over some of the segments; `averages` of them are independent."""
         return Spectra.of(self.force[chosen], self.motion[chosen], averages)
 
 
-def _share(part: _Real, whole: _Real) -> _Real:
+def _share(part: RealArray, whole: RealArray) -> RealArray:
     """Return a ratio limited to 0 to 1; zero if nothing was measured."""
     found = part / np.where(whole > 0.0, whole, np.inf)
     return np.asarray(np.clip(found, 0.0, 1.0))

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import RealArray
 from updyn.errors import OptionError
 from updyn.signals.settings import FRF_ESTIMATE
 
@@ -67,7 +67,7 @@ class ImpactWindow:
         """
         return 0.0 if self.exponential is None else -float(np.log(self.exponential)) / duration
 
-    def on_force(self, force: NDArray[np.float64], step: float) -> NDArray[np.float64]:
+    def on_force(self, force: RealArray, step: float) -> RealArray:
         """Return the window of the force.
 
         Parameters

@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import ComplexArray, IndexArray, RealArray
 from updyn.dynamics.settings import REDUCTION
 from updyn.engines import Engine, opened_engine
 from updyn.errors import OptionError, SolverError, suggest
@@ -33,8 +33,6 @@ if TYPE_CHECKING:
 
 __all__ = ["RESAMPLING", "bootstrap"]
 
-_Vector = NDArray[np.float64]
-_Complex = NDArray[np.complex128]
 
 RESAMPLING = ("parametric", "residual")
 
@@ -52,10 +50,10 @@ class _Refits:
     problem: Problem
     method: Any
     noises: tuple[NoiseModel, ...]
-    x: _Vector
-    H: tuple[_Complex, ...]
-    std: tuple[NDArray[np.float64], ...]
-    whitened: tuple[_Complex, ...]
+    x: RealArray
+    H: tuple[ComplexArray, ...]
+    std: tuple[RealArray, ...]
+    whitened: tuple[ComplexArray, ...]
     block: int
 
 
@@ -131,12 +129,12 @@ def bootstrap(
         restored = restore(result, session, STATES_NOISE)
         counter = WorkCounter("bootstrap", n, callback)
         counter.attach(session)
-        found: list[tuple[str, _Vector]] = []
+        found: list[tuple[str, RealArray]] = []
         acceleration = np.zeros(len(restored.names))
         reduction: Mapping[str, Any] = {}
         items = [(seed, number) for number in range(n)]
 
-        def refit_all(problem: Problem) -> NDArray[np.float64]:
+        def refit_all(problem: Problem) -> RealArray:
             found.clear()
             counter.done = 0
             solved = restored.with_problem(problem)
@@ -178,7 +176,7 @@ def _prepare_refits(restored: RestoredFit, kind: str) -> _Refits:
     )
 
 
-def _refit(refits: _Refits, item: tuple[int, int]) -> tuple[str, _Vector]:
+def _refit(refits: _Refits, item: tuple[int, int]) -> tuple[str, RealArray]:
     """Return the reason of failure of a refit (empty if none) and its x, shape (n,)."""
     rng = np.random.default_rng(item)
     problem = _draw_priors(refits, rng)
@@ -217,14 +215,14 @@ def _draw_priors(refits: _Refits, rng: np.random.Generator) -> Problem:
     return Problem.of([replace(part, coordinates=shifted) for part in refits.problem.parts])
 
 
-def _resampled_lines(rng: np.random.Generator, n_lines: int, block: int) -> NDArray[np.intp]:
+def _resampled_lines(rng: np.random.Generator, n_lines: int, block: int) -> IndexArray:
     """Return positions of lines drawn with replacement in blocks, shape (n_lines,)."""
     block = min(block, n_lines)
     first = rng.integers(0, n_lines - block + 1, -(-n_lines // block))
     return np.asarray((first[:, None] + np.arange(block)).ravel()[:n_lines], dtype=np.intp)
 
 
-def _acceleration(restored: RestoredFit) -> _Vector:
+def _acceleration(restored: RestoredFit) -> RealArray:
     """Return the acceleration of BCa intervals, shape (n,).
 
     A sixth of the skewness of the influence of each line on the estimate, by the infinitesimal
@@ -249,8 +247,8 @@ def _acceleration(restored: RestoredFit) -> _Vector:
 def _collect_draws(
     result: UpdateResult | JointResult,
     restored: RestoredFit,
-    found: list[tuple[str, _Vector]],
-    acceleration: _Vector,
+    found: list[tuple[str, RealArray]],
+    acceleration: RealArray,
     options: dict[str, Any],
 ) -> Draws:
     """Return the refits as draws, with a message on limits of their use."""

@@ -7,15 +7,14 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import norm
 
+from updyn.arrays import BoolArray, RealArray
 from updyn.errors import OptionError, suggest
 from updyn.updating.result import JointResult, UpdateResult
 
 __all__ = ["INTERVALS", "KINDS", "Draws"]
 
-_Vector = NDArray[np.float64]
 
 KINDS = ("bootstrap", "sampling")
 #: Kinds of intervals, the default first.
@@ -59,13 +58,13 @@ class Draws:
 
     kind: str
     names: tuple[str, ...]
-    chains: NDArray[np.float64]
-    estimate: _Vector
-    std: _Vector
-    lower: _Vector
-    upper: _Vector
-    is_factor: NDArray[np.bool_]
-    diagnostics: Mapping[str, _Vector] = field(default_factory=dict)
+    chains: RealArray
+    estimate: RealArray
+    std: RealArray
+    lower: RealArray
+    upper: RealArray
+    is_factor: BoolArray
+    diagnostics: Mapping[str, RealArray] = field(default_factory=dict)
     failed: Mapping[str, int] = field(default_factory=dict)
     converged: bool = True
     message: str = ""
@@ -79,14 +78,14 @@ class Draws:
         state = "" if self.converged else ", not converged"
         return f"Draws({self.kind}, {len(self)} of {len(self.names)} unknowns{state})"
 
-    def __getitem__(self, name: str) -> _Vector:
+    def __getitem__(self, name: str) -> RealArray:
         """Return the draws of an unknown, shape (n_chains * n_draws,), in its unit."""
         if name not in self.names:
             raise OptionError(f"no draws of {name!r}; {suggest(str(name), self.names)}")
         return self.values[:, self.names.index(name)]
 
     @property
-    def values(self) -> NDArray[np.float64]:
+    def values(self) -> RealArray:
         """All draws, shape (n_chains * n_draws, n)."""
         return self.chains.reshape(-1, len(self.names))
 
@@ -101,12 +100,12 @@ class Draws:
         return dict(zip(self.names, self.values.std(axis=0, ddof=1).tolist(), strict=True))
 
     @property
-    def covariance(self) -> NDArray[np.float64]:
+    def covariance(self) -> RealArray:
         """Covariance of the unknowns, shape (n, n)."""
         return np.atleast_2d(np.cov(self.values, rowvar=False))
 
     @property
-    def correlation(self) -> NDArray[np.float64]:
+    def correlation(self) -> RealArray:
         """Correlation of the unknowns, shape (n, n); nan for a constant unknown."""
         C = self.covariance
         std = np.sqrt(np.diag(C))
@@ -157,17 +156,17 @@ class Draws:
         low, high = np.clip(ends[kind](0.5 * (1.0 - level)), self.lower, self.upper)
         return dict(zip(self.names, zip(low.tolist(), high.tolist(), strict=True), strict=True))
 
-    def _percentile(self, tail: float) -> NDArray[np.float64]:
+    def _percentile(self, tail: float) -> RealArray:
         return np.asarray(np.quantile(self.values, [tail, 1.0 - tail], axis=0))
 
-    def _basic(self, tail: float) -> NDArray[np.float64]:
+    def _basic(self, tail: float) -> RealArray:
         low, high = self._percentile(tail)
         with np.errstate(divide="ignore", invalid="ignore"):
             in_logarithm = np.array([self.estimate**2 / high, self.estimate**2 / low])
         plain = np.array([2 * self.estimate - high, 2 * self.estimate - low])
         return np.where(self.is_factor, in_logarithm, plain)
 
-    def _bca(self, tail: float) -> NDArray[np.float64]:
+    def _bca(self, tail: float) -> RealArray:
         values, count = self.values, len(self)
         below = (values < self.estimate).mean(axis=0) + 0.5 * (values == self.estimate).mean(axis=0)
         bias = norm.ppf(np.clip(below, 0.5 / count, 1.0 - 0.5 / count))
@@ -179,7 +178,7 @@ class Draws:
             out[end] = [np.quantile(values[:, k], at[k]) for k in range(len(self.names))]
         return out
 
-    def _highest(self, tail: float) -> NDArray[np.float64]:
+    def _highest(self, tail: float) -> RealArray:
         ordered = np.sort(self.values, axis=0)
         inside = max(1, round((1.0 - 2.0 * tail) * (len(ordered) - 1)))
         first = np.argmin(ordered[inside:] - ordered[:-inside], axis=0)

@@ -15,8 +15,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import BoolArray, RealArray
 from updyn.errors import SolverError
 from updyn.uncertainty.settings import POSTERIOR_SEARCH
 from updyn.updating.fit.trust_region import TrustRegion
@@ -31,14 +31,12 @@ __all__ = [
     "select_furthest",
 ]
 
-_Vector = NDArray[np.float64]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Point:
     """A point of the likelihood, in the optimiser's coordinates, and its local problem."""
 
-    x: _Vector
+    x: RealArray
     local: Local
 
     @property
@@ -55,18 +53,18 @@ class Likelihood:
     residual: OutputErrorSet
 
     @property
-    def bounds(self) -> tuple[_Vector, _Vector]:
+    def bounds(self) -> tuple[RealArray, RealArray]:
         """Bounds in x, each shape (n,)."""
         return self.problem.coordinates.bounds
 
-    def local(self, x: _Vector) -> Local | None:
+    def local(self, x: RealArray) -> Local | None:
         """Return cost and slopes at x, shape (n,), or None if the model cannot be solved."""
         local = self.residual.local(self.problem, x)
         if local is None:
             return None
         return add_prior(local, self.problem, x)
 
-    def cost(self, x: _Vector) -> float:
+    def cost(self, x: RealArray) -> float:
         """Return the cost at x, shape (n,); inf outside the bounds or without a solution."""
         lower, upper = self.bounds
         if not ((x >= lower) & (x <= upper)).all():
@@ -85,7 +83,7 @@ class Likelihood:
             return np.inf
         return cost
 
-    def descend(self, x: _Vector, fixed: int | None = None) -> Point | None:
+    def descend(self, x: RealArray, fixed: int | None = None) -> Point | None:
         """Minimise the cost from x within the bounds, with one unknown `fixed` if given.
 
         Return None if the model cannot be solved at the start.
@@ -96,7 +94,7 @@ class Likelihood:
         lower, upper = self.bounds
         evaluated: dict[bytes, Local] = {}
 
-        def evaluate(y: _Vector) -> Local | None:
+        def evaluate(y: RealArray) -> Local | None:
             full = np.array(x)
             full[free] = y
             local = self.local(full)
@@ -120,9 +118,7 @@ class Likelihood:
         return Point(full, evaluated[outcome.x.tobytes()])
 
 
-def _recall_local(
-    evaluated: dict[bytes, Local], free: NDArray[np.bool_], y: _Vector
-) -> Local | None:
+def _recall_local(evaluated: dict[bytes, Local], free: BoolArray, y: RealArray) -> Local | None:
     known = evaluated.get(y.tobytes())
     if known is None:
         return None
@@ -142,15 +138,15 @@ class Gaussian:
         R = np.vstack([top.local.R, np.diag(np.sqrt(12.0) / (upper - lower))])
         _, s, Vt = np.linalg.svd(R, full_matrices=False)
         self.mean = top.x
-        self.root: NDArray[np.float64] = Vt.T / s
+        self.root: RealArray = Vt.T / s
         self.log_volume = float(-np.sum(np.log(s)))
 
-    def at(self, z: NDArray[np.float64]) -> NDArray[np.float64]:
+    def at(self, z: RealArray) -> RealArray:
         """Return points, shape (m, n), for standard normal numbers of that shape."""
         return np.asarray(self.mean + z @ self.root.T)
 
 
-def select_furthest(X: NDArray[np.float64], count: int) -> NDArray[np.float64]:
+def select_furthest(X: RealArray, count: int) -> RealArray:
     """Return the `count` points of largest Mahalanobis distance from their mean, (count, n)."""
     centred = X - X.mean(axis=0)
     _, s, Vt = np.linalg.svd(centred, full_matrices=False)

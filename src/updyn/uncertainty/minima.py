@@ -10,9 +10,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import qmc
 
+from updyn.arrays import RealArray
 from updyn.uncertainty.likelihood import Likelihood, Point
 from updyn.uncertainty.progress import WorkCounter
 from updyn.uncertainty.settings import POSTERIOR_SEARCH
@@ -24,8 +24,6 @@ from updyn.updating.problem.problem import Problem
 from updyn.updating.problem.residuals import LogError, add_prior
 
 __all__ = ["find_minima"]
-
-_Vector = NDArray[np.float64]
 
 
 def find_minima(
@@ -61,8 +59,8 @@ def find_minima(
 
 
 def _random_starts(
-    likelihood: Likelihood, x: _Vector, starts: int, seed: int
-) -> Iterator[tuple[_Vector, bool]]:
+    likelihood: Likelihood, x: RealArray, starts: int, seed: int
+) -> Iterator[tuple[RealArray, bool]]:
     lower, upper = likelihood.bounds
     factor = likelihood.problem.coordinates.parameters.is_factor
     draws = qmc.LatinHypercube(d=len(x), rng=np.random.default_rng(seed)).random(starts)
@@ -76,8 +74,8 @@ def _random_starts(
 
 
 def _exchange_parts(
-    likelihood: Likelihood, whole: Problem, x: _Vector
-) -> Iterator[tuple[_Vector, bool]]:
+    likelihood: Likelihood, whole: Problem, x: RealArray
+) -> Iterator[tuple[RealArray, bool]]:
     """Yield the estimate with parts of the structure exchanged, of lowest cost first."""
     tries = list(exchange_groups(whole, x))
     costs = list(map(likelihood.cost, tries))
@@ -86,14 +84,14 @@ def _exchange_parts(
             yield tries[at], False
 
 
-def _descend_from_start(likelihood: Likelihood, item: tuple[_Vector, bool]) -> Point | None:
+def _descend_from_start(likelihood: Likelihood, item: tuple[RealArray, bool]) -> Point | None:
     """Return the minimum reached from a start, or None if the model cannot be solved there."""
     x, far = item
     if far:
         lower, upper = likelihood.bounds
         rough = likelihood.problem.thin(SEARCH.most_lines)
 
-        def evaluate(at: _Vector) -> Local | None:
+        def evaluate(at: RealArray) -> Local | None:
             local = LogError().local(rough, at)
             if local is None:
                 return None

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtri
 
+from updyn.arrays import BoolArray, ComplexArray, RealArray
 from updyn.dofs import Dof, DofSet
 from updyn.dynamics.settings import REDUCTION
 from updyn.errors import DataError, OptionError, SolverError
@@ -27,9 +28,6 @@ __all__ = [
     "Band",
     "predict",
 ]
-
-_Real = NDArray[np.float64]
-_Complex = NDArray[np.complex128]
 
 
 def predict(
@@ -144,7 +142,7 @@ def _build_part(
     return replace(part, as_read=as_read)
 
 
-def _noise_variance(result: UpdateResult, part: FRFPart, x: _Real) -> _Real:
+def _noise_variance(result: UpdateResult, part: FRFPart, x: RealArray) -> RealArray:
     """Return E|dH|^2 of a measurement, shape (n_f, n_i, n_j), in the unit of H squared."""
     kind = result.noise.get("kind")
     if kind in ("variance", "coherence") or not {"relative", "floor"} & set(result.noise):
@@ -184,11 +182,11 @@ def _unit_numbers(frf: FRF) -> NDArray[np.int_]:
 
 def _propagate_covariance(
     part: FRFPart,
-    x: _Real,
+    x: RealArray,
     about: UpdateResult | JointResult,
     result: UpdateResult,
     level: float,
-    noise: _Real | None,
+    noise: RealArray | None,
 ) -> Band:
     H, dH = _solve(part, x)
     covariance, free = _covariance(part, x, about, result)
@@ -224,8 +222,8 @@ def _propagate_covariance(
 
 
 def _covariance(
-    part: FRFPart, x: _Real, about: UpdateResult | JointResult, result: UpdateResult
-) -> tuple[_Real, NDArray[np.float64]]:
+    part: FRFPart, x: RealArray, about: UpdateResult | JointResult, result: UpdateResult
+) -> tuple[RealArray, RealArray]:
     """Return the covariance of the determined combinations, in x, and the null space by column."""
     slope = part.coordinates.slope(x)
     if np.isfinite(result.covariance).all():
@@ -238,7 +236,7 @@ def _covariance(
     return found.covariance, found.null_space
 
 
-def _solve(part: FRFPart, x: _Real) -> tuple[_Complex, _Complex]:
+def _solve(part: FRFPart, x: RealArray) -> tuple[ComplexArray, ComplexArray]:
     """Return H and its derivatives by the optimiser's coordinates, shape (n, n_f, n_i, n_j)."""
     H, dH = [], []
     for block in part.blocks(x):
@@ -248,7 +246,7 @@ def _solve(part: FRFPart, x: _Real) -> tuple[_Complex, _Complex]:
     return np.concatenate(H), np.concatenate(dH, axis=1)
 
 
-def _select_draws(draws: Draws, part: FRFPart) -> _Real:
+def _select_draws(draws: Draws, part: FRFPart) -> RealArray:
     """Return evenly chosen draws in the optimiser's coordinates, shape (m, n)."""
     values = draws.values
     if len(values) < 2:
@@ -259,7 +257,13 @@ def _select_draws(draws: Draws, part: FRFPart) -> _Real:
 
 
 def _propagate_draws(
-    part: FRFPart, x: _Real, X: _Real, kind: str, level: float, noise: _Real | None, seed: int
+    part: FRFPart,
+    x: RealArray,
+    X: RealArray,
+    kind: str,
+    level: float,
+    noise: RealArray | None,
+    seed: int,
 ) -> Band:
     H, drawn = part.responses(x), np.array([part.responses(one) for one in X])
     if noise is not None:
@@ -279,7 +283,7 @@ def _propagate_draws(
 
 
 def _reduce_if_faster(
-    result: UpdateResult, part: FRFPart, x: _Real, X: _Real, accuracy: float
+    result: UpdateResult, part: FRFPart, x: RealArray, X: RealArray, accuracy: float
 ) -> FRFPart:
     """Return a part with a reduced model about x, if it takes less time at points, shape (m, n)."""
     few = len(X) * part.n_lines < PREDICTED_BAND.least_solves
@@ -295,7 +299,7 @@ def _reduce_if_faster(
     return surrogate.problem().parts[0]
 
 
-def _frf(part: FRFPart, H: _Complex) -> FRF:
+def _frf(part: FRFPart, H: ComplexArray) -> FRF:
     return replace(part.frf, values=H)
 
 
@@ -325,18 +329,18 @@ class Band:
     level: float
     source: str
     with_noise: bool
-    lower: _Real
-    upper: _Real
-    phase_lower: _Real
-    phase_upper: _Real
-    std_real: _Real
-    std_imag: _Real
+    lower: RealArray
+    upper: RealArray
+    phase_lower: RealArray
+    phase_upper: RealArray
+    std_real: RealArray
+    std_imag: RealArray
 
     def __repr__(self) -> str:
         about = "a measurement" if self.with_noise else "the structure"
         return f"Band({100 * self.level:g} % of {about}, {self.source}, {self.frf!r})"
 
-    def covers(self, other: FRF) -> NDArray[np.bool_]:
+    def covers(self, other: FRF) -> BoolArray:
         """Return which magnitudes of an FRF lie within the band, in the shape of its arrays.
 
         The DOFs may be in any order. Raises DataError if lines or quantity differ, and DofError if

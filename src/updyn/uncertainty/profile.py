@@ -8,9 +8,9 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from updyn.arrays import RealArray
 from updyn.dynamics.settings import REDUCTION
 from updyn.engines import Engine, opened_engine
 from updyn.errors import OptionError, SolverError, suggest
@@ -39,8 +39,6 @@ __all__ = [
     "Profiles",
     "profile",
 ]
-
-_Vector = NDArray[np.float64]
 
 
 def profile(
@@ -154,7 +152,7 @@ class _ProfileRun:
     found: dict[int, Profile] = field(default_factory=dict)
     better: dict[str, float] = field(default_factory=dict)
 
-    def compute(self, problem: Problem) -> NDArray[np.float64]:
+    def compute(self, problem: Problem) -> RealArray:
         """Profile the unknowns; return all points, (m, n), in the optimiser's coordinates."""
         restored = self.restored.with_problem(problem)
         likelihood = restored.likelihood()
@@ -285,9 +283,9 @@ class Profile:
 
     name: str
     estimate: float
-    values: _Vector
-    drop: _Vector
-    others: NDArray[np.float64]
+    values: RealArray
+    drop: RealArray
+    others: RealArray
     intervals: tuple[Interval, ...]
     lower_end: str
     upper_end: str
@@ -409,7 +407,7 @@ class Profiles(Mapping[str, Profile]):
             lines.append(f"{row}  {one.note}".rstrip())
         return "\n".join(lines)
 
-    def table(self) -> tuple[NDArray[np.float64], ...]:
+    def table(self) -> tuple[RealArray, ...]:
         """Return estimate, lower and upper ends as arrays, each shape (n,)."""
         rows = [(one.estimate, one.lower, one.upper) for one in self.items_]
         return tuple(np.array(rows).reshape(-1, 3).T)
@@ -525,7 +523,7 @@ class ProfileTracer:
             return np.inf
         return (root - g) / S
 
-    def _tangent(self, point: Point) -> tuple[_Vector, _Vector]:
+    def _tangent(self, point: Point) -> tuple[RealArray, RealArray]:
         """Return the derivative of all unknowns by this one along the profile, and R times it."""
         lower, upper = self.likelihood.bounds
         gradient, column = point.local.gradient, point.local.R[:, self.k]

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import RealArray
 from updyn.errors import OptionError, suggest
 from updyn.uncertainty.likelihood import Likelihood
 from updyn.updating.fit.methods import METHODS, make_method, methods_with, options_of
@@ -30,7 +30,6 @@ __all__ = [
     "std_of",
 ]
 
-_Vector = NDArray[np.float64]
 
 #: Attribute of methods (`updyn.updating.fit.method.Method`) that minimise a likelihood.
 LIKELIHOOD = "is_likelihood"
@@ -52,7 +51,7 @@ class RestoredFit:
     results: tuple[UpdateResult, ...]
     whole: Problem
     problem: Problem
-    x: _Vector
+    x: RealArray
     inflation: float
 
     @property
@@ -81,7 +80,7 @@ class RestoredFit:
             for result, part in zip(self.results, self.problem.parts, strict=True)
         )
 
-    def variances(self) -> list[NDArray[np.float64]]:
+    def variances(self) -> list[RealArray]:
         """Return E|dH|^2 of each part, inflation included, in the unit of its data squared."""
         variances = []
         for noise, part in zip(self.noises(), self.problem.parts, strict=True):
@@ -149,12 +148,12 @@ def restore(
     return RestoredFit(results, problem, problem, x, inflation)
 
 
-def estimate_of(result: UpdateResult) -> _Vector:
+def estimate_of(result: UpdateResult) -> RealArray:
     """Return the estimate in the units of the unknowns, shape (n,)."""
     return np.array([result.values[name] for name in result.parameters.names])
 
 
-def std_of(result: UpdateResult) -> _Vector:
+def std_of(result: UpdateResult) -> RealArray:
     """Return the standard deviations in the units of the unknowns, shape (n,)."""
     return np.array([result.std[name] for name in result.parameters.names])
 
@@ -205,7 +204,9 @@ def solver_options(result: UpdateResult) -> tuple[str | None, str | None]:
     return tier, None if tier == "dense" else result.options.get("backend")
 
 
-def _restore_noise(result: UpdateResult, part: FRFPart, x: _Vector, n_unknowns: int) -> NoiseModel:
+def _restore_noise(
+    result: UpdateResult, part: FRFPart, x: RealArray, n_unknowns: int
+) -> NoiseModel:
     """Return the recorded noise model, weights of outliers evaluated at the estimate."""
     noise = restore_noise(result.noise, result.frf.select(responses=result.fitted_responses))
     if isinstance(noise, Robust):

@@ -10,9 +10,9 @@ from itertools import compress
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import gammaln, logsumexp
 
+from updyn.arrays import RealArray
 from updyn.dynamics.settings import REDUCTION
 from updyn.engines import Engine, opened_engine
 from updyn.errors import OptionError, SolverError
@@ -39,15 +39,13 @@ __all__ = [
     "sample",
 ]
 
-_Vector = NDArray[np.float64]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Ensemble:
     """The state of one ensemble between two rounds: walkers, log density and random state."""
 
-    coords: NDArray[np.float64]
-    log_prob: _Vector
+    coords: RealArray
+    log_prob: RealArray
     random: Any
 
 
@@ -149,7 +147,7 @@ class _SamplingRun:
     starts: int | None
     max_evaluations: int
     counter: WorkCounter
-    chains: NDArray[np.float64] | None = None
+    chains: RealArray | None = None
     n_modes: int = 1
     evaluations: int = 0
     accepted: float = 0.0
@@ -160,7 +158,7 @@ class _SamplingRun:
         """Number of walkers of an ensemble: even, at least twice the number of unknowns."""
         return max(16, 2 * (len(self.restored.x) + 1))
 
-    def compute(self, problem: Problem) -> NDArray[np.float64]:
+    def compute(self, problem: Problem) -> RealArray:
         """Find the modes of the posterior, warm up, and return enough draws, shape (m, n)."""
         self.restored = self.restored.with_problem(problem)
         self.chains, self.evaluations = None, 0
@@ -180,7 +178,7 @@ class _SamplingRun:
         states = self._begin(likelihood, mixture, minima)
         states, warm, _ = self._advance(likelihood, mixture, states, SAMPLER.warm_up_steps)
         mixture = mixture.adapt(warm[:, SAMPLER.warm_up_steps // 2 :].reshape(-1, warm.shape[-1]))
-        rounds: list[NDArray[np.float64]] = []
+        rounds: list[RealArray] = []
         shares: list[float] = []
         while self.evaluations < self.max_evaluations:
             states, drawn, share = self._advance(likelihood, mixture, states, SAMPLER.round_steps)
@@ -222,7 +220,7 @@ class _SamplingRun:
 
     def _advance(
         self, likelihood: Likelihood, mixture: Mixture, states: list[_Ensemble], steps: int
-    ) -> tuple[list[_Ensemble], NDArray[np.float64], float]:
+    ) -> tuple[list[_Ensemble], RealArray, float]:
         """Return the ensembles after some steps, their draws and the acceptance rate."""
         items = [(mixture, state, steps) for state in states]
         problem = likelihood.problem
@@ -281,7 +279,7 @@ class _SamplingRun:
             message=" ".join(filter(None, [message, noise_only])),
         )
 
-    def _problems(self, diagnostics: dict[str, _Vector], names: list[str]) -> list[str]:
+    def _problems(self, diagnostics: dict[str, RealArray], names: list[str]) -> list[str]:
         """Return reasons against the use of the draws, one sentence each."""
         problems = []
         r_hat = diagnostics["r_hat"]
@@ -306,13 +304,13 @@ class _SamplingRun:
         return [*problems, errs] if errs else problems
 
 
-def _log_prob(likelihood: Likelihood, X: NDArray[np.float64]) -> _Vector:
+def _log_prob(likelihood: Likelihood, X: RealArray) -> RealArray:
     return np.array([-likelihood.cost(x) for x in X])
 
 
 def _run_steps(
     likelihood: Likelihood, item: tuple[Mixture, _Ensemble, int]
-) -> tuple[_Ensemble, NDArray[np.float64], float]:
+) -> tuple[_Ensemble, RealArray, float]:
     """Return an ensemble after some steps, its draws (steps, n_walkers, n) and acceptance rate."""
     import emcee
 
@@ -342,7 +340,6 @@ def _check_installed() -> None:
 
 
 # -- proposals ---------------------------------------------------------------------------------
-_Matrix = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -353,10 +350,10 @@ class Mixture:
     A^T, with `log_volumes` ln |det A|; the sum of `shares` is 1.
     """
 
-    means: _Matrix
-    roots: NDArray[np.float64]
-    log_volumes: _Vector
-    shares: _Vector
+    means: RealArray
+    roots: RealArray
+    log_volumes: RealArray
+    shares: RealArray
 
     @classmethod
     def of(cls, likelihood: Likelihood, minima: Sequence[Point]) -> Mixture:
@@ -372,7 +369,7 @@ class Mixture:
         shares = _with_floor(np.exp(weight - logsumexp(weight)))
         return cls(np.array(means), np.array(roots), np.array(volumes), shares)
 
-    def adapt(self, X: _Matrix) -> Mixture:
+    def adapt(self, X: RealArray) -> Mixture:
         """Return the mixture with means, scales and shares estimated from draws X, shape (m, n)."""
         means, roots, volumes = map(np.array, (self.means, self.roots, self.log_volumes))
         shares = np.empty(len(means))
@@ -390,7 +387,7 @@ class Mixture:
                 volumes[k] = np.sum(np.log(s))
         return Mixture(means, roots, volumes, _with_floor(shares))
 
-    def draw(self, random: Any, count: int) -> _Matrix:
+    def draw(self, random: Any, count: int) -> RealArray:
         """Return draws, shape (count, n), by a `numpy.random.RandomState`."""
         n = self.means.shape[1]
         chosen = random.choice(len(self.shares), size=count, p=self.shares)
@@ -399,7 +396,7 @@ class Mixture:
         z = random.standard_normal((count, n)) * stretch[:, None]
         return np.asarray(self.means[chosen] + np.einsum("mij,mj->mi", self.roots[chosen], z))
 
-    def log_density(self, X: _Matrix) -> _Vector:
+    def log_density(self, X: RealArray) -> RealArray:
         """Return the logarithm of the density at points X, shape (m, n), up to a constant."""
         n = X.shape[1]
         freedom = MIXTURE.degrees_of_freedom
@@ -412,18 +409,18 @@ class Mixture:
             terms.append(level - power * np.log1p(distance / freedom))
         return np.asarray(constant + logsumexp(terms, axis=0))
 
-    def propose(self, X: _Matrix, random: Any) -> tuple[_Matrix, _Vector]:
+    def propose(self, X: RealArray, random: Any) -> tuple[RealArray, RealArray]:
         """Return new points for walkers at X, shape (m, n), and ln q(X) - ln q(new), for emcee."""
         new = self.draw(random, len(X))
         return new, self.log_density(X) - self.log_density(new)
 
 
-def _distances(X: _Matrix, mean: _Vector, root: _Matrix) -> _Vector:
+def _distances(X: RealArray, mean: RealArray, root: RealArray) -> RealArray:
     """Return squared Mahalanobis distances, shape (m,)."""
     return np.asarray(np.sum(np.linalg.solve(root, (X - mean).T) ** 2, axis=0))
 
 
-def _with_floor(shares: _Vector) -> _Vector:
+def _with_floor(shares: RealArray) -> RealArray:
     """Return shares with a lower limit, for sufficient proposals by each component."""
     limited = np.maximum(shares, MIXTURE.least_share / len(shares))
     return np.asarray(limited / limited.sum())
@@ -432,7 +429,7 @@ def _with_floor(shares: _Vector) -> _Vector:
 # -- diagnostics -------------------------------------------------------------------------------
 
 
-def compute_diagnostics(chains: NDArray[np.float64], ensembles: int) -> dict[str, _Vector]:
+def compute_diagnostics(chains: RealArray, ensembles: int) -> dict[str, RealArray]:
     """Return R-hat, effective sizes and errors, shape (n,), by their name in `Draws.diagnostics`.
 
     R-hat compares the `ensembles`, all draws of one counted as one chain, because walkers of one

@@ -13,8 +13,8 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import RealArray
 from updyn.dynamics.kept_basis import begin_reduction
 from updyn.dynamics.reduction import Reduction
 from updyn.errors import SolverError
@@ -26,8 +26,6 @@ from updyn.updating.problem.problem import Problem
 from updyn.updating.result import UpdateResult
 
 __all__ = ["Surrogate", "describe_excess", "reduce_about", "run_about"]
-
-_Vector = NDArray[np.float64]
 
 
 @dataclass(slots=True, eq=False)
@@ -50,7 +48,7 @@ class Surrogate:
         """Number of basis vectors of all parts."""
         return sum(r.basis.size for r in self._reductions)
 
-    def begin(self, x: _Vector) -> None:
+    def begin(self, x: RealArray) -> None:
         """Begin the bases at the estimate, where the model must be solvable."""
         for part, reduction, result in zip(
             self.exact.parts, self._reductions, self.results, strict=True
@@ -59,13 +57,13 @@ class Surrogate:
             begin_reduction(reduction, result.start, result.kept_basis, state, freq)
             reduction.enrich_until_accurate([state], freq)
 
-    def enrich(self, points: Sequence[_Vector]) -> None:
+    def enrich(self, points: Sequence[RealArray]) -> None:
         """Enrich the bases at some points, as far as the model can be solved."""
         for part, reduction in zip(self.exact.parts, self._reductions, strict=True):
             with suppress(SolverError):
                 reduction.enrich_around([part.state(x) for x in points], part.frf.freq)
 
-    def settle(self, points: Sequence[_Vector]) -> None:
+    def settle(self, points: Sequence[RealArray]) -> None:
         """Enrich the bases at some points, as `enrich`, until they are accurate."""
         for part, reduction in zip(self.exact.parts, self._reductions, strict=True):
             with suppress(SolverError):
@@ -79,7 +77,7 @@ class Surrogate:
             parts.append(replace(part, solver=solver))
         return Problem.of(parts)
 
-    def error(self, points: Sequence[_Vector]) -> float:
+    def error(self, points: Sequence[RealArray]) -> float:
         """Return the largest error at some points, relative to the largest receptance of its line.
 
         It is inf if the model cannot be solved.
@@ -92,7 +90,7 @@ class Surrogate:
                 return np.inf
         return float(np.max(errors))
 
-    def settle_run(self, run: Callable[[Problem], NDArray[np.float64]]) -> dict[str, Any]:
+    def settle_run(self, run: Callable[[Problem], RealArray]) -> dict[str, Any]:
         """Call `run` with the reduced models, and with better ones until they are accurate.
 
         `run` returns the points of its results, shape (m, n); the error is evaluated at the
@@ -115,7 +113,7 @@ def run_about(
     restored: RestoredFit,
     accuracy: float,
     seed: int,
-    run: Callable[[Problem], NDArray[np.float64]],
+    run: Callable[[Problem], RealArray],
 ) -> dict[str, Any]:
     """Call `run` near an estimate, for a large model with a reduced one; as `Surrogate.settle_run`.
 

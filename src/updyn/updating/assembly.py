@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import RealArray
 from updyn.updating.fit.checkpoint import checkpoint_session, fingerprint
 from updyn.updating.fit.methods import options_of
 from updyn.updating.fit.reducing import Reducing, is_reduced, record_fallback
@@ -29,7 +29,7 @@ __all__ = ["Assembly"]
 class UsedData:
     """Fitted lines in Hz and channels of a test, and its held-out channels and band (Hz)."""
 
-    lines: NDArray[np.float64]
+    lines: RealArray
     fitted: tuple[str, ...]
     held_out: tuple[str, ...]
     band: tuple[float, float] | None

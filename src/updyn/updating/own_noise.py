@@ -12,8 +12,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import ComplexArray, RealArray
 from updyn.errors import SolverError
 from updyn.updating.fit.method import Fit, Method
 from updyn.updating.fit.monitor import Monitor
@@ -97,7 +97,7 @@ class SensorNoiseFit:
             differ = differ or separate is not noise
         return out if differ else None
 
-    def _is_distinguishable(self, x: NDArray[np.float64], noises: Sequence[NoiseModel]) -> bool:
+    def _is_distinguishable(self, x: RealArray, noises: Sequence[NoiseModel]) -> bool:
         """Return whether noise can be distinguished from the residual of a wrong sensor."""
         for i, (part, noise) in enumerate(zip(self.problem.parts, noises, strict=True)):
             if noise is self.noises[i]:
@@ -111,9 +111,7 @@ class SensorNoiseFit:
                 return False
         return True
 
-    def _refit_noise(
-        self, noise: NoiseModel, part: FRFPart, H: NDArray[np.complex128]
-    ) -> NoiseModel:
+    def _refit_noise(self, noise: NoiseModel, part: FRFPart, H: ComplexArray) -> NoiseModel:
         """Return a noise model, without outliers, refitted to the residual."""
         return noise.bulk.refit(H, part.frf, self.problem.share(part))
 
@@ -121,7 +119,7 @@ class SensorNoiseFit:
         return self.reduced is None or self.reduced.certify_at(fit.x)
 
     def _name_noisy_sensors(
-        self, i: int, x: NDArray[np.float64], noise_of_sensors: NoiseModel, adequacy: Adequacy
+        self, i: int, x: RealArray, noise_of_sensors: NoiseModel, adequacy: Adequacy
     ) -> Adequacy:
         """Return the assessment of a part with the sensors noisier than most."""
         if noise_of_sensors is self.noises[i]:

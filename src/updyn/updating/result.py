@@ -10,9 +10,9 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtri, stdtrit
 
+from updyn.arrays import RealArray
 from updyn.correlation.figures import agreement_table
 from updyn.dynamics.kept_basis import KeptBasis
 from updyn.errors import OptionError, suggest
@@ -149,14 +149,14 @@ class UpdateResult:
     start: Model
     model: Model
     data: FRF | ModeSet
-    lines: NDArray[np.float64]
+    lines: RealArray
     fitted_responses: tuple[str, ...]
     validation_responses: tuple[str, ...]
     validation_band: tuple[float, float] | None
     parameters: ParameterSet
     values: Mapping[str, float]
     std: Mapping[str, float]
-    covariance: NDArray[np.float64]
+    covariance: RealArray
     at_bound: Mapping[str, str]
     identifiability: Identifiability
     history: tuple[Iteration, ...]
@@ -672,7 +672,7 @@ def find_result(result: UpdateResult | JointResult, test: str | None) -> UpdateR
     raise OptionError(f"test = {test!r}: which test's model is meant? {suggest(str(test), names)}")
 
 
-def estimated_gains(result: UpdateResult) -> NDArray[np.float64] | None:
+def estimated_gains(result: UpdateResult) -> RealArray | None:
     """Return the estimated calibration factor of each channel, shape (n_i, n_j), or None."""
     if isinstance(result.data, ModeSet):
         return None

@@ -8,6 +8,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
+from updyn.arrays import BoolArray, IndexArray, RealArray
 from updyn.dofs import DIRECTIONS, Dof, DofSet
 from updyn.errors import InputError
 from updyn.geometry import Geometry
@@ -130,9 +131,7 @@ def sensor_body(geometry: Geometry, dofs: Iterable[str | Dof]) -> Body:
     return _add_discs(body, [(int(place[node]), axis) for node, axis in rotations])
 
 
-def _triangles(
-    corners: NDArray[np.intp], group: NDArray[np.intp]
-) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def _triangles(corners: IndexArray, group: IndexArray) -> tuple[IndexArray, IndexArray]:
     """Return quadrangles, shape (k, 4), as triangles with their groups."""
     halves = corners[:, [[0, 1, 2], [0, 2, 3]]]
     whole = np.ones((len(corners), 2), dtype=np.bool_)
@@ -141,19 +140,17 @@ def _triangles(
 
 
 def _is_visible(
-    lines: NDArray[np.intp],
-    line_group: NDArray[np.intp],
-    faces: NDArray[np.intp],
-    face_group: NDArray[np.intp],
-) -> NDArray[np.bool_]:
+    lines: IndexArray,
+    line_group: IndexArray,
+    faces: IndexArray,
+    face_group: IndexArray,
+) -> BoolArray:
     """Return which lines are visible, excluding lines of solids that end at an interior node."""
     on_face = np.isin(lines, faces).all(axis=1)
     return np.asarray(on_face | ~np.isin(line_group, face_group[face_group >= 0]))
 
 
-def _make_squares(
-    model: Model, groups: NDArray[np.intp]
-) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def _make_squares(model: Model, groups: IndexArray) -> tuple[IndexArray, IndexArray]:
     found = nodes_of_groups(model, groups, FIGURES.lumped_nodes)
     nodes = [np.empty(0, dtype=np.intp), *found.values()]
     of = [np.full(len(at), number, dtype=np.intp) for number, at in found.items()]
@@ -161,9 +158,7 @@ def _make_squares(
 
 
 # -- discs ---------------------------------------------------------------------------------------
-def _find_rotational_dofs(
-    dofs: DofSet, geometry: Geometry
-) -> list[tuple[int, NDArray[np.float64]]]:
+def _find_rotational_dofs(dofs: DofSet, geometry: Geometry) -> list[tuple[int, RealArray]]:
     """Return (node, axis) of each rotational DOF at nodes without translational DOFs."""
     moving = set(dofs.nodes[dofs.axes < 3].tolist())
     place = {int(node): at for at, node in enumerate(geometry.nodes)}
@@ -174,11 +169,11 @@ def _find_rotational_dofs(
     return out
 
 
-def _axes(geometry: Geometry, at: int) -> NDArray[np.float64]:
+def _axes(geometry: Geometry, at: int) -> RealArray:
     return np.eye(3) if geometry.axes is None else geometry.axes[at]
 
 
-def _add_discs(body: Body, rotations: list[tuple[int, NDArray[np.float64]]]) -> Body:
+def _add_discs(body: Body, rotations: list[tuple[int, RealArray]]) -> Body:
     """Return a body with a disc (a rim with spokes) added around each rotation axis."""
     if not rotations:
         return body

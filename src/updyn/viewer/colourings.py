@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from updyn.arrays import RealArray
 from updyn.viewer.scene import Colouring
 
 __all__ = ["by_size"]
@@ -52,7 +53,7 @@ def by_size(
     if np.isinf(every).any():
         steps.append(("same", "not determined"))
 
-    def describe_sizes(sizes: NDArray[np.float64]) -> tuple[list[int], list[str]]:
+    def describe_sizes(sizes: RealArray) -> tuple[list[int], list[str]]:
         looks = [_describe_size(name, unit, size, edges) for size in sizes.tolist()]
         texts = [f"{group}{text}" for group, (_, text) in zip(groups, looks, strict=True)]
         return [step for step, _ in looks], texts
@@ -61,7 +62,7 @@ def by_size(
     return Colouring(name, unit, steps, of_group, texts, [describe_sizes(row) for row in rows])
 
 
-def _find_edges(values: NDArray[np.float64], *, logarithmic: bool) -> NDArray[np.float64]:
+def _find_edges(values: RealArray, *, logarithmic: bool) -> RealArray:
     """Return the step limits, shape (_STEPS + 1,); (2,) for zeros only, (0,) without values."""
     known = values[np.isfinite(values)]
     if not known.any():
@@ -72,9 +73,7 @@ def _find_edges(values: NDArray[np.float64], *, logarithmic: bool) -> NDArray[np
     return np.linspace(0.0, high, _STEPS + 1)
 
 
-def _describe_size(
-    name: str, unit: str, size: float, edges: NDArray[np.float64]
-) -> tuple[int, str]:
+def _describe_size(name: str, unit: str, size: float, edges: RealArray) -> tuple[int, str]:
     """Return the step and the text of a value."""
     if np.isnan(size):
         return -1, ""

@@ -7,8 +7,9 @@ import json
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from updyn.arrays import RealArray
 from updyn.viewer.scene import Body, Entries, Layer, ModeShapes, OperatingShapes, Reference, Scene
 
 __all__ = ["FORMAT", "as_json", "embedded_json", "encode_scene"]
@@ -76,7 +77,7 @@ def _encode_integers(values: ArrayLike) -> str:
     return base64.b64encode(np.ascontiguousarray(values, dtype="<i4").tobytes()).decode()
 
 
-def _encode_scaled(values: NDArray[np.float64]) -> dict[str, Any]:
+def _encode_scaled(values: RealArray) -> dict[str, Any]:
     """Return values as 16-bit integers, with the value of the largest one."""
     scale = float(np.abs(values).max(initial=0.0))
     finest = np.zeros(values.shape, dtype="<i2")

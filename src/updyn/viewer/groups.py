@@ -5,15 +5,15 @@ from __future__ import annotations
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import BoolArray, IndexArray, RealArray
 from updyn.group import Group
 from updyn.model import Model
 
 __all__ = ["groups_of_faces", "groups_of_lines", "nodes_of_groups"]
 
 
-def groups_of_lines(model: Model) -> NDArray[np.intp]:
+def groups_of_lines(model: Model) -> IndexArray:
     """Return the group of each line of the model's geometry, shape (m,); -1 if unknown.
 
     The model does not store it. It is the group whose stiffness matrix has the largest norm of the
@@ -24,7 +24,7 @@ def groups_of_lines(model: Model) -> NDArray[np.intp]:
     return _groups_of_cells(model, model.geometry.line_ends)
 
 
-def groups_of_faces(model: Model) -> NDArray[np.intp]:
+def groups_of_faces(model: Model) -> IndexArray:
     """Return the group of each face of the model's geometry, shape (k,); -1 if unknown.
 
     It is the group whose stiffness matrix couples all pairs of nodes of the face, diagonals
@@ -35,7 +35,7 @@ def groups_of_faces(model: Model) -> NDArray[np.intp]:
     return _groups_of_cells(model, model.geometry.face_corners)
 
 
-def _groups_of_cells(model: Model, cells: NDArray[np.intp]) -> NDArray[np.intp]:
+def _groups_of_cells(model: Model, cells: IndexArray) -> IndexArray:
     """Return the group of each line or face, shape (m,), from its nodes, shape (m, k)."""
     assert model.geometry is not None
     at = _places(model)
@@ -65,9 +65,7 @@ def _groups_of_cells(model: Model, cells: NDArray[np.intp]) -> NDArray[np.intp]:
     return chosen
 
 
-def _ties(
-    group: Group, at: NDArray[np.intp], n: int, wanted: NDArray[np.intp]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _ties(group: Group, at: IndexArray, n: int, wanted: IndexArray) -> tuple[RealArray, RealArray]:
     """Return squared norms of the stiffness between pairs of nodes (keys a n + b) and at nodes."""
     assert group.stiffness is not None
     K = group.stiffness.tocoo()
@@ -83,7 +81,7 @@ def _ties(
     return between.astype(np.float64), alone.astype(np.float64)
 
 
-def _is_first(cells: NDArray[np.intp]) -> NDArray[np.bool_]:
+def _is_first(cells: IndexArray) -> BoolArray:
     """Return which corners are the first occurrence of their node; triangles repeat one node."""
     again = np.zeros(cells.shape, dtype=np.bool_)
     for i, j in combinations(range(cells.shape[1]), 2):
@@ -91,9 +89,7 @@ def _is_first(cells: NDArray[np.intp]) -> NDArray[np.bool_]:
     return ~again
 
 
-def nodes_of_groups(
-    model: Model, groups: NDArray[np.intp], most: int
-) -> dict[int, NDArray[np.intp]]:
+def nodes_of_groups(model: Model, groups: IndexArray, most: int) -> dict[int, IndexArray]:
     """Return the nodes of groups without lines (lumped masses, springs to the ground) by group.
 
     Groups with more than `most` nodes are omitted; groups and nodes are positions.
@@ -109,7 +105,7 @@ def nodes_of_groups(
     return out
 
 
-def _used_dofs(group: Group) -> NDArray[np.intp]:
+def _used_dofs(group: Group) -> IndexArray:
     """Return the DOFs with stiffness or mass in a group, or with damping if it has neither."""
     used = []
     for matrix in (group.stiffness, group.mass):
@@ -120,7 +116,7 @@ def _used_dofs(group: Group) -> NDArray[np.intp]:
     return np.concatenate([np.empty(0, dtype=np.intp), *used])
 
 
-def _places(model: Model) -> NDArray[np.intp]:
+def _places(model: Model) -> IndexArray:
     """Return the position in the geometry of the node of each DOF; -1 if it has none."""
     assert model.geometry is not None
     nodes = model.geometry.nodes

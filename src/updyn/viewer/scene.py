@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from updyn.arrays import ComplexArray, IndexArray, IntArray, RealArray
 from updyn.errors import InputError
 from updyn.style import STATES
 
@@ -27,8 +28,6 @@ __all__ = [
     "Scene",
 ]
 
-_Real = NDArray[np.float64]
-_Whole = NDArray[np.intp]
 
 #: Colours of layers: the three states of an update, a model outside an update, and others.
 ROLES = (*STATES.values(), "plain", "third")
@@ -70,14 +69,14 @@ class Body:
     """
 
     name: str
-    nodes: NDArray[np.int64]
-    xyz: _Real
-    lines: _Whole
-    line_group: _Whole
-    faces: _Whole
-    face_group: _Whole
-    points: _Whole
-    point_group: _Whole
+    nodes: IntArray
+    xyz: RealArray
+    lines: IndexArray
+    line_group: IndexArray
+    faces: IndexArray
+    face_group: IndexArray
+    points: IndexArray
+    point_group: IndexArray
     groups: tuple[str, ...]
     real: int
     disc: float = 0.0
@@ -170,7 +169,7 @@ class Arrow:
 
     kind: str
     node: int
-    vector: _Real
+    vector: RealArray
     rotation: bool
     label: str
 
@@ -249,9 +248,9 @@ class Entries:
         Displacement of the node for a unit value of the channel.
     """
 
-    dof: _Whole
-    node: _Whole
-    vector: _Real
+    dof: IndexArray
+    node: IndexArray
+    vector: RealArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -269,7 +268,7 @@ class OperatingLayer:
     name: str
     role: str
     style: str
-    values: NDArray[np.complex128]
+    values: ComplexArray
 
     def __post_init__(self) -> None:
         _check_look(self.role, self.style, self.name)
@@ -309,7 +308,7 @@ class OperatingShapes:
         At least one reference.
     """
 
-    freq: _Real
+    freq: RealArray
     quantity: str
     unit: str
     body: int

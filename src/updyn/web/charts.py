@@ -7,8 +7,9 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from updyn.arrays import BoolArray, NumberArray, RealArray
 from updyn.report.plots import (
     MODEL_COLOURS,
     Figure,
@@ -41,7 +42,7 @@ _STYLES: Mapping[str, dict[str, Any]] = {
 
 def frf_chart(
     quantity: str,
-    curves: Mapping[str, tuple[NDArray[np.float64], NDArray[Any]]],
+    curves: Mapping[str, tuple[RealArray, NumberArray]],
     *,
     scale: str = "log",
     coherence: ArrayLike | None = None,
@@ -99,7 +100,7 @@ def _level_title(quantity: str, scale: str) -> str:
     return f"|{quantity}| ({unit})" if unit else f"|{quantity}|"
 
 
-def _scale_magnitude(magnitude: NDArray[np.float64], scale: str) -> NDArray[np.float64]:
+def _scale_magnitude(magnitude: RealArray, scale: str) -> RealArray:
     """Return magnitudes as drawn; nan, a gap, for zeros on a logarithmic scale."""
     if scale == "linear":
         return magnitude
@@ -107,7 +108,7 @@ def _scale_magnitude(magnitude: NDArray[np.float64], scale: str) -> NDArray[np.f
     return 20.0 * np.log10(level) if scale == "dB" else level
 
 
-def _coherence_panel(freq: NDArray[np.float64], values: NDArray[np.float64]) -> Panel:
+def _coherence_panel(freq: RealArray, values: RealArray) -> Panel:
     at = thin_indices(values, WEB_PAGE.curve_points)
     trace = curve(freq[at], values[at], "coherence", "@muted", legend=False, width=1.2)
     return Panel("coherence (1)", [trace], {"range": [0, 1.05], "tickvals": [0, 0.5, 1]}, 0.3)
@@ -128,7 +129,7 @@ def _shade(low: float, high: float, colour: str) -> dict[str, Any]:
     }
 
 
-def edges(freq: NDArray[np.float64], first: int, last: int) -> tuple[float, float]:
+def edges(freq: RealArray, first: int, last: int) -> tuple[float, float]:
     """Return a band in Hz with the lines `first` to `last` and no others, even if rounded."""
     steps = np.diff(freq) if len(freq) > 1 else 1e-3 * freq
     low = freq[first] - 0.5 * steps[max(first - 1, 0)]
@@ -136,7 +137,7 @@ def edges(freq: NDArray[np.float64], first: int, last: int) -> tuple[float, floa
     return max(0.0, float(low)), float(high)
 
 
-def unused_bands(freq: NDArray[np.float64], used: NDArray[np.bool_]) -> list[tuple[float, float]]:
+def unused_bands(freq: RealArray, used: BoolArray) -> list[tuple[float, float]]:
     """Return the bands (see `edges`) of unused lines between the first and the last used line."""
     at = np.flatnonzero(used)
     gaps = [(a, b) for a, b in pairwise(at.tolist()) if b > a + 1]

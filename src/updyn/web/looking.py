@@ -11,6 +11,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from updyn.arrays import BoolArray, ComplexArray, RealArray
 from updyn.dofs import Dof
 from updyn.dynamics.modes import modes
 from updyn.dynamics.response import response as model_response
@@ -65,11 +66,11 @@ class TestView:
     number: int
     name: str
     quantity: str
-    freq: NDArray[np.float64]
+    freq: RealArray
     values: NDArray[np.complex64]
     responses: list[str]
     references: list[str]
-    used: NDArray[np.bool_]
+    used: BoolArray
     band: tuple[float, float] | None
     matches: list[dict[str, str]]
     held: list[str]
@@ -152,8 +153,8 @@ class FindingRow:
 class ChannelCurve:
     """One channel of the model: lines in Hz, and values in the quantity of the test, in SI."""
 
-    freq: NDArray[np.float64]
-    values: NDArray[np.complex128]
+    freq: RealArray
+    values: ComplexArray
 
 
 @lru_cache(maxsize=2)
@@ -298,7 +299,7 @@ def _view_modes(test: PreparedTest, number: int) -> ModalView:
     return ModalView(number, test.job.test.name, modes, _list_matches(test))
 
 
-def _format_values(values: NDArray[np.float64], std: NDArray[np.float64], form: str) -> list[str]:
+def _format_values(values: RealArray, std: RealArray, form: str) -> list[str]:
     """Return numbers with their standard deviations, as far as either is known."""
     return [
         ("" if np.isnan(value) else f"{value:{form}}") + ("" if np.isnan(s) else f" ± {s:.2g}")

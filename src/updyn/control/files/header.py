@@ -13,11 +13,9 @@ import math
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
-
-from numpy.typing import NDArray
 
 from updyn import __version__
+from updyn.arrays import NumberArray
 from updyn.control.plant import Plant
 from updyn.errors import FormatError
 from updyn.io.atomic import atomic_path
@@ -146,7 +144,7 @@ def _product(
     return [*out, f"        {into}[i] = sum;", "    }"]
 
 
-def _rows(matrix: NDArray[Any]) -> list[str]:
+def _rows(matrix: NumberArray) -> list[str]:
     """Return the lines of an initialiser; each row starts a new line."""
     out: list[str] = []
     for row in matrix.tolist():

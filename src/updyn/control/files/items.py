@@ -39,8 +39,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import RealArray
 from updyn.control.antiresonances import ZeroShift
 from updyn.control.plant import Plant
 from updyn.control.ports import Port, as_ports
@@ -388,13 +388,13 @@ def _check_complete(
             raise FormatError(message, path)
 
 
-def _matrix(found: Any, columns: int, name: str, path: str | Path) -> NDArray[np.float64]:
+def _matrix(found: Any, columns: int, name: str, path: str | Path) -> RealArray:
     if isinstance(found, list) and not found:
         return np.zeros((0, columns))  # no state: no rows to count the columns from
     return _numbers(found, 2, name, path)
 
 
-def _numbers(found: Any, ndim: int, name: str, path: str | Path) -> NDArray[np.float64]:
+def _numbers(found: Any, ndim: int, name: str, path: str | Path) -> RealArray:
     """Return an array of real numbers with `ndim` axes."""
     if (
         isinstance(found, list)
@@ -446,7 +446,7 @@ def _single_number(found: Any, name: str, path: str | Path) -> float:
     return float(array[0])
 
 
-def _row(found: Any, name: str, path: str | Path) -> NDArray[np.float64]:
+def _row(found: Any, name: str, path: str | Path) -> RealArray:
     """Return numbers as one axis; MATLAB stores rows and columns as matrices."""
     if isinstance(found, list) and not found:
         return np.zeros(0)

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-from numpy.typing import NDArray
-
+from updyn.arrays import RealArray
 from updyn.control.job.tables import PlantTable, ServoTable
 from updyn.control.ports import port_matrix
 from updyn.errors import JobError, key_path, suggest
@@ -86,7 +84,7 @@ def part_of_plant(job: Job) -> int:
     return [part.test.name for part in job.parts].index(table.test)
 
 
-def band_of_plant(job: Job, freq: NDArray[np.float64]) -> tuple[float, float]:
+def band_of_plant(job: Job, freq: RealArray) -> tuple[float, float]:
     """Return the band of the plant in Hz: as stated, or that of the data of the test."""
     table = job.table(PlantTable)
     assert table is not None
@@ -96,7 +94,7 @@ def band_of_plant(job: Job, freq: NDArray[np.float64]) -> tuple[float, float]:
     return float(above[0]), float(above[-1])
 
 
-def beyond_the_data(band: tuple[float, float], freq: NDArray[np.float64]) -> str:
+def beyond_the_data(band: tuple[float, float], freq: RealArray) -> str:
     """Return a note if a band extends beyond the data, else an empty text."""
     low, high = float(freq[0]), float(freq[-1])
     if band[0] >= low * (1 - 1e-9) and band[1] <= high * (1 + 1e-9):
@@ -107,7 +105,7 @@ def beyond_the_data(band: tuple[float, float], freq: NDArray[np.float64]) -> str
     )
 
 
-def check_control(job: Job, models: Sequence[Model], data: Sequence[NDArray[np.float64]]) -> None:
+def check_control(job: Job, models: Sequence[Model], data: Sequence[RealArray]) -> None:
     """Check ``[plant]`` and ``[servo]`` against models and data frequencies of the tests."""
     table = job.table(PlantTable)
     if table is None:

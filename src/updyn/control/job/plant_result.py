@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import ComplexArray, RealArray
 from updyn.control.antiresonances import fill_antiresonances, resolve_antiresonances
 from updyn.control.build import plant
 from updyn.control.conversions import ConversionError, conversions
@@ -35,9 +35,6 @@ if TYPE_CHECKING:
 
 __all__ = ["PlantResult", "make_plant"]
 
-_Real = NDArray[np.float64]
-_Complex = NDArray[np.complex128]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlantResult:
@@ -59,9 +56,9 @@ class PlantResult:
     plant: Plant | None = None
     message: str = ""
     conversions: tuple[ConversionError, ...] = ()
-    freq: _Real | None = None
-    exact: _Complex | None = None
-    answer: _Complex | None = None
+    freq: RealArray | None = None
+    exact: ComplexArray | None = None
+    answer: ComplexArray | None = None
     sampled: Plant | None = None
     family: PlantFamily | None = None
     weights: Mapping[tuple[int, int], UncertaintyWeight] = field(default_factory=dict)
@@ -75,11 +72,11 @@ class PlantResult:
         """Whether a plant within the tolerance exists."""
         return self.plant is not None
 
-    def channel_errors(self, measure: str = "peak") -> _Real:
+    def channel_errors(self, measure: str = "peak") -> RealArray:
         """Return the largest error of each channel over `freq`, shape (n_y, n_u), as `errors`."""
         return np.asarray(self.errors(measure).max(axis=0))
 
-    def errors(self, measure: str) -> _Real:
+    def errors(self, measure: str) -> RealArray:
         """Return the errors of each channel at `freq`, shape (n_f, n_y, n_u), as in `Plant`."""
         assert self.freq is not None
         assert self.exact is not None
@@ -241,7 +238,7 @@ def _compare_plant(made: Plant, model: Model, job: Job) -> dict[str, Any]:
     }
     power = np.array([QUANTITIES[q] for q in made.quantities])
 
-    def answer(lines: _Real) -> _Complex:
+    def answer(lines: RealArray) -> ComplexArray:
         H = response(model, lines, model.dofs[rows], model.dofs[columns], **how).values
         return np.asarray((out @ H @ into.T) * ((2j * np.pi * lines)[:, None] ** power)[:, :, None])
 
@@ -249,7 +246,7 @@ def _compare_plant(made: Plant, model: Model, job: Job) -> dict[str, Any]:
     return {"freq": freq, "exact": exact, "answer": made.response(freq).values}
 
 
-def resolving_lines(plant: Plant) -> _Real:
+def resolving_lines(plant: Plant) -> RealArray:
     """Return lines in Hz over the band of a continuous plant that resolve each mode."""
     low, high = plant.band
     low = max(low, 1e-4 * high)

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import ComplexArray, RealArray
 from updyn.control.nonlinear.elements import Backlash, CoulombFriction, Nonlinearity
 from updyn.control.nonlinear.settings import MESH
 from updyn.control.plant import Plant
@@ -18,9 +18,6 @@ from updyn.errors import ModelError, OptionError, suggest
 from updyn.group import is_number
 
 __all__ = ["LinearLoop", "linear_loop"]
-
-_Real = NDArray[np.float64]
-_Complex = NDArray[np.complex128]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,22 +32,22 @@ class LinearLoop:
     flexibility.
     """
 
-    A: _Real
-    B: _Real
-    C: _Real
+    A: RealArray
+    B: RealArray
+    C: RealArray
     D: float
-    E: _Real
-    G: _Real
+    E: RealArray
+    G: RealArray
     entries: tuple[str, ...]
-    series: _Real
-    series_w: _Real
-    series_e: _Real
+    series: RealArray
+    series_w: RealArray
+    series_e: RealArray
     names: tuple[str, ...]
     output: str
     input: str
     unit: str
 
-    def at(self, omega: _Real) -> _Complex:
+    def at(self, omega: RealArray) -> ComplexArray:
         """Return z over w at frequencies in rad/s, shape (n_f,)."""
         out = np.empty(len(omega), dtype=np.complex128)
         eye = np.eye(len(self.A))
@@ -61,7 +58,7 @@ class LinearLoop:
             out[start : start + 256] = X[:, :, 0] @ self.C + self.D
         return out
 
-    def poles_with(self, stiffness: float, damping: float) -> _Complex:
+    def poles_with(self, stiffness: float, damping: float) -> ComplexArray:
         """Return the poles in rad/s for w = -(stiffness z + damping z'), shape (n,) or (n + 1,)."""
         if damping == 0.0:
             A = self.A - np.outer(self.B, stiffness * self.C) / (1.0 + stiffness * self.D)
@@ -225,7 +222,7 @@ def _close_loop(
 
 def _cascade(
     plant: Plant, system: StateSpace, controller: Controller, skip: str, names: Mapping[str, Any]
-) -> tuple[StateSpace, list[int], _Real]:
+) -> tuple[StateSpace, list[int], RealArray]:
     """Return the plant with velocity and position as last outputs, their rows and weights."""
     velocity = _select_output(plant, names.get("velocity"), "velocity", "mobility", skip)
     C, D = _velocity(plant, velocity)
@@ -251,7 +248,7 @@ def _cascade(
     return system, [at, at + 1], np.array([[-1.0, -controller.position_gain]])
 
 
-def _velocity(plant: Plant, name: str) -> tuple[_Real, _Real]:
+def _velocity(plant: Plant, name: str) -> tuple[RealArray, RealArray]:
     i = plant.outputs.index(name)
     if plant.quantities[i] == "mobility":
         return plant.C[[i]], plant.D[[i]]

@@ -18,9 +18,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import brentq, minimize_scalar
 
+from updyn.arrays import ComplexArray, RealArray
 from updyn.control.nonlinear.around import LinearLoop, linear_loop
 from updyn.control.nonlinear.elements import Backlash, Nonlinearity
 from updyn.control.nonlinear.settings import HARMONIC_BALANCE
@@ -32,8 +32,6 @@ from updyn.group import is_number
 
 __all__ = ["LimitCycle", "LimitCycles", "limit_cycles"]
 
-_Real = NDArray[np.float64]
-_Complex = NDArray[np.complex128]
 _TWO_PI = 2.0 * np.pi
 
 
@@ -198,13 +196,13 @@ def _closed_mesh_values(nonlinearity: Nonlinearity) -> tuple[float, float]:
     return 0.0, 0.0
 
 
-def _stable(poles: _Complex) -> bool:
+def _stable(poles: ComplexArray) -> bool:
     """Return whether no pole lies in the right half plane; poles at 0 are allowed."""
     return bool((poles.real <= 1e-7 * max(float(np.abs(poles).max(initial=0.0)), 1e-300)).all())
 
 
 # -- the scan -------------------------------------------------------------------------------------
-def _frequency_limits(band: Any, poles: _Complex) -> tuple[float, float]:
+def _frequency_limits(band: Any, poles: ComplexArray) -> tuple[float, float]:
     if band is not None:
         try:
             low, high = (float(f) for f in band)
@@ -220,7 +218,7 @@ def _frequency_limits(band: Any, poles: _Complex) -> tuple[float, float]:
     return 0.01 * float(size.min()), 10.0 * float(size.max())
 
 
-def _scan_frequencies(limits: tuple[float, float], poles: _Complex) -> _Real:
+def _scan_frequencies(limits: tuple[float, float], poles: ComplexArray) -> RealArray:
     """Return frequencies in rad/s, dense around lightly damped poles."""
     parts = [np.geomspace(*limits, HARMONIC_BALANCE.scan_lines)]
     offsets = np.concatenate([-np.geomspace(30, 0.1, 15), [0.0], np.geomspace(0.1, 30, 15)])
@@ -230,7 +228,9 @@ def _scan_frequencies(limits: tuple[float, float], poles: _Complex) -> _Real:
     return np.asarray(out[(out >= limits[0]) & (out <= limits[1])])
 
 
-def _mismatch(system: LinearLoop, nonlinearity: Nonlinearity, omega: _Real) -> tuple[_Real, _Real]:
+def _mismatch(
+    system: LinearLoop, nonlinearity: Nonlinearity, omega: RealArray
+) -> tuple[RealArray, RealArray]:
     """Return the phase difference of -1 / S and N at equal moduli, and the amplitude; else nan."""
     S = system.at(omega)
     needed = -1.0 / np.where(S == 0.0, np.finfo(np.float64).tiny, S)
@@ -244,7 +244,7 @@ def _mismatch(system: LinearLoop, nonlinearity: Nonlinearity, omega: _Real) -> t
 
 
 def _roots(
-    system: LinearLoop, nonlinearity: Nonlinearity, omega: _Real, poles: _Complex
+    system: LinearLoop, nonlinearity: Nonlinearity, omega: RealArray, poles: ComplexArray
 ) -> list[float]:
     """Return all frequencies in rad/s at which the phases agree."""
 

@@ -12,16 +12,15 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from updyn.arrays import BoolArray, ComplexArray, RealArray
 from updyn.control.nonlinear.settings import HARMONIC_BALANCE
 from updyn.errors import OptionError
 from updyn.group import is_number
 
 __all__ = ["Backlash", "CoulombFriction", "Nonlinearity"]
 
-_Real = NDArray[np.float64]
-_Complex = NDArray[np.complex128]
 # Limits beyond which harmonic balance deviated by 10 % from simulation, in amplitude or frequency.
 
 
@@ -70,7 +69,7 @@ class Backlash:
         """Half the gap in rad."""
         return 0.5 * self.gap
 
-    def describing(self, amplitude: ArrayLike, omega: ArrayLike) -> _Complex:
+    def describing(self, amplitude: ArrayLike, omega: ArrayLike) -> ComplexArray:
         """Return the describing function.
 
         Parameters
@@ -144,7 +143,7 @@ class Backlash:
 
     def _contact(
         self, amplitude: ArrayLike, omega: ArrayLike
-    ) -> tuple[NDArray[np.bool_], _Real, _Real, _Real, _Real]:
+    ) -> tuple[BoolArray, RealArray, RealArray, RealArray, RealArray]:
         """Return whether contact occurs, gap / (2 A), c omega / k, and the phases of contact."""
         A, w = np.broadcast_arrays(
             np.asarray(amplitude, dtype=np.float64), np.asarray(omega, dtype=np.float64)
@@ -157,7 +156,7 @@ class Backlash:
         psi1 = np.arcsin(d) if self.damping == 0.0 else _contact_phase(d, a, psi2)
         return touches, d, a, psi1, psi2
 
-    def amplitude(self, modulus: ArrayLike, omega: ArrayLike) -> _Real:
+    def amplitude(self, modulus: ArrayLike, omega: ArrayLike) -> RealArray:
         """Return the amplitude at which |N| has a value; nan if it never does.
 
         Parameters
@@ -190,7 +189,7 @@ class Backlash:
         return out
 
 
-def _contact_phase(d: _Real, a: _Real, psi2: _Real) -> _Real:
+def _contact_phase(d: RealArray, a: RealArray, psi2: RealArray) -> RealArray:
     """Return the phase of contact with a flank while the shaft relaxes, by bisection."""
     twist = (
         np.sin(psi2) - d
@@ -246,7 +245,7 @@ class CoulombFriction:
         """Largest torque at rest in N m."""
         return self.level if self.breakaway is None else self.breakaway
 
-    def describing(self, amplitude: ArrayLike, omega: ArrayLike) -> _Complex:
+    def describing(self, amplitude: ArrayLike, omega: ArrayLike) -> ComplexArray:
         """Return the describing function, 4 level / (pi A), without the breakaway torque.
 
         Parameters
@@ -269,7 +268,7 @@ class CoulombFriction:
         A, _ = np.broadcast_arrays(np.asarray(amplitude, dtype=np.float64), np.asarray(omega))
         return np.asarray(4.0 * self.level / (np.pi * A), dtype=np.complex128)
 
-    def amplitude(self, modulus: ArrayLike, omega: ArrayLike) -> _Real:
+    def amplitude(self, modulus: ArrayLike, omega: ArrayLike) -> RealArray:
         """Return the amplitude at which |N| has a value.
 
         Parameters

@@ -11,14 +11,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import RealArray
 from updyn.control.nonlinear.around import LinearLoop
 from updyn.control.nonlinear.elements import Backlash, CoulombFriction, Nonlinearity
 
 __all__ = ["BacklashRules", "FrictionRules", "LinearPiece", "PieceRules", "rules"]
 
-_Real = NDArray[np.float64]
 #: The sign of a contact or a motion in the name of its piece.
 _SIGN = {1.0: "+", -1.0: "-"}
 
@@ -28,10 +27,10 @@ class LinearPiece:
     """One linear piece, with rows of the torque w on the plant and of the motion z, shape (m,)."""
 
     name: str
-    F: _Real
-    borders: _Real
-    w: _Real
-    z: _Real
+    F: RealArray
+    borders: RealArray
+    w: RealArray
+    z: RealArray
 
 
 class PieceRules(ABC):
@@ -42,7 +41,7 @@ class PieceRules(ABC):
 
     pieces: Mapping[str, LinearPiece]
 
-    def __init__(self, system: LinearLoop, constant: _Real, extra: int) -> None:
+    def __init__(self, system: LinearLoop, constant: RealArray, extra: int) -> None:
         n = len(system.A)
         self.n, self.size = n, n + extra + 1
         self.base = np.zeros((self.size, self.size))
@@ -56,23 +55,23 @@ class PieceRules(ABC):
         self.one = np.zeros(self.size)
         self.one[-1] = 1.0
 
-    def state(self, x: _Real) -> _Real:
+    def state(self, x: RealArray) -> RealArray:
         """Return (x, 0, 1)."""
         return np.concatenate([x, np.zeros(self.size - self.n - 1), [1.0]])
 
     @abstractmethod
-    def first(self, X: _Real) -> str:
+    def first(self, X: RealArray) -> str:
         """Return the name of the piece that contains a state."""
 
     @abstractmethod
-    def after(self, piece: str, border: int, X: _Real) -> tuple[str, _Real]:
+    def after(self, piece: str, border: int, X: RealArray) -> tuple[str, RealArray]:
         """Return the next piece after a border is crossed, and the state."""
 
 
 class BacklashRules(PieceRules):
     """Backlash: gap and two flanks."""
 
-    def __init__(self, system: LinearLoop, law: Backlash, constant: _Real) -> None:
+    def __init__(self, system: LinearLoop, law: Backlash, constant: RealArray) -> None:
         damped = law.damping > 0.0
         super().__init__(system, constant, int(damped))
         self.law, self.damped = law, damped
@@ -106,14 +105,14 @@ class BacklashRules(PieceRules):
             F[self.n, self.n] -= k / c
         return LinearPiece(f"contact {_SIGN[s]}", F, s * T[None], -T, self.read - D * T)
 
-    def first(self, X: _Real) -> str:
+    def first(self, X: RealArray) -> str:
         """Return the gap, or the flank in contact."""
         way = float(self.read @ X)
         if abs(way) <= self.law.half:
             return "gap"
         return "contact +" if way > 0 else "contact -"
 
-    def after(self, piece: str, border: int, X: _Real) -> tuple[str, _Real]:
+    def after(self, piece: str, border: int, X: RealArray) -> tuple[str, RealArray]:
         """Return the flank in contact, or the gap with the last twist of the shaft."""
         if piece == "gap":
             return ("contact +", "contact -")[border], X
@@ -127,7 +126,7 @@ class BacklashRules(PieceRules):
 class FrictionRules(PieceRules):
     """Friction: rest and two directions of motion."""
 
-    def __init__(self, system: LinearLoop, law: CoulombFriction, constant: _Real) -> None:
+    def __init__(self, system: LinearLoop, law: CoulombFriction, constant: RealArray) -> None:
         super().__init__(system, constant, 0)
         self.law = law
         self.gain = float(self.read @ self.push)
@@ -148,20 +147,20 @@ class FrictionRules(PieceRules):
             self.read,
         )
 
-    def first(self, X: _Real) -> str:
+    def first(self, X: RealArray) -> str:
         """Return the direction of motion, or the piece that follows rest."""
         v = float(self.read @ X)
         if v == 0:
             return self._at_rest(X)
         return "slip +" if v > 0 else "slip -"
 
-    def _at_rest(self, X: _Real) -> str:
+    def _at_rest(self, X: RealArray) -> str:
         held = float(self.hold @ X)
         if abs(held) <= self.law.sticks:
             return "stick"
         return "slip -" if held > 0 else "slip +"
 
-    def after(self, piece: str, border: int, X: _Real) -> tuple[str, _Real]:
+    def after(self, piece: str, border: int, X: RealArray) -> tuple[str, RealArray]:
         """Return the direction of breakaway, or the piece that follows rest."""
         if piece == "stick":
             return ("slip -", "slip +")[border], X
@@ -170,7 +169,7 @@ class FrictionRules(PieceRules):
         return self._at_rest(X), X
 
 
-def rules(system: LinearLoop, nonlinearity: Nonlinearity, constant: _Real) -> PieceRules:
+def rules(system: LinearLoop, nonlinearity: Nonlinearity, constant: RealArray) -> PieceRules:
     """Return the pieces of a loop; `constant` are the values of its inputs."""
     if isinstance(nonlinearity, Backlash):
         return BacklashRules(system, nonlinearity, constant)

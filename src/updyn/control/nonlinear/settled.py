@@ -6,13 +6,11 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import RealArray
 from updyn.control.nonlinear.settings import OSCILLATION_END
 
 __all__ = ["OscillationEnd", "judge_end"]
-
-_Real = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,7 +24,7 @@ class OscillationEnd:
     periods: int = 0
 
 
-def judge_end(time: _Real, z: _Real, switches: _Real, half: float) -> OscillationEnd:
+def judge_end(time: RealArray, z: RealArray, switches: RealArray, half: float) -> OscillationEnd:
     """Return the classification of the end of a series `z`.
 
     `switches` are times of changes of contact or sticking; `half` is half a gap, 0 for friction.
@@ -60,7 +58,7 @@ def judge_end(time: _Real, z: _Real, switches: _Real, half: float) -> Oscillatio
     return _trend(t, y, whole)
 
 
-def _trend(t: _Real, y: _Real, whole: float) -> OscillationEnd:
+def _trend(t: RealArray, y: RealArray, whole: float) -> OscillationEnd:
     """Return a verdict from the ranges of quarters of the series, relative to the whole record."""
     edges = np.linspace(t[0], t[-1], 5)
     sizes = np.array([np.ptp(y[(t >= a) & (t <= b)]) for a, b in pairwise(edges)])
@@ -76,7 +74,7 @@ def _trend(t: _Real, y: _Real, whole: float) -> OscillationEnd:
     return OscillationEnd("not settled")
 
 
-def _rises(t: _Real, y: _Real) -> _Real:
+def _rises(t: RealArray, y: RealArray) -> RealArray:
     """Return the times of upward zero crossings whose swings exceed a tenth of the maximum."""
     size = 0.1 * float(np.abs(y).max())
     out, armed = [], False
@@ -91,7 +89,7 @@ def _rises(t: _Real, y: _Real) -> _Real:
     return np.array(out)
 
 
-def _harmonic(t: _Real, y: _Real, a: float, b: float, frequency: float) -> float:
+def _harmonic(t: RealArray, y: RealArray, a: float, b: float, frequency: float) -> float:
     """Return the amplitude of the first harmonic over whole periods, by the trapezoidal rule."""
     inside = (t > a) & (t < b)
     times = np.concatenate([[a], t[inside], [b]])

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from updyn.arrays import RealArray
 from updyn.control.nonlinear.around import LinearLoop, linear_loop
 from updyn.control.nonlinear.balance import LimitCycle
 from updyn.control.nonlinear.elements import Backlash, Nonlinearity
@@ -25,8 +26,6 @@ from updyn.group import is_number
 
 __all__ = ["Simulation", "simulate"]
 
-_Real = NDArray[np.float64]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Simulation:
@@ -41,13 +40,13 @@ class Simulation:
     half of peak to peak, and `frequency` in Hz.
     """
 
-    time: _Real
-    reading: _Real
-    torque: _Real
-    series: _Real
+    time: RealArray
+    reading: RealArray
+    torque: RealArray
+    series: RealArray
     names: tuple[str, ...]
     phase: NDArray[np.str_]
-    switches: _Real
+    switches: RealArray
     verdict: str
     amplitude: float | None
     peak: float | None
@@ -56,7 +55,7 @@ class Simulation:
     unit: str
     facts: Mapping[str, Any] = field(default_factory=dict)
 
-    def __getitem__(self, name: str) -> _Real:
+    def __getitem__(self, name: str) -> RealArray:
         """Return a series by name, shape (n_t,)."""
         if name not in self.names:
             raise OptionError(
@@ -201,7 +200,7 @@ def simulate(
     )
 
 
-def _constant_inputs(system: LinearLoop, constant: Mapping[str, float] | None) -> _Real:
+def _constant_inputs(system: LinearLoop, constant: Mapping[str, float] | None) -> RealArray:
     out = np.zeros(len(system.entries))
     for name, value in (constant or {}).items():
         if name not in system.entries:
@@ -245,11 +244,11 @@ def _start(
     nonlinearity: Nonlinearity,
     start: Any,
     scale: float,
-) -> _Real:
+) -> RealArray:
     if not is_number(scale) or not math.isfinite(scale):
         raise OptionError(f"simulation: scale {scale!r}; expected a finite number")
     n = len(system.A)
-    x: _Real = np.zeros(n)
+    x: RealArray = np.zeros(n)
     if isinstance(start, LimitCycle):
         omega = 2.0 * np.pi * start.frequency
         w = -start.gain * start.amplitude  # of z = A exp(i psi)

@@ -7,26 +7,24 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
+from updyn.arrays import IndexArray, RealArray
 from updyn.control.nonlinear.pieces import LinearPiece, PieceRules
 from updyn.control.nonlinear.settings import LOOP_SIMULATION
 from updyn.errors import SolverError
 
 __all__ = ["Trajectory", "integrate"]
 
-_Real = NDArray[np.float64]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trajectory:
     """A trajectory: states, shape (n_t, m), the piece from each time on, times of switches."""
 
-    time: _Real
-    states: _Real
-    piece: NDArray[np.intp]
+    time: RealArray
+    states: RealArray
+    piece: IndexArray
     names: tuple[str, ...]
-    switches: _Real
+    switches: RealArray
 
 
 class _Exact:
@@ -46,7 +44,7 @@ class _Exact:
             ]
         )
 
-    def find_crossing(self, X: _Real) -> tuple[float, _Real, int]:
+    def find_crossing(self, X: RealArray) -> tuple[float, RealArray, int]:
         """Return share of the step before the first border, state just after it, and border."""
         share = 0.0
         for i, half in enumerate(self.halves, 1):
@@ -58,7 +56,7 @@ class _Exact:
         return share, after, int(np.argmin(self.piece.borders @ after))
 
 
-def integrate(rules: PieceRules, start: _Real, duration: float, step: float) -> Trajectory:
+def integrate(rules: PieceRules, start: RealArray, duration: float, step: float) -> Trajectory:
     """Return the trajectory of a loop through its pieces; it ends with the last whole step.
 
     Raises SolverError if pieces switch without end within one step, or the state overflows.
@@ -69,7 +67,7 @@ def integrate(rules: PieceRules, start: _Real, duration: float, step: float) -> 
 
 
 def _follow_pieces(
-    rules: PieceRules, exact: Mapping[str, _Exact], start: _Real, duration: float, step: float
+    rules: PieceRules, exact: Mapping[str, _Exact], start: RealArray, duration: float, step: float
 ) -> Trajectory:
     names = tuple(rules.pieces)
     now, X, t = rules.first(start), start, 0.0

@@ -6,8 +6,8 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import ComplexArray
 from updyn.control.conversions import ConversionError, conversion_state, find_route
 from updyn.control.job.plant_result import PlantResult
 from updyn.control.plant import Plant
@@ -342,7 +342,7 @@ def _channel_errors(result: PlantResult, plant: Plant) -> list[list[str]]:
     return rows
 
 
-def _poles(plant: Plant) -> NDArray[np.complex128]:
+def _poles(plant: Plant) -> ComplexArray:
     """Return the poles by frequency, one of each pair, without those at 0."""
     poles = plant.poles[np.argsort(np.abs(plant.poles), kind="stable")]
     poles = poles[poles.imag >= 0]

@@ -7,8 +7,8 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import IndexArray, NumberArray, RealArray
 from updyn.control.job.plant_result import PlantResult
 from updyn.control.plant import Plant
 from updyn.control.report.nonlinear import nonlinear_context, nonlinear_figures
@@ -45,8 +45,6 @@ _REACH = 2.0
 #: Radius of the circle around -1 in the Nichols plot: |1 + L| = 0.5, a sensitivity of 6 dB.
 _MODULUS = 0.5
 
-_Real = NDArray[np.float64]
-
 
 def servo_figures(servo: Servo, plant: Plant) -> dict[str, Figure]:
     """Return the figures of a servo by their place name in the page."""
@@ -67,7 +65,7 @@ def servo_figures(servo: Servo, plant: Plant) -> dict[str, Figure]:
 
 
 # -- loops ----------------------------------------------------------------------------------------
-def _plotted_lines(loop: Loop, high: float) -> NDArray[np.intp]:
+def _plotted_lines(loop: Loop, high: float) -> IndexArray:
     """Return the indices of the lines to plot: relevant gains, and the frequencies of margins."""
     size = _decibels(loop.L)
     near = (size < _LOUD) & (size > _QUIET) & (loop.freq <= high)
@@ -87,7 +85,7 @@ def _plotted_lines(loop: Loop, high: float) -> NDArray[np.intp]:
     return inside[thin_indices(size[inside], CONTROL_REPORT.loop_points)]
 
 
-def _bode(loop: Loop, at: NDArray[np.intp]) -> Figure:
+def _bode(loop: Loop, at: IndexArray) -> Figure:
     freq, L = loop.freq[at], loop.L[at]
     size: list[dict[str, Any]] = []
     phase: list[dict[str, Any]] = []
@@ -149,12 +147,12 @@ def _point_trace(x: float, y: float, name: str) -> dict[str, Any]:
     }
 
 
-def _nichols(loop: Loop, at: NDArray[np.intp]) -> Figure:
+def _nichols(loop: Loop, at: IndexArray) -> Figure:
     L, turn = loop.L[at], loop.phase[at]
     shown = (_decibels(L) > _QUIET / 2) & (_decibels(L) < _LOUD)
     traces: list[dict[str, Any]] = []
     members = loop.family[: CONTROL_REPORT.plotted_members, at]
-    spread: list[_Real] = []
+    spread: list[RealArray] = []
     for index, member in enumerate(members):
         turns = turn + np.degrees(np.angle(member * np.conj(L)))
         line = _curve_trace(turns, _decibels(member), loop.freq[at], "family", "@measured", 0.8)
@@ -212,7 +210,7 @@ def _nichols(loop: Loop, at: NDArray[np.intp]) -> Figure:
 
 
 def _curve_trace(
-    x: _Real, y: _Real, freq: _Real, name: str, colour: str, width: float
+    x: RealArray, y: RealArray, freq: RealArray, name: str, colour: str, width: float
 ) -> dict[str, Any]:
     return {
         "type": "scatter",
@@ -226,7 +224,7 @@ def _curve_trace(
     }
 
 
-def _critical_phases(turn: _Real) -> list[float]:
+def _critical_phases(turn: RealArray) -> list[float]:
     """Return the odd half turns in degrees that a curve passes, or the nearest one."""
     low = high = -180.0
     if turn.size:
@@ -238,7 +236,7 @@ def _critical_phases(turn: _Real) -> list[float]:
 
 
 # -- closed loop ----------------------------------------------------------------------------------
-def _closed_loop_figure(servo: Servo, plant: Plant, at: NDArray[np.intp]) -> Figure:
+def _closed_loop_figure(servo: Servo, plant: Plant, at: IndexArray) -> Figure:
     outer = servo.loops[-1]
     freq = outer.freq[at]  # also the lines of the reference
     named = outer.name
@@ -314,7 +312,9 @@ def _wind_figure(wind: WindResponse) -> Figure:
     )
 
 
-def _time_trace(time: _Real, value: _Real, name: str, unit: str, colour: str) -> dict[str, Any]:
+def _time_trace(
+    time: RealArray, value: RealArray, name: str, unit: str, colour: str
+) -> dict[str, Any]:
     shown = f"%{{x:.5g}} s: {escape_label(name)} %{{y:.4g}} {_unit(unit)}".rstrip()
     at = thin_indices(value, CONTROL_REPORT.series_points)
     return {
@@ -333,17 +333,17 @@ def _unit(unit: str) -> str:
     return unit.replace("s2", "s²")
 
 
-def _decibels(values: NDArray[Any]) -> _Real:
+def _decibels(values: NumberArray) -> RealArray:
     size = np.abs(values)
     return np.asarray(20.0 * np.log10(np.maximum(size, 1e-30)))
 
 
-def _spread(members: _Real, nominal: _Real) -> tuple[_Real, _Real]:
+def _spread(members: RealArray, nominal: RealArray) -> tuple[RealArray, RealArray]:
     everything = np.vstack([members, nominal[None]])
     return everything.min(axis=0), everything.max(axis=0)
 
 
-def _db_axis(values: _Real, lowest: float = _QUIET) -> dict[str, Any]:
+def _db_axis(values: RealArray, lowest: float = _QUIET) -> dict[str, Any]:
     finite = values[np.isfinite(values)]
     low = max(float(finite.min(initial=-12.0)), lowest)
     high = min(float(finite.max(initial=6.0)), _LOUD)

@@ -16,8 +16,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from updyn.arrays import ComplexArray, RealArray
 from updyn.control.family import PlantFamily
 from updyn.control.plant import Plant
 from updyn.control.servo.settings import RIGID_MOTION
@@ -34,8 +35,6 @@ __all__ = [
     "to_velocity",
 ]
 
-_Real = NDArray[np.float64]
-_Complex = NDArray[np.complex128]
 _TWO_PI = 2.0 * np.pi
 
 
@@ -132,7 +131,7 @@ class Notch:
         """Gain at `frequency`."""
         return self.zero_damping / self.pole_damping
 
-    def at(self, s: ArrayLike) -> _Complex:
+    def at(self, s: ArrayLike) -> ComplexArray:
         """Return N(s).
 
         Parameters
@@ -163,7 +162,7 @@ class Notch:
         )
 
     @property
-    def zeros(self) -> _Complex:
+    def zeros(self) -> ComplexArray:
         """Both zeros in rad/s."""
         return _pole_pair(self.frequency, self.zero_damping)
 
@@ -365,7 +364,7 @@ class Controller:
         """Velocity command over the velocity of the reference."""
         return self.ratio * self.feed_forward
 
-    def torque(self, s: ArrayLike) -> _Complex:
+    def torque(self, s: ArrayLike) -> ComplexArray:
         """Return torque over velocity error, with the exact dead time.
 
         Parameters
@@ -379,7 +378,7 @@ class Controller:
             Of the shape of `s`, in N m per rad/s.
         """
         s = np.asarray(s, dtype=np.complex128)
-        out: _Complex = np.asarray(self.kp * np.exp(-self.dead_time * s), dtype=np.complex128)
+        out: ComplexArray = np.asarray(self.kp * np.exp(-self.dead_time * s), dtype=np.complex128)
         if self.ti is not None:
             out = out * (1.0 + 1.0 / (self.ti * s))
         for notch in self.notches:
@@ -419,7 +418,7 @@ class Controller:
         return out
 
     @property
-    def poles(self) -> _Complex:
+    def poles(self) -> ComplexArray:
         """Poles of torque over velocity error, in rad/s, without the dead time."""
         out = [np.zeros(int(self.ti is not None), dtype=np.complex128)]
         out += [_pole_pair(n.frequency, n.pole_damping) for n in self.notches]
@@ -431,7 +430,7 @@ class Controller:
         return np.concatenate(out)
 
     @property
-    def zeros(self) -> _Complex:
+    def zeros(self) -> ComplexArray:
         """Zeros of torque over velocity error, in rad/s."""
         integrator_zero = np.array([] if self.ti is None else [-1.0 / self.ti], dtype=np.complex128)
         return np.concatenate([integrator_zero, *(n.zeros for n in self.notches)])
@@ -528,7 +527,7 @@ def _round_ratio(plant: Plant, torque: str, velocity: str, position: str) -> flo
     return 1.0 if abs(ratio - 1.0) < RIGID_MOTION.unit_ratio_distance else ratio
 
 
-def _radii(poles: NDArray[np.complex128]) -> NDArray[np.float64]:
+def _radii(poles: ComplexArray) -> RealArray:
     """Return radii of circles between the poles below the first oscillation, in rad/s."""
     size = np.abs(poles)
     moving = size > 1e-6 * size.max(initial=0.0)
@@ -555,7 +554,7 @@ def _low_pass(corner: float, damping: float | None) -> StateSpace:
     )
 
 
-def _pole_pair(frequency: float, damping: float) -> _Complex:
+def _pole_pair(frequency: float, damping: float) -> ComplexArray:
     return np.array(root_pair(_TWO_PI * frequency, damping), dtype=np.complex128)
 
 

@@ -14,8 +14,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from updyn.arrays import ComplexArray
 from updyn.control.plant import Plant
 from updyn.control.servo import grid
 from updyn.control.servo.controller import Controller, to_velocity
@@ -27,8 +28,6 @@ from updyn.errors import OptionError
 
 __all__ = ["SampledCascade", "judge_sampled"]
 
-_Real = NDArray[np.float64]
-_Complex = NDArray[np.complex128]
 _TWO_PI = 2.0 * np.pi
 
 
@@ -66,21 +65,21 @@ class SampledCascade:
             Transfer.of(part) for part in (self._system, *self._readers, self._controller)
         )
 
-    def velocity(self, s: ArrayLike) -> _Complex:
+    def velocity(self, s: ArrayLike) -> ComplexArray:
         """Return L of the velocity loop, the position loop open, at s in rad/s, shape (n,)."""
         return self._parts(s)[0]
 
-    def position(self, s: ArrayLike) -> _Complex:
+    def position(self, s: ArrayLike) -> ComplexArray:
         """Return L of the position loop, the velocity loop closed, at s in rad/s, shape (n,)."""
         inner, outer = self._parts(s)
         return np.asarray(outer / (1.0 + inner))
 
-    def torque(self, s: ArrayLike) -> _Complex:
+    def torque(self, s: ArrayLike) -> ComplexArray:
         """Return L broken at the torque, both loops closed, at s in rad/s, shape (n,)."""
         inner, outer = self._parts(s)
         return np.asarray(inner + outer)
 
-    def _parts(self, s: ArrayLike) -> tuple[_Complex, _Complex]:
+    def _parts(self, s: ArrayLike) -> tuple[ComplexArray, ComplexArray]:
         """Return the loop functions at the torque via the velocity and via the position."""
         z = np.exp(np.asarray(s, dtype=np.complex128) * self.dt)
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
@@ -90,7 +89,7 @@ class SampledCascade:
             outer = self.kv * K * second[:, 0] * plant[:, 1]
         return np.asarray(inner), np.asarray(outer)
 
-    def closed_poles(self, position: bool) -> _Complex:
+    def closed_poles(self, position: bool) -> ComplexArray:
         """Return the closed-loop poles in z, of the position loop or of the velocity loop."""
         blocks = [self._system, *self._readers, self._controller]
         # inputs: torque, both readers, controller; outputs: both motions, their readings, torque
@@ -101,7 +100,7 @@ class SampledCascade:
         return connect(blocks, wires, np.zeros((4, 1))).poles
 
     @property
-    def features(self) -> _Complex:
+    def features(self) -> ComplexArray:
         """Poles and zeros of the open loops, as s in rad/s."""
         parts = [t.poles for t in self._transfers]
         for i in range(1 + self.has_position):
@@ -115,7 +114,7 @@ class SampledCascade:
         parts.append(channel_zeros(self._controller))
         return self.to_s(np.concatenate(parts))
 
-    def to_s(self, z: _Complex) -> _Complex:
+    def to_s(self, z: ComplexArray) -> ComplexArray:
         """Return log(z) / dt in rad/s, without the values at z = 0."""
         z = z[np.abs(z) > LOOP_STABILITY.delay_modulus]
         return np.asarray(np.log(z) / self.dt)
@@ -190,7 +189,7 @@ def judge_sampled(
 
 
 def _judge_loop(
-    cascade: SampledCascade, loop: Callable[[ArrayLike], _Complex], low: float, position: bool
+    cascade: SampledCascade, loop: Callable[[ArrayLike], ComplexArray], low: float, position: bool
 ) -> JudgedLoop:
     poles = cascade.to_s(cascade.closed_poles(position))
     top = np.pi / cascade.dt

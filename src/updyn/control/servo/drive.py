@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
+from updyn.arrays import BoolArray, IndexArray, RealArray
 from updyn.control.servo.settings import DRIVE
 from updyn.dofs import Dof, DofSet
 from updyn.dynamics.condensation import condense
@@ -28,7 +28,6 @@ __all__ = [
     "ResonancePair",
     "drive_figures",
 ]
-_Real = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,10 +136,10 @@ class DriveFigures:
 
     motor: str
     load: str
-    locked: NDArray[np.float64]
-    locked_damping: NDArray[np.float64]
-    free: NDArray[np.float64]
-    free_damping: NDArray[np.float64]
+    locked: RealArray
+    locked_damping: RealArray
+    free: RealArray
+    free_damping: RealArray
     pairs: tuple[ResonancePair, ...]
     first_resonance: float | None
     hidden: tuple[float, ...]
@@ -451,19 +450,19 @@ def _apply_loss_tables(model: Model, found: Modes, top: float) -> Modes:
     return Modes(found.frequency, loss, found.shapes, found.dofs)
 
 
-def _select_in_band(freq: _Real, limits: tuple[float, float] | None) -> _Real:
+def _select_in_band(freq: RealArray, limits: tuple[float, float] | None) -> RealArray:
     out = freq[_band_mask(freq, limits)]
     out.flags.writeable = False
     return out
 
 
-def _damping_ratios(found: Modes, limits: tuple[float, float] | None) -> _Real:
+def _damping_ratios(found: Modes, limits: tuple[float, float] | None) -> RealArray:
     out = 0.5 * found.loss_factor[_band_mask(found.frequency, limits)]
     out.flags.writeable = False
     return out
 
 
-def _band_mask(freq: _Real, limits: tuple[float, float] | None) -> NDArray[np.bool_]:
+def _band_mask(freq: RealArray, limits: tuple[float, float] | None) -> BoolArray:
     low, high = limits or (0.0, np.inf)
     return (freq > 0) & (freq >= low) & (freq <= high)
 
@@ -545,7 +544,7 @@ def _zero_error(model: Model, motor: str, pairs: Sequence[ResonancePair]) -> flo
 
 
 # -- rigid-body motion and stiffness --------------------------------------------------------------
-def _rigid_motion(free: Modes, rigid: int, at: NDArray[np.intp], sign: _Real) -> _RigidMotion:
+def _rigid_motion(free: Modes, rigid: int, at: IndexArray, sign: RealArray) -> _RigidMotion:
     shapes = free.shapes[:, :rigid]
     ends_motion = shapes[at] * sign[:, None]
     size = np.abs(shapes).max(initial=0.0)
@@ -595,7 +594,7 @@ def _choose_ratio(
     )
 
 
-def _stiffness(model: Model, rigid: _Real, at: NDArray[np.intp], note: str) -> _Real:
+def _stiffness(model: Model, rigid: RealArray, at: IndexArray, note: str) -> RealArray:
     """Return the stiffness condensed onto motor and load, shape (2, 2).
 
     Rigid-body motions in which both DOFs are at rest carry no load, so supporting them statically

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import elementwise
 
+from updyn.arrays import ComplexArray, IndexArray, NumberArray, RealArray
 from updyn.control.offsets import mirror_offsets
 from updyn.control.servo.settings import LOOP_LINES
 from updyn.errors import DataError
@@ -25,19 +24,17 @@ __all__ = [
     "unwrap_phase",
 ]
 
-_Real = NDArray[np.float64]
-_Complex = NDArray[np.complex128]
 #: A loop function of s.
-Loop = Callable[[NDArray[Any]], _Complex]
+Loop = Callable[[NumberArray], ComplexArray]
 
 _TOLERANCES = {"xatol": 0.0, "xrtol": 1e-14, "fatol": 0.0, "frtol": 0.0}
 
 
-def frequencies(features: _Complex, low: float, high: float, delay: float = 0.0) -> _Real:
+def frequencies(features: ComplexArray, low: float, high: float, delay: float = 0.0) -> RealArray:
     """Return frequencies in rad/s that resolve the poles, zeros and dead time of a loop."""
     decades = max(np.log10(high / low), 0.1)
     count = int(LOOP_LINES.lines_per_decade * decades) + 2
-    parts: list[NDArray[Any]] = [np.geomspace(low, high, count)]
+    parts: list[NumberArray] = [np.geomspace(low, high, count)]
     centre = np.abs(features.imag)
     oscillating = centre > 0.0
     half = np.maximum(np.abs(features.real), LOOP_LINES.least_half_width * centre)[oscillating]
@@ -57,7 +54,7 @@ def frequencies(features: _Complex, low: float, high: float, delay: float = 0.0)
     return w[(w >= low) & (w <= high)]
 
 
-def resolve(loop: Loop, w: _Real) -> tuple[_Real, _Complex]:
+def resolve(loop: Loop, w: RealArray) -> tuple[RealArray, ComplexArray]:
     """Return lines between which the phase changes little, and the loop function at them."""
     w, values = _finite(w, loop(1j * w))
     while True:
@@ -72,7 +69,7 @@ def resolve(loop: Loop, w: _Real) -> tuple[_Real, _Complex]:
             return w, values
 
 
-def add_extremes(loop: Loop, w: _Real, values: _Complex) -> tuple[_Real, _Complex]:
+def add_extremes(loop: Loop, w: RealArray, values: ComplexArray) -> tuple[RealArray, ComplexArray]:
     """Return lines with added extremes of gain and phase that could hide two crossings."""
     for gain in (True, False):
         if gain:
@@ -82,7 +79,7 @@ def add_extremes(loop: Loop, w: _Real, values: _Complex) -> tuple[_Real, _Comple
             measure = np.unwrap(np.angle(values))
             near = np.abs(np.mod(measure, 2.0 * np.pi) - np.pi) < LOOP_LINES.largest_turn
 
-        def of(x: _Real, base: _Complex, sign: float, gain: bool = gain) -> _Real:
+        def of(x: RealArray, base: ComplexArray, sign: float, gain: bool = gain) -> RealArray:
             values = loop(1j * x)
             return -sign * (np.log(np.abs(values)) if gain else np.angle(values / base))
 
@@ -97,7 +94,7 @@ def add_extremes(loop: Loop, w: _Real, values: _Complex) -> tuple[_Real, _Comple
     return w, values
 
 
-def crossings_of_gain(loop: Loop, w: _Real, values: _Complex) -> _Real:
+def crossings_of_gain(loop: Loop, w: RealArray, values: ComplexArray) -> RealArray:
     """Return the frequencies at which |L| = 1, in rad/s, ascending.
 
     Crossings hidden by rounding next to a pole on the axis (an undamped mode that is hardly
@@ -108,7 +105,7 @@ def crossings_of_gain(loop: Loop, w: _Real, values: _Complex) -> _Real:
     return _roots(lambda x: np.log(np.abs(loop(1j * x))), w, at)[0]
 
 
-def crossings_of_phase(loop: Loop, w: _Real, values: _Complex) -> _Real:
+def crossings_of_phase(loop: Loop, w: RealArray, values: ComplexArray) -> RealArray:
     """Return the frequencies at which L is real and negative, in rad/s, ascending."""
     share = values.imag / np.abs(values)
     side = np.sign(np.where(np.abs(share) < LOOP_LINES.real_share, 0.0, share))
@@ -125,7 +122,7 @@ def crossings_of_phase(loop: Loop, w: _Real, values: _Complex) -> _Real:
 
 
 def find_minimum(
-    function: Callable[[_Real], _Real], w: _Real, values: _Real
+    function: Callable[[RealArray], RealArray], w: RealArray, values: RealArray
 ) -> tuple[float, float]:
     """Return the smallest value of a function and its frequency in rad/s."""
     at = _peaks(-values)
@@ -139,14 +136,14 @@ def find_minimum(
 
 
 def find_level_crossing(
-    function: Callable[[_Real], _Real], w: _Real, values: _Real
+    function: Callable[[RealArray], RealArray], w: RealArray, values: RealArray
 ) -> float | None:
     """Return the frequency at which a function first falls through 0, in rad/s, or None."""
     at = np.flatnonzero((values[1:] < 0) & (values[:-1] >= 0))[:1]
     return float(_roots(function, w, at)[1][0]) if len(at) else None
 
 
-def unwrap_phase(w: _Real, values: _Complex) -> _Real:
+def unwrap_phase(w: RealArray, values: ComplexArray) -> RealArray:
     """Return the continuous phase in degrees; it starts at -90 times the number of integrations."""
     phase = np.degrees(np.unwrap(np.angle(values)))
     k = min(5, len(w) - 1)
@@ -155,27 +152,27 @@ def unwrap_phase(w: _Real, values: _Complex) -> _Real:
 
 
 # -- helpers --------------------------------------------------------------------------------------
-def _finite(w: _Real, values: _Complex) -> tuple[_Real, _Complex]:
+def _finite(w: RealArray, values: ComplexArray) -> tuple[RealArray, ComplexArray]:
     good = np.isfinite(values) & (values != 0)
     return w[good], values[good]
 
 
 def _merge_lines(
-    w: _Real, values: _Complex, more: _Real, more_values: _Complex
-) -> tuple[_Real, _Complex]:
+    w: RealArray, values: ComplexArray, more: RealArray, more_values: ComplexArray
+) -> tuple[RealArray, ComplexArray]:
     more, more_values = _finite(more, more_values)
     both, at = np.unique(np.concatenate([w, more]), return_index=True)
     return both, np.concatenate([values, more_values])[at]
 
 
-def _peaks(values: _Real) -> NDArray[np.intp]:
+def _peaks(values: RealArray) -> IndexArray:
     """Return the indices of local maxima, without the ends."""
     return np.flatnonzero((values[1:-1] >= values[:-2]) & (values[1:-1] > values[2:])) + 1
 
 
 def _minimum(
-    function: Callable[..., _Real], w: _Real, at: NDArray[np.intp], *args: NDArray[Any]
-) -> _Real:
+    function: Callable[..., RealArray], w: RealArray, at: IndexArray, *args: NumberArray
+) -> RealArray:
     """Return the positions of the minima of a function near given indices."""
     with np.errstate(divide="ignore", invalid="ignore"):
         found = elementwise.find_minimum(
@@ -185,11 +182,11 @@ def _minimum(
 
 
 def _roots(
-    function: Callable[[_Real], _Real],
-    w: _Real,
-    at: NDArray[np.intp],
-    ends: NDArray[np.intp] | None = None,
-) -> tuple[_Real, _Real]:
+    function: Callable[[RealArray], RealArray],
+    w: RealArray,
+    at: IndexArray,
+    ends: IndexArray | None = None,
+) -> tuple[RealArray, RealArray]:
     """Return the zeros of a function between indices: the resolved ones, and all."""
     if not len(at):
         return np.zeros(0), np.zeros(0)

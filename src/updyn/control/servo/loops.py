@@ -5,17 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from updyn.arrays import ComplexArray, RealArray
 from updyn.control.plant import Plant
 from updyn.control.servo.controller import Controller, require_continuous, to_velocity
 from updyn.control.servo.state_space import StateSpace, Transfer, channel_zeros, connect
 from updyn.errors import OptionError, suggest
 
 __all__ = ["Cascade", "Wiring"]
-
-_Real = NDArray[np.float64]
-_Complex = NDArray[np.complex128]
 
 
 #: The response is not finite at a pole of the plant; callers discard such lines.
@@ -104,30 +102,30 @@ class Cascade:
 
     # -- frequency domain -------------------------------------------------------------------------
     @_quiet
-    def motion(self, s: ArrayLike) -> _Complex:
+    def motion(self, s: ArrayLike) -> ComplexArray:
         """Return velocity, position and pointing over torque and disturbance, (n, 3, 1 or 2)."""
         s = np.asarray(s, dtype=np.complex128)
         return np.asarray(self._transfer.at(s) * s[:, None, None] ** self._powers[:, None])
 
     @_quiet
-    def velocity(self, s: ArrayLike) -> _Complex:
+    def velocity(self, s: ArrayLike) -> ComplexArray:
         """Return L of the velocity loop, the position loop open, shape (n,)."""
         return np.asarray(self.controller.torque(s) * self.motion(s)[:, 0, 0])
 
     @_quiet
-    def position(self, s: ArrayLike) -> _Complex:
+    def position(self, s: ArrayLike) -> ComplexArray:
         """Return L of the position loop, the velocity loop closed, shape (n,)."""
         G, K = self.motion(s), self.controller.torque(s)
         return np.asarray(self._kv * K * G[:, 1, 0] / (1.0 + K * G[:, 0, 0]))
 
     @_quiet
-    def torque(self, s: ArrayLike) -> _Complex:
+    def torque(self, s: ArrayLike) -> ComplexArray:
         """Return L broken at the torque, both loops closed, shape (n,)."""
         G = self.motion(s)
         return np.asarray(self.controller.torque(s) * (G[:, 0, 0] + self._kv * G[:, 1, 0]))
 
     @_quiet
-    def feedback_channels(self, s: ArrayLike) -> _Complex:
+    def feedback_channels(self, s: ArrayLike) -> ComplexArray:
         """Return the part of each output in L broken at the torque, shape (n, 1 or 2)."""
         G, K = self.motion(s), self.controller.torque(s)
         velocity, position = K * G[:, 0, 0], self._kv * K * G[:, 1, 0]
@@ -136,7 +134,7 @@ class Cascade:
         return np.stack([velocity, position], axis=1)
 
     @_quiet
-    def reference(self, s: ArrayLike) -> _Complex:
+    def reference(self, s: ArrayLike) -> ComplexArray:
         """Return the closed loop from reference to position (or velocity), shape (n,)."""
         s = np.asarray(s, dtype=np.complex128)
         G, K = self.motion(s), self.controller.torque(s)
@@ -146,7 +144,7 @@ class Cascade:
         return np.asarray(ahead * K * G[:, 1, 0] / (1.0 + K * (G[:, 0, 0] + self._kv * G[:, 1, 0])))
 
     @_quiet
-    def compliance(self, s: ArrayLike) -> _Complex:
+    def compliance(self, s: ArrayLike) -> ComplexArray:
         """Return the closed loop from the disturbance to the pointing, shape (n,)."""
         G, K = self.motion(s), self.controller.torque(s)
         back = K * (G[:, 0] + self._kv * G[:, 1]).T  # from torque, from disturbance
@@ -157,7 +155,7 @@ class Cascade:
         return self.controller.position_gain
 
     @property
-    def poles(self) -> _Complex:
+    def poles(self) -> ComplexArray:
         """Poles of the open loops in rad/s without the dead time, including the integration."""
         added = [0.0] if self.has_position and self._powers[1] == -1 else []
         return np.concatenate(
@@ -165,12 +163,12 @@ class Cascade:
         )
 
     @property
-    def velocity_poles(self) -> _Complex:
+    def velocity_poles(self) -> ComplexArray:
         """Poles of the open velocity loop in rad/s, without the dead time."""
         return np.concatenate([self._transfer.poles, self.controller.poles])
 
     @property
-    def zeros(self) -> _Complex:
+    def zeros(self) -> ComplexArray:
         """Nonzero zeros of velocity and position over torque and of the controller, in rad/s."""
         system = self._system
         found = [self.controller.zeros]
@@ -228,7 +226,9 @@ class Cascade:
         A, B, C = controller.A, controller.B, controller.C
         return StateSpace(A, np.hstack([B, -A @ B]), C, np.hstack([np.zeros((1, 1)), -C @ B]))
 
-    def _connections(self, n_u: int, n_c: int, outer: bool) -> tuple[_Real, _Real, _Real]:
+    def _connections(
+        self, n_u: int, n_c: int, outer: bool
+    ) -> tuple[RealArray, RealArray, RealArray]:
         """Return wires, entries and taps of plant (n_u inputs) and controller (n_c inputs)."""
         kv, forward = 0.0, 0.0
         if outer:

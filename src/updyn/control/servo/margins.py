@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
+
+from updyn.arrays import RealArray
 
 __all__ = ["FIGURES", "Margins", "Range", "RobustMargin", "ranges"]
 
-_Real = NDArray[np.float64]
 
 #: Figures of `Margins` with a range over a family, and their units.
 FIGURES: Mapping[str, str] = MappingProxyType(
@@ -69,11 +69,11 @@ class Margins:
     unstable_poles: int
     drifting: int
     judged_by: str
-    phase_crossings: _Real
-    gain_margins: _Real
-    gain_crossings: _Real
-    phase_margins: _Real
-    delay_margins: _Real
+    phase_crossings: RealArray
+    gain_margins: RealArray
+    gain_crossings: RealArray
+    phase_margins: RealArray
+    delay_margins: RealArray
     gain_margin: float | None
     gain_reduction: float | None
     phase_margin: float | None

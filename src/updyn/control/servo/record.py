@@ -8,8 +8,8 @@ from textwrap import indent
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import ComplexArray, RealArray
 from updyn.control.servo.controller import Controller
 from updyn.control.servo.margins import FIGURES, Margins, Range, RobustMargin
 from updyn.control.servo.settings import STEP_RESPONSE
@@ -23,8 +23,6 @@ __all__ = [
     "servo_text",
 ]
 
-_Real = NDArray[np.float64]
-_Complex = NDArray[np.complex128]
 _NAMES = {
     "gain_margin": "gain margin",
     "gain_reduction": "gain reduction",
@@ -67,29 +65,29 @@ class Loop:
     """
 
     name: str
-    freq: _Real
-    L: _Complex
-    phase: _Real
+    freq: RealArray
+    L: ComplexArray
+    phase: RealArray
     margins: Margins
     bandwidth: float | None = None
-    family: _Complex = field(default_factory=lambda: np.zeros((0, 0), dtype=np.complex128))
-    family_phase: _Real = field(default_factory=lambda: np.zeros((0, 0)))
+    family: ComplexArray = field(default_factory=lambda: np.zeros((0, 0), dtype=np.complex128))
+    family_phase: RealArray = field(default_factory=lambda: np.zeros((0, 0)))
     members: tuple[Margins, ...] = ()
     worst: Mapping[str, Range] = field(default_factory=dict)
     modulus_range: tuple[float, float] | None = None
 
     @property
-    def magnitude_db(self) -> _Real:
+    def magnitude_db(self) -> RealArray:
         """|L| in dB, shape (n_f,); with `phase` it makes the Bode and the Nichols plot."""
         return np.asarray(20.0 * np.log10(np.abs(self.L)))
 
     @property
-    def S(self) -> _Complex:  # noqa: N802
+    def S(self) -> ComplexArray:  # noqa: N802
         """Sensitivity 1 / (1 + L), shape (n_f,)."""
         return np.asarray(1.0 / (1.0 + self.L))
 
     @property
-    def T(self) -> _Complex:  # noqa: N802
+    def T(self) -> ComplexArray:  # noqa: N802
         """Closed loop L / (1 + L), shape (n_f,)."""
         return np.asarray(self.L / (1.0 + self.L))
 
@@ -132,9 +130,9 @@ class StepResponse:
     input_unit: str
     output: str
     output_unit: str
-    time: _Real
-    value: _Real
-    torque: _Real
+    time: RealArray
+    value: RealArray
+    torque: RealArray
     final: float
     rise_time: float | None
     overshoot: float | None
@@ -162,9 +160,9 @@ class WindResponse:
     input_unit: str
     output: str
     output_unit: str
-    time: _Real
-    disturbance: _Real
-    error: _Real
+    time: RealArray
+    disturbance: RealArray
+    error: RealArray
     rms: float
     peak: float
     mean: float
@@ -191,7 +189,7 @@ class SampledLoops:
     velocity_loop: Loop
     position_loop: Loop | None
     torque_loop: Loop | None
-    poles: _Complex
+    poles: ComplexArray
     notes: tuple[str, ...] = ()
 
     @property
@@ -264,11 +262,11 @@ class Servo:
     plant: Mapping[str, Any]
     velocity_loop: Loop
     position_loop: Loop | None
-    freq: _Real
-    reference: _Complex
+    freq: RealArray
+    reference: ComplexArray
     bandwidth: float | None
-    compliance: _Complex | None
-    poles: _Complex
+    compliance: ComplexArray | None
+    poles: ComplexArray
     step: StepResponse | None = None
     disturbance_step: StepResponse | None = None
     wind: WindResponse | None = None

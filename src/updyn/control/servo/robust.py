@@ -15,11 +15,10 @@ The perturbed plants have no unstable poles, as the nominal one, and keep its po
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import ComplexArray, NumberArray, RealArray
 from updyn.control.servo import grid
 from updyn.control.servo.loops import Cascade
 from updyn.control.servo.margins import RobustMargin
@@ -28,8 +27,6 @@ from updyn.control.servo.stability import JudgedLoop
 
 __all__ = ["error_margin", "family_margin"]
 
-_Real = NDArray[np.float64]
-_Complex = NDArray[np.complex128]
 _TWO_PI = 2.0 * np.pi
 
 
@@ -39,7 +36,7 @@ def family_margin(cascade: Cascade, judged: JudgedLoop, members: Sequence[Cascad
     r_i is the largest |G_k,i - G_i| over the members k, line by line; `judged` must be stable.
     """
 
-    def deviation(w: _Real) -> _Complex:
+    def deviation(w: RealArray) -> ComplexArray:
         s = 1j * w
         nominal = cascade.feedback_channels(s)
         away = [np.abs(member.feedback_channels(s) - nominal) for member in members]
@@ -70,10 +67,10 @@ def error_margin(cascade: Cascade, judged: JudgedLoop) -> RobustMargin | None:
     return RobustMargin("plant error", margin, at)
 
 
-def _margin(judged: JudgedLoop, feedback: grid.Loop, w: _Real) -> tuple[float, float | None]:
+def _margin(judged: JudgedLoop, feedback: grid.Loop, w: RealArray) -> tuple[float, float | None]:
     """Return 1 over the largest mu and its frequency in Hz; `feedback` gives c_i, shape (n, k)."""
 
-    def largest_mu(w: _Real) -> tuple[float, float]:
+    def largest_mu(w: RealArray) -> tuple[float, float]:
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             mu = np.abs(feedback(w)).sum(axis=1) / np.abs(1.0 + judged.loop(1j * w))
         mu = np.where(np.isfinite(mu), mu, -np.inf)
@@ -95,7 +92,7 @@ def _margin(judged: JudgedLoop, feedback: grid.Loop, w: _Real) -> tuple[float, f
 
 
 def _critical_factor(
-    cascade: Cascade, judged: JudgedLoop, member: Cascade, w: _Real, known: float
+    cascade: Cascade, judged: JudgedLoop, member: Cascade, w: RealArray, known: float
 ) -> float:
     """Return the factor on the deviation of a member at which the loop becomes unstable.
 
@@ -103,7 +100,7 @@ def _critical_factor(
     certainly exceeds `known`.
     """
 
-    def loop(s: NDArray[Any]) -> _Complex:
+    def loop(s: NumberArray) -> ComplexArray:
         away = (member.feedback_channels(s) - cascade.feedback_channels(s)).sum(axis=1)
         return np.asarray(away / (1.0 + judged.loop(s)))
 

@@ -8,8 +8,9 @@ from itertools import chain
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from updyn.arrays import BoolArray, ComplexArray, RealArray
 from updyn.control.family import PlantFamily
 from updyn.control.plant import Plant
 from updyn.control.servo import grid
@@ -28,8 +29,6 @@ from updyn.frf import check_lines
 
 __all__ = ["servo"]
 
-_Real = NDArray[np.float64]
-_Complex = NDArray[np.complex128]
 _TWO_PI = 2.0 * np.pi
 _Disturbance = Wind | tuple[ArrayLike, ArrayLike]
 #: Velocity loop, position loop, and both loops broken at the torque.
@@ -250,7 +249,7 @@ def _lines(
     freq: ArrayLike | None,
     judged: Sequence[JudgedLoop | None],
     members: Sequence[Sequence[JudgedLoop | None]],
-) -> _Real:
+) -> RealArray:
     """Return the frequency lines of the results in Hz."""
     if freq is not None:
         given = check_lines(np.atleast_1d(np.asarray(freq)))
@@ -275,10 +274,10 @@ def _lines(
 
 
 def _is_drawable(
-    lines: _Real,
+    lines: RealArray,
     judged: Sequence[JudgedLoop | None],
     members: Sequence[Sequence[JudgedLoop | None]],
-) -> NDArray[np.bool_]:
+) -> BoolArray:
     """Return a mask of the lines at which every loop function is finite and nonzero."""
     good = np.ones(len(lines), dtype=bool)
     for one in chain(judged, *members):
@@ -288,7 +287,7 @@ def _is_drawable(
     return good
 
 
-def _loop(name: str, judged: JudgedLoop, lines: _Real, members: Sequence[JudgedLoop]) -> Loop:
+def _loop(name: str, judged: JudgedLoop, lines: RealArray, members: Sequence[JudgedLoop]) -> Loop:
     L, phase = _sample_loop(judged, lines)
     family = np.zeros((len(members), len(lines)), dtype=np.complex128)
     family_phase = np.zeros(family.shape)
@@ -347,7 +346,7 @@ def _robust(
     return tuple(margin for margin in found if margin is not None)
 
 
-def _sample_loop(judged: JudgedLoop, lines: _Real) -> tuple[_Complex, _Real]:
+def _sample_loop(judged: JudgedLoop, lines: RealArray) -> tuple[ComplexArray, RealArray]:
     """Return the loop function and its unwrapped phase in degrees at given lines."""
     w = _TWO_PI * lines
     L = judged.loop(1j * w)
@@ -362,7 +361,7 @@ def _bandwidth(closed: grid.Loop, judged: JudgedLoop) -> float | None:
         return None
     rest = abs(closed(1e-4j * judged.w[:1])[0])
 
-    def above(w: _Real) -> _Real:
+    def above(w: RealArray) -> RealArray:
         return np.asarray(np.abs(closed(1j * w)) / rest - np.sqrt(0.5))
 
     found = grid.find_level_crossing(above, judged.w, above(judged.w))

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import ComplexArray, RealArray
 from updyn.control.servo import grid
 from updyn.control.servo.grid import Loop, resolve
 from updyn.control.servo.loops import Cascade
@@ -25,24 +25,22 @@ __all__ = [
     "nyquist_count",
 ]
 
-_Real = NDArray[np.float64]
-_Complex = NDArray[np.complex128]
 
 _TWO_PI = 2.0 * np.pi
 
 
-def count_drifting(poles: _Complex, scale: float) -> int:
+def count_drifting(poles: ComplexArray, scale: float) -> int:
     """Return the number of closed-loop poles at 0; `scale` is the crossover in rad/s."""
     return int((np.abs(poles) < LOOP_STABILITY.zero_pole_share * scale).sum())
 
 
-def count_growing(poles: _Complex, scale: float) -> int:
+def count_growing(poles: ComplexArray, scale: float) -> int:
     """Return the number of unstable closed-loop poles, without those at 0; `scale` as above."""
     moving = poles[np.abs(poles) >= LOOP_STABILITY.zero_pole_share * scale]
     return int((moving.real > LOOP_STABILITY.growth_share * np.abs(moving)).sum())
 
 
-def nyquist_count(loop: Loop, w: _Real, open_poles: _Complex, drifting: int) -> int:
+def nyquist_count(loop: Loop, w: RealArray, open_poles: ComplexArray, drifting: int) -> int:
     """Return the number of unstable closed-loop poles with dead time.
 
     With p the poles of the open loop, chi(s) = prod(s - p) (1 + L(s)) has no poles, so the phase of
@@ -85,10 +83,10 @@ class JudgedLoop:
     """
 
     loop: Loop
-    w: _Real
-    values: _Complex
+    w: RealArray
+    values: ComplexArray
     margins: Margins
-    poles: _Complex
+    poles: ComplexArray
     pade: int
     agrees: bool
 
@@ -125,8 +123,8 @@ def judge(
     cascade: Cascade,
     loop: Loop,
     whole: Loop,
-    open_poles: _Complex,
-    features: _Complex,
+    open_poles: ComplexArray,
+    features: ComplexArray,
     position: bool,
 ) -> JudgedLoop:
     """Return margins and stability of one loop L(s).
@@ -158,7 +156,7 @@ def judge(
     return JudgedLoop(loop, w, values, margins, poles, pade, exact == growing)
 
 
-def _sizes(features: _Complex) -> _Real:
+def _sizes(features: ComplexArray) -> RealArray:
     """Return the moduli of poles and zeros other than 0, in rad/s; 1 without any."""
     size = np.abs(features)
     size = size[size > LOOP_LINES.zero_share * size.max(initial=0.0)]
@@ -166,8 +164,12 @@ def _sizes(features: _Complex) -> _Real:
 
 
 def _lines(
-    loop: Loop, whole: Loop, features: _Complex, delay: float, beside: _Complex | None = None
-) -> tuple[_Real, _Complex]:
+    loop: Loop,
+    whole: Loop,
+    features: ComplexArray,
+    delay: float,
+    beside: ComplexArray | None = None,
+) -> tuple[RealArray, ComplexArray]:
     """Return lines that are dense around poles and zeros, and the loop function at them."""
     size = _sizes(features)
     low = LOOP_LINES.first_line_ratio * float(size.min())
@@ -191,10 +193,10 @@ def _lines(
 
 def find_margins(
     loop: Loop,
-    w: _Real,
-    values: _Complex,
-    gains: _Real,
-    phases: _Real,
+    w: RealArray,
+    values: ComplexArray,
+    gains: RealArray,
+    phases: RealArray,
     growing: int,
     drifting: int,
     delay: float,
@@ -249,7 +251,7 @@ def find_margins(
     )
 
 
-def _at(loop: Loop, w: _Real) -> _Complex:
+def _at(loop: Loop, w: RealArray) -> ComplexArray:
     """Return L at lines in rad/s, which may be empty."""
     if not len(w):
         return np.zeros(0, dtype=np.complex128)
@@ -257,7 +259,7 @@ def _at(loop: Loop, w: _Real) -> _Complex:
 
 
 def _find_least(
-    size: _Real, values: _Real, w: _Real, otherwise: float
+    size: RealArray, values: RealArray, w: RealArray, otherwise: float
 ) -> tuple[float, float | None]:
     """Return the value of least size and its frequency in Hz; `otherwise` and None if empty."""
     if not len(size):
@@ -266,10 +268,10 @@ def _find_least(
     return float(values[at]), float(w[at] / _TWO_PI)
 
 
-def _modulus(loop: Loop, w: _Real, values: _Complex, delay: float) -> tuple[float, float]:
+def _modulus(loop: Loop, w: RealArray, values: ComplexArray, delay: float) -> tuple[float, float]:
     """Return the smallest |1 + L| and its frequency in rad/s."""
 
-    def distance(x: _Real) -> _Real:
+    def distance(x: RealArray) -> RealArray:
         return np.asarray(np.abs(1.0 + loop(1j * x)))
 
     best = grid.find_minimum(distance, w, np.abs(1.0 + values))
@@ -283,7 +285,7 @@ def _modulus(loop: Loop, w: _Real, values: _Complex, delay: float) -> tuple[floa
     return best
 
 
-def _first_crossover(loop: Loop, gains: _Real) -> float | None:
+def _first_crossover(loop: Loop, gains: RealArray) -> float | None:
     """Return the first crossing with falling gain, in Hz."""
     if not len(gains):
         return None

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.sparse.csgraph import connected_components
 
+from updyn.arrays import ComplexArray, RealArray
 from updyn.control.servo.settings import LOOP_STABILITY
 from updyn.errors import OptionError
 
@@ -26,19 +27,15 @@ __all__ = [
     "root_pair",
 ]
 
-_Real = NDArray[np.float64]
-
-_Complex = NDArray[np.complex128]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StateSpace:
     """x' = A x + B u, y = C x + D u, in SI units, time in s."""
 
-    A: _Real
-    B: _Real
-    C: _Real
-    D: _Real
+    A: RealArray
+    B: RealArray
+    C: RealArray
+    D: RealArray
 
     @classmethod
     def gain(cls, value: float) -> StateSpace:
@@ -63,12 +60,12 @@ class StateSpace:
         return len(self.A)
 
     @property
-    def poles(self) -> NDArray[np.complex128]:
+    def poles(self) -> ComplexArray:
         """Eigenvalues of A in rad/s, shape (n,)."""
         return np.asarray(np.linalg.eigvals(balance(self.A)[0]), dtype=np.complex128)
 
 
-def balance(A: _Real) -> tuple[_Real, _Real]:
+def balance(A: RealArray) -> tuple[RealArray, RealArray]:
     """Return A with states of similar size, and the scales (powers of 2): x = scale * (new states).
 
     The scales of subsystems without mutual coupling are unbounded, so they are limited.
@@ -84,7 +81,10 @@ def balance(A: _Real) -> tuple[_Real, _Real]:
 
 
 def connect(
-    blocks: Sequence[StateSpace], wires: _Real, entries: _Real, taps: _Real | None = None
+    blocks: Sequence[StateSpace],
+    wires: RealArray,
+    entries: RealArray,
+    taps: RealArray | None = None,
 ) -> StateSpace:
     """Return the interconnection of blocks.
 
@@ -126,7 +126,7 @@ def delay_approximation(delay: float, order: int) -> StateSpace:
     return connect_sections(-every, every, (-1.0) ** order)
 
 
-def connect_sections(zeros: _Complex, poles: _Complex, gain: float) -> StateSpace:
+def connect_sections(zeros: ComplexArray, poles: ComplexArray, gain: float) -> StateSpace:
     """Return gain prod (s - zeros) / (s - poles) as sections in series, each scaled by its poles.
 
     For an odd number of poles the first zero and the first pole are real; pairs follow.
@@ -139,7 +139,7 @@ def connect_sections(zeros: _Complex, poles: _Complex, gain: float) -> StateSpac
     return out
 
 
-def _section(zeros: _Complex, poles: _Complex) -> StateSpace:
+def _section(zeros: ComplexArray, poles: ComplexArray) -> StateSpace:
     """Return a section with one or two zeros and poles, and D = 1."""
     one = np.ones((1, 1))
     if len(poles) == 1:
@@ -169,7 +169,9 @@ def bilinear(system: StateSpace, dt: float) -> StateSpace:
     return StateSpace(*cont2discrete(matrices, dt, "bilinear")[:4])
 
 
-def interval_matrices(A: _Real, B: _Real, dt: float) -> tuple[_Real, _Real, _Real]:
+def interval_matrices(
+    A: RealArray, B: RealArray, dt: float
+) -> tuple[RealArray, RealArray, RealArray]:
     """Return the matrices of one interval for the states, a constant input and a unit ramp."""
     n, m = B.shape
     if n == 0:
@@ -201,8 +203,8 @@ class Transfer:
     rounding of fast modes does not affect the rigid-body motion.
     """
 
-    parts: tuple[tuple[_Complex, _Complex, _Complex], ...]
-    D: NDArray[np.float64]
+    parts: tuple[tuple[ComplexArray, ComplexArray, ComplexArray], ...]
+    D: RealArray
 
     @classmethod
     def of(cls, system: StateSpace) -> Transfer:
@@ -228,13 +230,13 @@ class Transfer:
         return cls(tuple(parts), system.D)
 
     @property
-    def poles(self) -> _Complex:
+    def poles(self) -> ComplexArray:
         """Eigenvalues in rad/s, shape (n,)."""
         return np.concatenate(
             [np.zeros(0, dtype=np.complex128), *(np.diag(T) for T, _, _ in self.parts)]
         )
 
-    def at(self, s: ArrayLike) -> _Complex:
+    def at(self, s: ArrayLike) -> ComplexArray:
         """Return the response at s in rad/s, shape (*s.shape, n_y, n_u); not finite at a pole."""
         s = np.asarray(s, dtype=np.complex128)
         points = s.ravel()
@@ -254,7 +256,7 @@ class Transfer:
         return np.asarray(out.reshape(*s.shape, *self.D.shape))
 
 
-def channel_zeros(system: StateSpace) -> _Complex:
+def channel_zeros(system: StateSpace) -> ComplexArray:
     """Return the finite zeros of a system with one input and one output, in rad/s.
 
     Generalised eigenvalues of [[A, B], [C, D]] (Emami-Naeini & Van Dooren 1982, Automatica 18, p.

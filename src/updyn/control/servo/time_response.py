@@ -6,9 +6,10 @@ import math
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.interpolate import CubicHermiteSpline
 
+from updyn.arrays import ComplexArray, RealArray
 from updyn.control.servo.loops import Cascade
 from updyn.control.servo.record import StepResponse, WindResponse
 from updyn.control.servo.settings import STEP_RESPONSE, WIND_SERIES
@@ -30,7 +31,6 @@ __all__ = [
     "time_responses",
 ]
 
-_Real = NDArray[np.float64]
 
 _TWO_PI = 2.0 * np.pi
 #: Indices of inputs and outputs in `Cascade.closed_loop`.
@@ -39,8 +39,8 @@ _POSITION, _TORQUE, _POINTING = range(3)
 
 
 def linear_response(
-    system: StateSpace, u: _Real, dt: float, start: _Real | None = None
-) -> tuple[_Real, _Real]:
+    system: StateSpace, u: RealArray, dt: float, start: RealArray | None = None
+) -> tuple[RealArray, RealArray]:
     """Return states and outputs of a system under inputs that are linear between samples.
 
     `u`, shape (n_t, n_u), is sampled every `dt` s. First-order hold: exponential of the matrix
@@ -59,8 +59,8 @@ def linear_response(
 
 
 def delayed_response(
-    opened: StateSpace, w: _Real, start: _Real, delay: float, dt: float, n_t: int
-) -> tuple[_Real, _Real, _Real]:
+    opened: StateSpace, w: RealArray, start: RealArray, delay: float, dt: float, n_t: int
+) -> tuple[RealArray, RealArray, RealArray]:
     """Return time, outputs and their derivatives of a loop whose first output is fed back delayed.
 
     `opened` has the delayed input and the output to feed back first; `w` are the other inputs,
@@ -142,9 +142,7 @@ def schedule_intervals(
     return parts
 
 
-def _pole_shares(
-    system: StateSpace, output: int, input: int
-) -> tuple[NDArray[np.complex128], _Real]:
+def _pole_shares(system: StateSpace, output: int, input: int) -> tuple[ComplexArray, RealArray]:
     """Return the poles in rad/s and the share of each in a step response."""
     even, scale = balance(system.A)
     poles, V = np.linalg.eig(even)
@@ -156,7 +154,7 @@ def _pole_shares(
 
 def simulate_step(
     system: StateSpace, input: int, size: float, rate: int | None, parts: list[tuple[int, float]]
-) -> tuple[_Real, _Real, _Real]:
+) -> tuple[RealArray, RealArray, RealArray]:
     """Return time, outputs and their derivatives after a step of an input at time 0.
 
     `rate` is the index of the input that is the derivative of the step: an impulse of the same
@@ -188,7 +186,7 @@ class StepFigures:
 
 
 def step_figures(
-    time: _Real, value: _Real, slope: _Real, final: float, reference: bool
+    time: RealArray, value: RealArray, slope: RealArray, final: float, reference: bool
 ) -> StepFigures:
     """Return the figures of a step response, with cubic interpolation between samples."""
     curve = CubicHermiteSpline(time, value, slope, extrapolate=False)
@@ -215,12 +213,12 @@ def step_figures(
     return StepFigures(rise, overshoot, settles, peak, peak_time)
 
 
-def _first_crossing(curve: CubicHermiteSpline, time: _Real, height: float) -> float | None:
+def _first_crossing(curve: CubicHermiteSpline, time: RealArray, height: float) -> float | None:
     places = _within_record(curve.solve(height), time)
     return float(places.min()) if len(places) else None
 
 
-def _within_record(places: _Real, time: _Real) -> _Real:
+def _within_record(places: RealArray, time: RealArray) -> RealArray:
     """Return the places within the record, without the nan of constant pieces."""
     good = np.isfinite(places)
     return np.asarray(places[good & (np.where(good, places, 0.0) >= time[0])])
@@ -333,7 +331,7 @@ def _simulate_step_record(
     size: float,
     rate: int | None,
     duration: float | None,
-) -> tuple[_Real, _Real, _Real]:
+) -> tuple[RealArray, RealArray, RealArray]:
     """Return time, outputs of `Cascade.closed_loop` and their derivatives after a step."""
     parts = schedule_intervals(system, output, at, duration)
     delay = cascade.controller.dead_time
@@ -356,7 +354,9 @@ def _simulate_step_record(
     return time, outputs[:, order], slopes[:, order]
 
 
-def _thin_record(time: _Real, value: _Real, torque: _Real) -> tuple[_Real, _Real, _Real]:
+def _thin_record(
+    time: RealArray, value: RealArray, torque: RealArray
+) -> tuple[RealArray, RealArray, RealArray]:
     """Return a record thinned to about the number of stored samples, with all of the first ones."""
     stored = STEP_RESPONSE.stored_samples
     every = max(1, round(len(time) / stored))
@@ -416,7 +416,7 @@ def _expected_rms(cascade: Cascade, judged: JudgedLoop, wind: Wind) -> tuple[flo
     return float(np.sqrt(total[-1])), 1.0 / (8.0 * top)
 
 
-def _read_series(given: tuple[ArrayLike, ArrayLike]) -> tuple[_Real, _Real]:
+def _read_series(given: tuple[ArrayLike, ArrayLike]) -> tuple[RealArray, RealArray]:
     try:
         time, values = given
         time = np.array(time, dtype=np.float64)

@@ -6,15 +6,15 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from updyn.arrays import RealArray
 from updyn.control.servo.settings import WIND_SERIES
 from updyn.errors import OptionError
 from updyn.group import is_number
 
 __all__ = ["LENGTH", "Wind"]
 
-_Real = NDArray[np.float64]
 #: Length scale of the spectrum in m.
 LENGTH = 1200.0
 
@@ -123,7 +123,7 @@ class Wind:
         """The torque of the mean speed, c V^2, in N m."""
         return self.coefficient * self.mean_speed**2
 
-    def spectrum(self, freq: ArrayLike) -> _Real:
+    def spectrum(self, freq: ArrayLike) -> RealArray:
         """Return the one-sided spectral density of the gusts.
 
         Parameters
@@ -141,7 +141,7 @@ class Wind:
             4.0 * self.drag * self.mean_speed * LENGTH * X / (1.0 + X**2) ** (4.0 / 3.0)
         )
 
-    def variance_below(self, freq: ArrayLike) -> _Real:
+    def variance_below(self, freq: ArrayLike) -> RealArray:
         """Return the integral of the spectrum from 0: 6 roughness V^2 (1 - (1 + X^2)^(-1/3)).
 
         Parameters
@@ -158,7 +158,7 @@ class Wind:
         # 1 - (1 + x)^(-1/3) without loss of digits for small x
         return np.asarray(6.0 * self.drag * self.mean_speed**2 * -np.expm1(-np.log1p(X**2) / 3.0))
 
-    def torque_variance(self, edges: _Real) -> _Real:
+    def torque_variance(self, edges: RealArray) -> RealArray:
         """Return the variance of the torque between consecutive frequencies.
 
         Parameters
@@ -175,7 +175,7 @@ class Wind:
             (2.0 * self.coefficient * self.mean_speed) ** 2 * np.diff(self.variance_below(edges))
         )
 
-    def series(self, dt: float | None = None) -> tuple[_Real, _Real]:
+    def series(self, dt: float | None = None) -> tuple[RealArray, RealArray]:
         """Return a random series of the torque.
 
         A sum of cosines at multiples of 1 / duration with random phases (Shinozuka & Deodatis 1991,
@@ -207,7 +207,7 @@ class Wind:
                 f" 16 to {WIND_SERIES.most_samples}"
             )
         lines = np.arange(1, n // 2)
-        edges: _Real = np.arange(1, n // 2 + 1) - np.float64(0.5)
+        edges: RealArray = np.arange(1, n // 2 + 1) - np.float64(0.5)
         width = 1.0 / (n * step)
         amplitude = np.sqrt(2.0 * self.torque_variance(edges * width))
         phase = np.random.default_rng(self.seed).uniform(0.0, 2.0 * np.pi, len(lines))

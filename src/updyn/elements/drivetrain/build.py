@@ -10,8 +10,8 @@ from typing import Any, TypeAlias
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
+from updyn.arrays import RealArray
 from updyn.dofs import DIRECTIONS, DofSet
 from updyn.elements.checks import check_keys, check_whole, is_whole, read_parts
 from updyn.elements.constraints import Equation, about_axis, constrain, join
@@ -41,7 +41,7 @@ __all__ = [
 _OPTIONS = ("held", "keep", "title")
 
 #: Nodes, and a matrix of their rotations.
-_Block: TypeAlias = tuple[tuple[int, ...], NDArray[np.float64]]
+_Block: TypeAlias = tuple[tuple[int, ...], RealArray]
 
 
 @dataclass(frozen=True, slots=True)

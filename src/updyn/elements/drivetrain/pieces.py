@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import RealArray
 from updyn.elements.checks import check_not_negative, check_number, check_whole
 from updyn.elements.settings import ELEMENT
 from updyn.errors import ModelError
@@ -67,7 +67,7 @@ class TorsionSpring:
     along: bool = False
 
     @property
-    def pattern(self) -> NDArray[np.float64]:
+    def pattern(self) -> RealArray:
         """Matrix row row^T, which stiffness and damping multiply."""
         return np.outer(self.row, self.row)
 
@@ -78,7 +78,7 @@ class InertiaMatrix:
 
     group: str
     nodes: tuple[int, ...]
-    matrix: NDArray[np.float64]
+    matrix: RealArray
 
 
 @dataclass(frozen=True, slots=True)

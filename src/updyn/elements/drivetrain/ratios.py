@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import RealArray
 from updyn.dynamics.eigen import mass_rank
 from updyn.dynamics.modes import modes
 from updyn.elements.drivetrain.pieces import Part
@@ -16,7 +16,6 @@ from updyn.model import Model
 
 __all__ = ["inverted_ratios"]
 
-_Real = NDArray[np.float64]
 _Band = tuple[float, float]
 
 
@@ -52,7 +51,7 @@ def inverted_ratios(
 
 def _frequencies_with_inverted(
     parts: Sequence[Part], which: Sequence[int], build: Callable[[Sequence[Part]], Model]
-) -> _Real:
+) -> RealArray:
     """Return the natural frequencies with given ratios inverted; empty if this cannot be built."""
     others = [part.inverted() if at in which else part for at, part in enumerate(parts)]
     try:
@@ -61,7 +60,7 @@ def _frequencies_with_inverted(
         return np.zeros(0)
 
 
-def _frequencies(model: Model) -> _Real:
+def _frequencies(model: Model) -> RealArray:
     """Return the natural frequencies in Hz without rigid-body modes; empty if not computed."""
     if model.n_dofs > TRAIN.examined_dofs:
         return np.zeros(0)
@@ -72,30 +71,32 @@ def _frequencies(model: Model) -> _Real:
     return np.asarray(found[found > 0.0])
 
 
-def _outside_plausible(found: _Real) -> _Real:
+def _outside_plausible(found: RealArray) -> RealArray:
     low, high = TRAIN.lowest_frequency, TRAIN.highest_frequency
     return np.asarray(found[(found < low) | (found > high)])
 
 
-def _near_band(found: _Real, band: _Band) -> _Real:
+def _near_band(found: RealArray, band: _Band) -> RealArray:
     low, high = band[0] / TRAIN.band_factor, band[1] * TRAIN.band_factor
     return np.asarray(found[(found >= low) & (found <= high)])
 
 
-def _is_doubtful(found: _Real, band: _Band | None) -> bool:
+def _is_doubtful(found: RealArray, band: _Band | None) -> bool:
     if band is None:
         return len(_outside_plausible(found)) > 0
     return len(found) > 0 and len(_near_band(found, band)) == 0
 
 
-def _is_better(found: _Real, instead: _Real, band: _Band | None) -> bool:
+def _is_better(found: RealArray, instead: RealArray, band: _Band | None) -> bool:
     """Return whether the inverse of a doubtful ratio gives more plausible frequencies."""
     if band is not None:
         return len(_near_band(instead, band)) > 0
     return len(instead) > 0 and len(_outside_plausible(instead)) < len(_outside_plausible(found))
 
 
-def _question(parts: Sequence[Part], found: _Real, instead: _Real, band: _Band | None) -> str:
+def _question(
+    parts: Sequence[Part], found: RealArray, instead: RealArray, band: _Band | None
+) -> str:
     names = ", ".join(repr(part.name) for part in parts)
     ask, they = "is the ratio inverted", "its inverse"
     if len(parts) > 1:
@@ -128,7 +129,7 @@ def _ratio(ratio: float) -> str:
     return f"{'-' if ratio < 0 else ''}1/{abs(1.0 / ratio):.6g}"
 
 
-def _format_frequencies(frequencies: _Real, most: int = 4) -> str:
+def _format_frequencies(frequencies: RealArray, most: int = 4) -> str:
     shown = ", ".join(f"{f:.5g}" for f in frequencies[:most])
     more = ", ..." if len(frequencies) > most else ""
     return f"{shown}{more} Hz"

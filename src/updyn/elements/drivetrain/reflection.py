@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.linalg as sl
-from numpy.typing import NDArray
 
+from updyn.arrays import RealArray
 from updyn.elements.checks import check_whole
 from updyn.elements.drivetrain.build import Train, assemble
 from updyn.elements.drivetrain.pieces import (
@@ -297,7 +297,7 @@ class _RigidTrain:
         q = np.linalg.lstsq(R / size, half, rcond=ELEMENT.rounding)[0] / size
         return dict(zip(self.nodes, (T @ q).tolist(), strict=True))
 
-    def _transformation(self) -> tuple[NDArray[np.float64], int]:
+    def _transformation(self) -> tuple[RealArray, int]:
         """Return all rotations from the free ones, shape (nodes, free), and their number."""
         follow = solve_ratios(self.train.rigid_ratios, self.train.fixed_nodes)
         free = [node for node in self.nodes if node not in follow]
@@ -307,23 +307,23 @@ class _RigidTrain:
                 T[i, free.index(other)] = coefficient
         return T, len(free)
 
-    def _coefficients(self, piece: TorsionSpring | RigidRatio) -> NDArray[np.float64]:
+    def _coefficients(self, piece: TorsionSpring | RigidRatio) -> RealArray:
         out = np.zeros(len(self.nodes))
         for node, coefficient in zip(piece.nodes, piece.row, strict=True):
             out[self._place[node]] = coefficient
         return out
 
-    def _row(self, piece: TorsionSpring | RigidRatio) -> NDArray[np.float64]:
+    def _row(self, piece: TorsionSpring | RigidRatio) -> RealArray:
         """Return the coefficients of a piece, normalised to length 1."""
         row = self._coefficients(piece)
         return row / np.linalg.norm(row)
 
-    def _unit(self, node: int) -> NDArray[np.float64]:
+    def _unit(self, node: int) -> RealArray:
         out = np.zeros(len(self.nodes))
         out[self._place[node]] = 1.0
         return out
 
-    def _null_space(self, rows: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
+    def _null_space(self, rows: Sequence[RealArray]) -> RealArray:
         if not rows:
             return np.eye(len(self.nodes))
         return np.asarray(sl.null_space(np.array(rows), rcond=ELEMENT.rounding))

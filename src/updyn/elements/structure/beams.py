@@ -8,8 +8,8 @@ from dataclasses import dataclass, fields, replace
 from typing import Any, ClassVar, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import IntArray, RealArray
 from updyn.elements.checks import (
     check_connectivity,
     check_keys,
@@ -236,16 +236,14 @@ class Beam(Element):
         """G in Pa."""
         return self.E / (2 * (1 + self.nu)) if self.G is None else self.G
 
-    def matrices(self, numbers: NDArray[np.int64], xyz: NDArray[np.float64]) -> ElementMatrices:
+    def matrices(self, numbers: IntArray, xyz: RealArray) -> ElementMatrices:
         """Compute stiffness and consistent mass of given beams."""
         _check_length(self.label, numbers, xyz)
         vectors = self._vectors_in_plane(numbers, xyz)
         K, M = pyfe.beam_matrices(self.section, self.E, self.shear_modulus, self.rho, vectors, xyz)
         return ElementMatrices(K, M if self.rho else None)
 
-    def _vectors_in_plane(
-        self, numbers: NDArray[np.int64], ends: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def _vectors_in_plane(self, numbers: IntArray, ends: RealArray) -> RealArray:
         """Return a vector in the local xy plane of each beam, shape (m, 3).
 
         Without an orientation, both bending planes are equal, and any vector across the beam can be
@@ -265,7 +263,7 @@ class Beam(Element):
             )
         return np.tile(v, (len(ends), 1))
 
-    def edges(self) -> NDArray[np.int64]:
+    def edges(self) -> IntArray:
         """Return the axes of the beams."""
         return np.asarray(self.connectivity)
 
@@ -276,7 +274,7 @@ class Beam(Element):
         """
         return None if self.section.is_round else replace(self, section=self.section.exchanged)
 
-    def orientation_turned(self, xyz: NDArray[np.float64]) -> str:
+    def orientation_turned(self, xyz: RealArray) -> str:
         """Return the orientation rotated by 90 degrees about the beams, as text."""
         turned = self._orientation_across(xyz)
         if turned is None:
@@ -284,7 +282,7 @@ class Beam(Element):
         now, then = ([float(f"{x:.6g}") for x in v] for v in (self.orientation, turned))
         return f"its orientation by 90 degrees: {then} in place of {now}"
 
-    def _orientation_across(self, xyz: NDArray[np.float64]) -> NDArray[np.float64] | None:
+    def _orientation_across(self, xyz: RealArray) -> RealArray | None:
         """Return the orientation rotated by 90 degrees about parallel beams, else None."""
         along = xyz[:, 1] - xyz[:, 0]
         along = along / np.linalg.norm(along, axis=1, keepdims=True)
@@ -341,18 +339,18 @@ class Truss(Element):
         set_fields(self, connectivity=nodes, **check_material(what, self))
         set_fields(self, A=check_positive(what, "A", self.A))
 
-    def matrices(self, numbers: NDArray[np.int64], xyz: NDArray[np.float64]) -> ElementMatrices:
+    def matrices(self, numbers: IntArray, xyz: RealArray) -> ElementMatrices:
         """Compute stiffness and consistent mass of given bars."""
         _check_length(self.label, numbers, xyz)
         K, M = pyfe.truss_matrices(self.A, self.E, self.rho, xyz)
         return ElementMatrices(K, M if self.rho else None)
 
-    def edges(self) -> NDArray[np.int64]:
+    def edges(self) -> IntArray:
         """Return the axes of the bars."""
         return np.asarray(self.connectivity)
 
 
-def _check_length(what: str, numbers: NDArray[np.int64], ends: NDArray[np.float64]) -> None:
+def _check_length(what: str, numbers: IntArray, ends: RealArray) -> None:
     length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
     if not length.all():
         nodes = numbers[int(np.argmin(length))].tolist()

@@ -11,6 +11,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
+from updyn.arrays import BoolArray, IndexArray, IntArray, RealArray
 from updyn.dofs import DIRECTIONS, Dof, DofSet, whole_numbers
 from updyn.elements.checks import check_keys, read_parts, read_row, read_rows, to_reals
 from updyn.elements.constraints import Equation, RigidLink, constrain, rigid_link
@@ -182,14 +183,14 @@ def _nodes_of_table(table: Any) -> dict[int, Any]:
 class _Nodes:
     """Node numbers, shape (n,), with their positions in m, shape (n, 3)."""
 
-    numbers: NDArray[np.int64]
-    xyz: NDArray[np.float64]
-    _order: NDArray[np.intp] = field(init=False)
+    numbers: IntArray
+    xyz: RealArray
+    _order: IndexArray = field(init=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "_order", np.argsort(self.numbers))
 
-    def find(self, what: str, wanted: NDArray[np.int64]) -> NDArray[np.intp]:
+    def find(self, what: str, wanted: IntArray) -> IndexArray:
         """Return the indices in the table of node numbers of any shape; raise if one is missing."""
         at = np.searchsorted(self.numbers, wanted, sorter=self._order)
         found = self._order[np.minimum(at, len(self._order) - 1)]
@@ -223,7 +224,7 @@ def _read_nodes(given: Mapping[int, ArrayLike] | ArrayLike | Geometry) -> _Nodes
     return _Nodes(numbers, xyz)
 
 
-def _positions(given: Any) -> NDArray[np.float64]:
+def _positions(given: Any) -> RealArray:
     try:
         xyz = to_reals(given)
     except ValueError as error:
@@ -245,7 +246,7 @@ def _check_elements(elements: Sequence[Element]) -> None:
             raise ModelError(f"structure: {element!r}; expected a {known}, or another Element")
 
 
-def _mark_used(element: Element, table: _Nodes, used: NDArray[np.bool_]) -> None:
+def _mark_used(element: Element, table: _Nodes, used: BoolArray) -> None:
     """Mark the DOFs that an element uses in `used`, shape (n, 6)."""
     at = table.find(element.label, element.node_numbers)
     used_dofs = element.used_dofs(table.xyz[at])
@@ -253,7 +254,7 @@ def _mark_used(element: Element, table: _Nodes, used: NDArray[np.bool_]) -> None
         used[at[used_dofs[:, :, position]], direction] = True
 
 
-def _edges(elements: Iterable[Element]) -> NDArray[np.int64]:
+def _edges(elements: Iterable[Element]) -> IntArray:
     """Return the unique edges of all elements as node numbers, shape (n, 2)."""
     pairs = [np.empty((0, 2), dtype=np.int64)]
     for element in elements:
@@ -261,7 +262,7 @@ def _edges(elements: Iterable[Element]) -> NDArray[np.int64]:
     return np.unique(np.sort(np.concatenate(pairs), axis=1), axis=0)
 
 
-def _faces(elements: Iterable[Element]) -> NDArray[np.int64]:
+def _faces(elements: Iterable[Element]) -> IntArray:
     """Return the unique faces to draw as node numbers, shape (n, 4); triangles repeat the last."""
     found = {True: [np.empty((0, 4), dtype=np.int64)], False: [np.empty((0, 4), dtype=np.int64)]}
     for element in elements:
@@ -275,7 +276,7 @@ def _tie_equations(
     geometry: Geometry,
     links: Sequence[RigidLink],
     equations: list[Equation],
-    used: NDArray[np.bool_],
+    used: BoolArray,
 ) -> list[Equation]:
     """Return the equations of links and ties; mark the DOFs on their right in `used`."""
     for link in links:
@@ -295,7 +296,7 @@ def _tie_equations(
 
 
 def _link_equations(
-    table: _Nodes, geometry: Geometry, link: RigidLink, used: NDArray[np.bool_]
+    table: _Nodes, geometry: Geometry, link: RigidLink, used: BoolArray
 ) -> list[Equation]:
     what = f"rigid link of node {link.master}"
     table.find(what, np.array([link.master]))
@@ -313,13 +314,13 @@ def _link_equations(
     return out
 
 
-def _dofs(table: _Nodes, used: NDArray[np.bool_]) -> DofSet:
+def _dofs(table: _Nodes, used: BoolArray) -> DofSet:
     node, axis = np.nonzero(used)
     return DofSet.from_arrays(table.numbers[node], axis)
 
 
 def _fixed_dofs(
-    table: _Nodes, used: NDArray[np.bool_], dofs: DofSet, grounded: Iterable[str | Dof | int]
+    table: _Nodes, used: BoolArray, dofs: DofSet, grounded: Iterable[str | Dof | int]
 ) -> list[Dof]:
     """Return the fixed DOFs, each once."""
     out: list[Dof] = []
@@ -344,8 +345,8 @@ def _fixed_dofs(
 def _groups(
     elements: Sequence[Element],
     table: _Nodes,
-    used: NDArray[np.bool_],
-    left_out: NDArray[np.bool_],
+    used: BoolArray,
+    left_out: BoolArray,
 ) -> dict[str, Group]:
     n = int((~left_out).sum())
     number = np.full(len(left_out), -1, dtype=np.int32)
@@ -422,7 +423,7 @@ def _exchange_axes(
     return AxisExchange(_ElementRecipe(elements, assembly), what, turn)
 
 
-def _batches(element: Element, table: _Nodes) -> Iterator[tuple[NDArray[np.intp], ElementMatrices]]:
+def _batches(element: Element, table: _Nodes) -> Iterator[tuple[IndexArray, ElementMatrices]]:
     """Yield rows of the table of nodes, shape (m, k), and matrices, for batches of elements."""
     numbers = element.node_numbers
     at = table.find(element.label, numbers)
@@ -460,11 +461,11 @@ class _MatrixSum:
 
     def __init__(self, n: int) -> None:
         self.n = n
-        self.pending: list[tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.int32]]] = []
+        self.pending: list[tuple[RealArray, NDArray[np.int32], NDArray[np.int32]]] = []
         self.waiting = 0  # entries of these batches
         self.merged: list[tuple[int, Any]] = []  # pairs of number of batches and their sum
 
-    def add(self, A: NDArray[np.float64] | None, at: NDArray[np.int32]) -> None:
+    def add(self, A: RealArray | None, at: NDArray[np.int32]) -> None:
         """Add matrices, shape (m, s, s), at rows and columns `at`, shape (m, s); -1 to skip."""
         if A is None:
             return

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import BoolArray, IntArray, RealArray
 from updyn.registry import Registry
 
 __all__ = ["ALL_DIRECTIONS", "ELEMENTS", "TRANSLATIONS", "Element", "ElementMatrices"]
@@ -34,12 +34,12 @@ class ElementMatrices:
         symmetric; None if the elements have none.
     """
 
-    K: NDArray[np.float64] | None = None
-    M: NDArray[np.float64] | None = None
-    C: NDArray[np.float64] | None = None
+    K: RealArray | None = None
+    M: RealArray | None = None
+    C: RealArray | None = None
 
     @property
-    def nonzero(self) -> NDArray[np.bool_]:
+    def nonzero(self) -> BoolArray:
         """DOFs with a diagonal entry other than 0 in any of the matrices, shape (m, k d)."""
         present = [A for A in (self.K, self.M, self.C) if A is not None]
         return np.asarray(np.logical_or.reduce([np.einsum("mii->mi", A) != 0 for A in present]))
@@ -70,12 +70,12 @@ class Element(ABC):
         return f"{type(self).__name__.lower()} {self.name!r}"
 
     @property
-    def node_numbers(self) -> NDArray[np.int64]:
+    def node_numbers(self) -> IntArray:
         """Node numbers of the m elements, shape (m, k)."""
         return np.asarray(self.connectivity, dtype=np.int64)
 
     @abstractmethod
-    def matrices(self, numbers: NDArray[np.int64], xyz: NDArray[np.float64]) -> ElementMatrices:
+    def matrices(self, numbers: IntArray, xyz: RealArray) -> ElementMatrices:
         """Compute the matrices of given elements.
 
         Parameters
@@ -95,7 +95,7 @@ class Element(ABC):
             If an element has no size, or a library is missing.
         """
 
-    def used_dofs(self, xyz: NDArray[np.float64]) -> NDArray[np.bool_]:
+    def used_dofs(self, xyz: RealArray) -> BoolArray:
         """Return a mask of the node DOFs that the elements use, shape (m, k, d); by default all.
 
         Parameters
@@ -105,11 +105,11 @@ class Element(ABC):
         """
         return np.ones((*xyz.shape[:2], len(self.directions)), dtype=np.bool_)
 
-    def edges(self) -> NDArray[np.int64]:
+    def edges(self) -> IntArray:
         """Return node numbers of the lines to draw, shape (n, 2); by default none."""
         return np.empty((0, 2), dtype=np.int64)
 
-    def faces(self) -> NDArray[np.int64]:
+    def faces(self) -> IntArray:
         """Return node numbers of the faces to draw, shape (k, 3) or (k, 4); by default none."""
         return np.empty((0, 4), dtype=np.int64)
 
@@ -120,7 +120,7 @@ class Element(ABC):
         """
         return None
 
-    def orientation_turned(self, xyz: NDArray[np.float64]) -> str:
+    def orientation_turned(self, xyz: RealArray) -> str:
         """Return the orientation rotated by 90 degrees about the elements, as text.
 
         By default empty, as elements have no orientation.

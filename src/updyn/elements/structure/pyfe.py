@@ -18,8 +18,8 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import RealArray
 from updyn.elements.settings import ELEMENT
 from updyn.errors import ModelError
 
@@ -45,9 +45,9 @@ def beam_matrices(
     E: float,
     G: float,
     rho: float,
-    vectors: NDArray[np.float64],
-    ends: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    vectors: RealArray,
+    ends: RealArray,
+) -> tuple[RealArray, RealArray]:
     """Return stiffness and consistent mass of beams in global axes, each shape (m, 12, 12), in SI.
 
     `vectors` (m, 3) lie in the local xy planes. Timoshenko beams with the displacement functions of
@@ -82,9 +82,7 @@ def _shear_modulus(coefficient: float | None, E: float, G: float) -> float:
     return ELEMENT.rigid_shear_ratio * E if coefficient is None else coefficient * G
 
 
-def truss_matrices(
-    A: float, E: float, rho: float, ends: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def truss_matrices(A: float, E: float, rho: float, ends: RealArray) -> tuple[RealArray, RealArray]:
     """Return stiffness and consistent mass of bars, each shape (m, 6, 6), in SI."""
     fe = _library()
     prop = fe.beamprop.BeamProp()
@@ -105,8 +103,8 @@ def truss_matrices(
 
 
 def plate_matrices(
-    what: str, thickness: float, E: float, nu: float, rho: float, local: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    what: str, thickness: float, E: float, nu: float, rho: float, local: RealArray
+) -> tuple[RealArray, RealArray]:
     """Return stiffness and mass of flat shells in local axes, shape (m, 6 k, 6 k), in SI.
 
     First-order shear deformation theory, drilling after Allman (1984) and Hughes & Brezzi (1989).
@@ -144,7 +142,7 @@ def _place_dofs(element: Any, n_nodes: int) -> None:
 
 def _collect(
     element: Any, prop: Any, data: Any, place: Callable[[int], None], count: int, size: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+) -> tuple[RealArray, RealArray]:
     """Return K and M, shape (count, size, size), of one element object moved to each place."""
     K = _full(element.update_KC0, data.KC0_SPARSE_SIZE, prop, place, count, size)
     M = _full(element.update_M, data.M_SPARSE_SIZE, prop, place, count, size)
@@ -153,7 +151,7 @@ def _collect(
 
 def _full(
     update: Any, length: int, prop: Any, place: Callable[[int], None], count: int, size: int
-) -> NDArray[np.float64]:
+) -> RealArray:
     rows = np.zeros(length, dtype=_INDEX)
     columns = np.zeros(length, dtype=_INDEX)
     values = np.zeros((count, length))

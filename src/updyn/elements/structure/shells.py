@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import IntArray, RealArray
 from updyn.elements.checks import check_connectivity, check_material, check_positive, set_fields
 from updyn.elements.settings import ELEMENT
 from updyn.elements.structure import pyfe
@@ -66,7 +66,7 @@ class Shell(Element):
         set_fields(self, connectivity=nodes, **check_material(what, self))
         set_fields(self, thickness=check_positive(what, "thickness", self.thickness))
 
-    def matrices(self, numbers: NDArray[np.int64], xyz: NDArray[np.float64]) -> ElementMatrices:
+    def matrices(self, numbers: IntArray, xyz: RealArray) -> ElementMatrices:
         """Compute stiffness and consistent mass of given shells.
 
         Parameters
@@ -105,16 +105,16 @@ class Shell(Element):
         M = T.transpose(0, 2, 1) @ M @ T
         return ElementMatrices(K, M if self.rho else None)
 
-    def edges(self) -> NDArray[np.int64]:
+    def edges(self) -> IntArray:
         """Return the edges of the shells."""
         following = np.roll(self.connectivity, -1, axis=1)
         return np.stack([self.connectivity, following], axis=2).reshape(-1, 2)
 
-    def faces(self) -> NDArray[np.int64]:
+    def faces(self) -> IntArray:
         """Return the node numbers of the shells."""
         return np.asarray(self.connectivity)
 
-    def _axes(self, numbers: NDArray[np.int64], xyz: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _axes(self, numbers: IntArray, xyz: RealArray) -> RealArray:
         """Return local x, local y and the normal as rows, shape (m, 3, 3).
 
         Local x is along the first edge of a triangle, and between the diagonals of a quadrilateral.
@@ -136,7 +136,7 @@ class Shell(Element):
         x = x / np.linalg.norm(x, axis=1, keepdims=True)
         return np.stack([x, np.cross(normal, x), normal], axis=1)
 
-    def _areas(self, numbers: NDArray[np.int64], local: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _areas(self, numbers: IntArray, local: RealArray) -> RealArray:
         x = local[:, :, 0]
         y = local[:, :, 1]
         if local.shape[1] == 4:  # twice the area of the triangle at each corner
@@ -152,7 +152,7 @@ class Shell(Element):
         twice = x * np.roll(y, -1, axis=1) - y * np.roll(x, -1, axis=1)
         return np.asarray(0.5 * np.abs(twice.sum(axis=1)))
 
-    def _check_warp(self, numbers: NDArray[np.int64], warp: NDArray[np.float64]) -> None:
+    def _check_warp(self, numbers: IntArray, warp: RealArray) -> None:
         worst = warp.max()
         if worst > ELEMENT.warned_warp:
             count = int((warp > ELEMENT.warned_warp).sum())
@@ -164,11 +164,11 @@ class Shell(Element):
                 stacklevel=2,
             )
 
-    def _element(self, numbers: NDArray[np.int64], chosen: Any) -> str:
+    def _element(self, numbers: IntArray, chosen: Any) -> str:
         """Return the name of the first of given elements for messages."""
         return f"{self.label}: the element of nodes {numbers[int(np.argmax(chosen))].tolist()}"
 
-    def _shear_stiffness(self, xy: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _shear_stiffness(self, xy: RealArray) -> RealArray:
         """Return the transverse shear stiffness of quadrilaterals, shape (m, 24, 24)."""
         shear = 5 / 6 * self.E / (2 * (1 + self.nu)) * self.thickness
         bottom = _covariant(xy, 0, (0.0, -1.0))
@@ -185,7 +185,7 @@ class Shell(Element):
         return out
 
 
-def _transformation(axes: NDArray[np.float64], height: NDArray[np.float64]) -> NDArray[np.float64]:
+def _transformation(axes: RealArray, height: RealArray) -> RealArray:
     """Return local DOFs in the plane from global DOFs of the nodes, shape (m, 6 k, 6 k)."""
     m, k = height.shape
     T = np.zeros((m, k, 6, k, 6))
@@ -198,7 +198,7 @@ def _transformation(axes: NDArray[np.float64], height: NDArray[np.float64]) -> N
     return T.reshape(m, 6 * k, 6 * k)
 
 
-def _covariant(xy: NDArray[np.float64], axis: int, at: tuple[float, float]) -> NDArray[np.float64]:
+def _covariant(xy: RealArray, axis: int, at: tuple[float, float]) -> RealArray:
     """Return the covariant shear strain w,a + x,a ry - y,a rx at a point, shape (m, 24)."""
     slope = _gradients(*at)[axis]
     N = (1 + _CORNERS[:, 0] * at[0]) * (1 + _CORNERS[:, 1] * at[1]) / 4
@@ -210,7 +210,7 @@ def _covariant(xy: NDArray[np.float64], axis: int, at: tuple[float, float]) -> N
     return row.reshape(len(xy), 24)
 
 
-def _gradients(p: float, q: float) -> NDArray[np.float64]:
+def _gradients(p: float, q: float) -> RealArray:
     """Return the derivatives of the four bilinear functions by both coordinates, shape (2, 4)."""
     by_p = _CORNERS[:, 0] * (1 + _CORNERS[:, 1] * q)
     by_q = _CORNERS[:, 1] * (1 + _CORNERS[:, 0] * p)

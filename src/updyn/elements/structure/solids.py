@@ -13,8 +13,8 @@ from functools import lru_cache
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import IntArray, RealArray
 from updyn.elements.checks import check_connectivity, check_material, set_fields
 from updyn.elements.structure.element import TRANSLATIONS, Element, ElementMatrices
 from updyn.errors import ModelError
@@ -95,7 +95,7 @@ class Solid(Element):
         if not isinstance(self.lumped, bool):
             raise ModelError(f"{what}: lumped {self.lumped!r}; expected True or False")
 
-    def matrices(self, numbers: NDArray[np.int64], xyz: NDArray[np.float64]) -> ElementMatrices:
+    def matrices(self, numbers: IntArray, xyz: RealArray) -> ElementMatrices:
         """Compute stiffness and mass of given elements."""
         bad = inside_out(xyz)
         if bad is not None:
@@ -106,12 +106,12 @@ class Solid(Element):
         K, M = solid_matrices(xyz, self.E, self.nu, self.rho, self.lumped)
         return ElementMatrices(K, M if self.rho else None)
 
-    def edges(self) -> NDArray[np.int64]:
+    def edges(self) -> IntArray:
         """Return the edges, corner to corner, of the outer faces."""
         outer = self.faces()
         return np.stack([outer, np.roll(outer, -1, axis=1)], axis=2).reshape(-1, 2)
 
-    def faces(self) -> NDArray[np.int64]:
+    def faces(self) -> IntArray:
         """Return the corners of the outer faces, which belong to one element only."""
         corners = np.array(_SHAPES[_CORNERS[self.connectivity.shape[1]]].faces)
         faces = self.connectivity[:, corners].reshape(-1, corners.shape[1])
@@ -125,15 +125,15 @@ class Solid(Element):
 class _Shape:
     """Shape functions N (q, k) and slopes (q, 3, k) at points (3, q) of weights w (q,)."""
 
-    w: NDArray[np.float64]
-    N: NDArray[np.float64]
-    slopes: NDArray[np.float64]
-    points: NDArray[np.float64]
+    w: RealArray
+    N: RealArray
+    slopes: RealArray
+    points: RealArray
 
 
 def solid_matrices(
-    xyz: NDArray[np.float64], E: float, nu: float, rho: float, lumped: bool = False
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    xyz: RealArray, E: float, nu: float, rho: float, lumped: bool = False
+) -> tuple[RealArray, RealArray]:
     """Return stiffness and mass of solid elements, each shape (m, 3 k, 3 k), in N/m and kg.
 
     The nodes are in the order of VTK, and no element may be `inside_out`. A lumped mass is scaled
@@ -159,7 +159,7 @@ def solid_matrices(
     return 0.5 * (K + K.transpose(0, 2, 1)), M.reshape(len(m), 3 * k, 3 * k)
 
 
-def inside_out(xyz: NDArray[np.float64]) -> int | None:
+def inside_out(xyz: RealArray) -> int | None:
     """Return the index of the first element with a point of non-positive volume, or None."""
     k = xyz.shape[1]
     good = np.ones(len(xyz), dtype=np.bool_)
@@ -168,18 +168,14 @@ def inside_out(xyz: NDArray[np.float64]) -> int | None:
     return None if good.all() else int(np.argmin(good))
 
 
-def _gradients(
-    shape: _Shape, xyz: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _gradients(shape: _Shape, xyz: RealArray) -> tuple[RealArray, RealArray]:
     """Return slopes (m, q, 3, k) in 1/m and volumes (m, q) in m3 of the quadrature points."""
     J = shape.slopes @ xyz[:, None]
     dN = np.broadcast_to(shape.slopes, (len(xyz), *shape.slopes.shape))
     return np.asarray(np.linalg.solve(J, dN), dtype=np.float64), np.linalg.det(J) * shape.w
 
 
-def _elastic(
-    G: NDArray[np.float64], volume: NDArray[np.float64], E: float, nu: float
-) -> NDArray[np.float64]:
+def _elastic(G: RealArray, volume: RealArray, E: float, nu: float) -> RealArray:
     """Return the stiffness of isotropic solids, shape (m, 3 k, 3 k), node by node."""
     lame = E * nu / ((1 + nu) * (1 - 2 * nu))
     shear = E / (2 * (1 + nu))
@@ -194,14 +190,14 @@ def _elastic(
 
 
 def _with_bending(
-    K: NDArray[np.float64],
-    G: NDArray[np.float64],
-    volume: NDArray[np.float64],
-    xyz: NDArray[np.float64],
+    K: RealArray,
+    G: RealArray,
+    volume: RealArray,
+    xyz: RealArray,
     shape: _Shape,
     E: float,
     nu: float,
-) -> NDArray[np.float64]:
+) -> RealArray:
     """Add the three incompatible modes 1 - r^2 of each direction and condense them."""
     centre = _shape_at(8, np.array([[0.5], [0.5], [0.5]]))
     # The Jacobian of the centre, shape (m, 1, 3, 3), at all points, for the patch test to hold.
@@ -231,7 +227,7 @@ def _shape(k: int, mass: bool) -> _Shape:
     return _Shape(weights, found.N, found.slopes, points)
 
 
-def _shape_at(k: int, points: NDArray[np.float64]) -> _Shape:
+def _shape_at(k: int, points: RealArray) -> _Shape:
     """Return the shape functions at points, shape (3, q), in the order of VTK."""
     element = getattr(_library(), _ELEMENTS[k])()
     corners, edges = (_CUBE, _CUBE_EDGES) if _CORNERS[k] == 8 else (_SIMPLEX, _SIMPLEX_EDGES)

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import BoolArray, IntArray, RealArray
 from updyn.elements.checks import (
     check_floats,
     check_name,
@@ -115,14 +115,14 @@ class Spring(Element):
             )
 
     @property
-    def node_numbers(self) -> NDArray[np.int64]:
+    def node_numbers(self) -> IntArray:
         """Node numbers of the ends, shape (1, 1) or (1, 2)."""
         ends = [self.first]
         if self.second is not None:
             ends.append(self.second)
         return np.array([ends])
 
-    def matrices(self, numbers: NDArray[np.int64], xyz: NDArray[np.float64]) -> ElementMatrices:
+    def matrices(self, numbers: IntArray, xyz: RealArray) -> ElementMatrices:
         """Compute stiffness and viscous damping of the spring."""
         ends = xyz[0]
         R = np.kron(np.eye(2), self._local_axes(ends))
@@ -135,17 +135,17 @@ class Spring(Element):
         G[np.abs(G) < ELEMENT.rotation_rounding * np.abs(G).max()] = 0.0
         return ElementMatrices(_quadratic(self.stiffness, G), C=_quadratic(self.viscous, G))
 
-    def used_dofs(self, xyz: NDArray[np.float64]) -> NDArray[np.bool_]:
+    def used_dofs(self, xyz: RealArray) -> BoolArray:
         """Return a mask of the end DOFs with stiffness or damping, shape (1, k, 6)."""
         return self.matrices(self.node_numbers, xyz).nonzero.reshape(1, -1, 6)
 
-    def edges(self) -> NDArray[np.int64]:
+    def edges(self) -> IntArray:
         """Return the line between the ends; empty for a spring to ground."""
         if self.second is None:
             return np.empty((0, 2), dtype=np.int64)
         return self.node_numbers
 
-    def _local_axes(self, ends: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _local_axes(self, ends: RealArray) -> RealArray:
         """Return the local axes as rows, shape (3, 3)."""
         if self.axes is None:
             return np.eye(3)
@@ -220,11 +220,11 @@ class PointMass(Element):
         return f"mass {self.name!r}"
 
     @property
-    def node_numbers(self) -> NDArray[np.int64]:
+    def node_numbers(self) -> IntArray:
         """Number of the node, shape (1, 1)."""
         return np.array([[self.node]])
 
-    def matrices(self, numbers: NDArray[np.int64], xyz: NDArray[np.float64]) -> ElementMatrices:
+    def matrices(self, numbers: IntArray, xyz: RealArray) -> ElementMatrices:
         """Compute the mass at the node from that at the centre of mass."""
         centre = np.zeros((6, 6))
         centre[:3, :3] = self.mass * np.eye(3)
@@ -232,19 +232,19 @@ class PointMass(Element):
         T = _rigid_arm(self.offset)
         return ElementMatrices(M=(T.T @ centre @ T)[None])
 
-    def used_dofs(self, xyz: NDArray[np.float64]) -> NDArray[np.bool_]:
+    def used_dofs(self, xyz: RealArray) -> BoolArray:
         """Return a mask of the node DOFs with mass or inertia, shape (1, 1, 6)."""
         return self.matrices(self.node_numbers, xyz).nonzero.reshape(1, 1, 6)
 
 
-def _quadratic(diagonal: NDArray[np.float64], G: NDArray[np.float64]) -> NDArray[np.float64] | None:
+def _quadratic(diagonal: RealArray, G: RealArray) -> RealArray | None:
     """Return G^T diag G with a leading axis of 1; None if the diagonal is 0."""
     if not diagonal.any():
         return None
     return np.asarray((G.T @ (diagonal[:, None] * G))[None])
 
 
-def _rigid_arm(arm: NDArray[np.float64]) -> NDArray[np.float64]:
+def _rigid_arm(arm: RealArray) -> RealArray:
     """Return the (6, 6) matrix of a rigid arm, whose end moves by u + theta x arm."""
     x, y, z = arm
     out = np.eye(6)
@@ -252,5 +252,5 @@ def _rigid_arm(arm: NDArray[np.float64]) -> NDArray[np.float64]:
     return out
 
 
-def _is_symmetric(tensor: NDArray[np.float64]) -> bool:
+def _is_symmetric(tensor: RealArray) -> bool:
     return np.allclose(tensor, tensor.T, rtol=ELEMENT.rounding, atol=0)

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import IntArray
 from updyn.errors import FormatError, UpdynWarning, suggest
 from updyn.geometry import Geometry
 from updyn.io.consistent_units import UnitSystem, check_materials
@@ -91,7 +91,7 @@ class DeckFacts:
         with locate_errors(self.path):
             return Geometry(np.concatenate(numbers), np.concatenate(places) * units.length)
 
-    def element_sets(self) -> dict[str, NDArray[np.int64]]:
+    def element_sets(self) -> dict[str, IntArray]:
         """Return the members of each element set."""
         sets = Sets()
         for card in self.cards:
@@ -102,7 +102,7 @@ class DeckFacts:
                 sets.add_card(card)
         return {name: sets.members(name) for name in sets}
 
-    def supports(self) -> NDArray[np.int64]:
+    def supports(self) -> IntArray:
         """Return node and dof (1 to 6) of all supports of model and first step, shape (n, 2)."""
         sets = Sets()
         found = []
@@ -179,7 +179,7 @@ def read_facts(path: Path, cards: Sequence[KeywordCard]) -> DeckFacts:
     return DeckFacts(path, title, tuple(model), tuple(map(tuple, steps)), properties, sections)
 
 
-def _support_dofs(card: KeywordCard, row: KeywordRow, sets: Sets) -> NDArray[np.int64]:
+def _support_dofs(card: KeywordCard, row: KeywordRow, sets: Sets) -> IntArray:
     """Return node and dof of the supports of a line, shape (n, 2)."""
     fields = row.fields
     if fields[0].upper() in sets:
@@ -210,7 +210,7 @@ def _support_dofs(card: KeywordCard, row: KeywordRow, sets: Sets) -> NDArray[np.
     return np.stack(both, axis=1).astype(np.int64)
 
 
-def _element_numbers(card: KeywordCard) -> NDArray[np.int64]:
+def _element_numbers(card: KeywordCard) -> IntArray:
     """Return the numbers of the elements; a trailing comma continues the line."""
     numbers, continues = [], False
     for row in card.rows:

@@ -19,8 +19,8 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
+from updyn.arrays import BoolArray, IndexArray, IntArray, RealArray
 from updyn.dofs import DIRECTIONS, DofSet
 from updyn.errors import FormatError, OptionError, UpdynWarning, suggest
 from updyn.geometry import Geometry
@@ -74,16 +74,16 @@ class AbaqusEntries:
     """
 
     path: Path
-    labels: NDArray[np.int64]
-    values: NDArray[np.float64]
-    elements: NDArray[np.int64] | None = None
+    labels: IntArray
+    values: RealArray
+    elements: IntArray | None = None
 
     @property
     def has_labels(self) -> bool:
         """Whether the rows contain node labels."""
         return int(self.labels.shape[1]) == 4
 
-    def of(self, elements: NDArray[np.int64]) -> AbaqusEntries:
+    def of(self, elements: IntArray) -> AbaqusEntries:
         """Return the rows of some elements."""
         assert self.elements is not None
         chosen = np.isin(self.elements, elements)
@@ -99,7 +99,7 @@ class Labels:
     `keys` has the node number in Abaqus and the dof 1 to 6, shape (N, 2).
     """
 
-    keys: NDArray[np.int64]
+    keys: IntArray
 
     @classmethod
     def union(cls, files: Sequence[AbaqusEntries]) -> Labels:
@@ -109,7 +109,7 @@ class Labels:
         return cls(np.concatenate([pairs[~internal], pairs[internal][::-1]]))
 
     @property
-    def internal(self) -> NDArray[np.bool_]:
+    def internal(self) -> BoolArray:
         """Whether each is at an internal node, shape (N,)."""
         return np.asarray(self.keys[:, 0] < 0)
 
@@ -235,7 +235,7 @@ def coordinate_matrix(file: AbaqusEntries, dofs: DofSet) -> Matrix:
 
 
 def _symmetric(
-    row: NDArray[np.int64], column: NDArray[np.int64], file: AbaqusEntries, n: int, dofs: DofSet
+    row: IntArray, column: IntArray, file: AbaqusEntries, n: int, dofs: DofSet
 ) -> Matrix:
     """Return the symmetric matrix of one triangle, each entry in either of them, or of both."""
     low = np.minimum(row, column)
@@ -281,7 +281,7 @@ def _symmetric(
     return sp.csr_array(sp.coo_array(entries, shape=(n, n)))
 
 
-def _first_duplicate(codes: NDArray[np.int64]) -> int | None:
+def _first_duplicate(codes: IntArray) -> int | None:
     order = np.argsort(codes, kind="stable")
     same = np.flatnonzero(np.diff(codes[order]) == 0)
     return int(order[same[0]]) if same.size else None
@@ -313,7 +313,7 @@ def assemble(
     geometry: Geometry | None = None,
     title: str = "",
     internal: str = "keep",
-    held: NDArray[np.int64] | None = None,
+    held: IntArray | None = None,
 ) -> Model:
     """Build a model in SI units from the files of its groups, without the fixed degrees of freedom.
 
@@ -356,9 +356,7 @@ def assemble(
         return Model.from_groups(groups, known, geometry=geometry, title=title)
 
 
-def _warn_of_masses(
-    matrices: Sequence[Mapping[str, Matrix]], inner: NDArray[np.bool_], path: Path
-) -> None:
+def _warn_of_masses(matrices: Sequence[Mapping[str, Matrix]], inner: BoolArray, path: Path) -> None:
     """Warn of internal degrees of freedom with mass, which count as translations of nodes."""
     for part_matrices in matrices:
         if "mass" in part_matrices and inner.any() and part_matrices["mass"][inner].count_nonzero():
@@ -371,7 +369,7 @@ def _warn_of_masses(
             return
 
 
-def _restrict_matrices(matrices: Mapping[str, Any], keep: NDArray[np.bool_]) -> dict[str, Any]:
+def _restrict_matrices(matrices: Mapping[str, Any], keep: BoolArray) -> dict[str, Any]:
     return {what: A[keep][:, keep] for what, A in matrices.items()}
 
 
@@ -409,9 +407,9 @@ def _labels(
 def _find_free_dofs(
     matrices: Sequence[Mapping[str, Matrix]],
     dofs: DofSet,
-    supports: NDArray[np.int64] | None,
+    supports: IntArray | None,
     path: Path,
-) -> NDArray[np.bool_]:
+) -> BoolArray:
     """Return which degrees of freedom are neither fixed nor empty."""
     used = np.zeros(len(dofs), dtype=np.bool_)
     held = np.zeros(len(dofs), dtype=np.bool_)
@@ -432,7 +430,7 @@ def _find_free_dofs(
             UpdynWarning,
             stacklevel=4,
         )
-    free: NDArray[np.bool_] = used & ~held
+    free: BoolArray = used & ~held
     if not free.any():
         raise FormatError("no degree of freedom is free: all are fixed", path)
     return free
@@ -471,7 +469,7 @@ def _condense(
     matrices: list[dict[str, Any]],
     parts: Sequence[AbaqusGroup],
     dofs: DofSet,
-    inner: NDArray[np.bool_],
+    inner: BoolArray,
     path: Path,
 ) -> None:
     """Condense massless internal degrees of freedom out of their stiffness matrix, in place.
@@ -520,7 +518,7 @@ def _condense(
 
 
 def _schur(
-    K: Any, r: NDArray[np.intp], i: NDArray[np.intp], part: AbaqusGroup, dofs: DofSet, path: Path
+    K: Any, r: IndexArray, i: IndexArray, part: AbaqusGroup, dofs: DofSet, path: Path
 ) -> Any:
     from scipy.sparse.linalg import splu
 

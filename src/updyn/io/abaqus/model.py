@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
+from updyn.arrays import IntArray
 from updyn.dofs import DofSet
 from updyn.errors import FormatError, UpdynWarning, suggest
 from updyn.geometry import Geometry
@@ -72,7 +72,7 @@ def read_model(
         facts = read_facts(path, read_cards(path))
         if facts.assemblies:
             parts = assembled_parts(facts)
-            held: NDArray[np.int64] | None = facts.supports()
+            held: IntArray | None = facts.supports()
         else:
             parts = generated_parts(facts, job or path.stem)
             held = None  # matrices written by a step contain its supports
@@ -200,7 +200,7 @@ def _split_by_material(
             " flat deck"
         )
     sets = facts.element_sets()
-    members: dict[str, list[NDArray[np.int64]]] = {}
+    members: dict[str, list[IntArray]] = {}
     for elset, material in facts.sections.items():
         if elset in sets:
             members.setdefault(material, []).append(sets[elset])

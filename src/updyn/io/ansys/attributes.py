@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from updyn.arrays import IntArray, RealArray
 from updyn.errors import FormatError, OptionError, suggest
 from updyn.foreign import box
 from updyn.geometry import Geometry
@@ -73,14 +74,14 @@ class Attributes:
     """
 
     path: Path
-    elements: NDArray[np.int64]
-    numbers: Mapping[str, NDArray[np.int64]]
-    routine: NDArray[np.int64]
-    nodes_of: Sequence[NDArray[np.int64]]
-    components: Mapping[str, NDArray[np.int64]]
-    nodes: NDArray[np.int64]
-    xyz: NDArray[np.float64]
-    angles: NDArray[np.float64]
+    elements: IntArray
+    numbers: Mapping[str, IntArray]
+    routine: IntArray
+    nodes_of: Sequence[IntArray]
+    components: Mapping[str, IntArray]
+    nodes: IntArray
+    xyz: RealArray
+    angles: RealArray
 
     def geometry(self, length: float) -> Geometry:
         """Return positions in m, nodal systems, edges and faces; `length` is the unit in m."""
@@ -90,10 +91,10 @@ class Attributes:
             xyz = self.xyz * length
             return Geometry(self.nodes, xyz, unique_edges(drawn), axes, unique_faces(drawn))
 
-    def _corners_by_shape(self) -> list[tuple[Shape, NDArray[np.int64]]]:
+    def _corners_by_shape(self) -> list[tuple[Shape, IntArray]]:
         """Return the corner nodes of the elements, by shape."""
         known = set(self.nodes.tolist())
-        found: dict[Shape, list[NDArray[np.int64]]] = {}
+        found: dict[Shape, list[IntArray]] = {}
         for routine, nodes in zip(self.routine.tolist(), self.nodes_of, strict=True):
             shape = _SHAPES.get(routine)
             if shape is None or len(nodes) < shape.n_corners:
@@ -104,7 +105,7 @@ class Attributes:
         return [(shape, np.array(nodes)) for shape, nodes in found.items()]
 
 
-def _axes(angles: NDArray[np.float64]) -> NDArray[np.float64]:
+def _axes(angles: RealArray) -> RealArray:
     """Return the directions of nodal systems, shape (m, 3, 3), rows X, Y, Z in the global system.
 
     The rotations are about Z, then the new X, then the new Y (Ansys Mechanical APDL, command N).
@@ -157,7 +158,7 @@ def read_attributes(path: str | Path) -> Attributes:
 
 
 def name_groups(
-    elements: NDArray[np.int64],
+    elements: IntArray,
     attributes: Attributes | None,
     by: str,
     groups: Mapping[str, Iterable[int]] | None,
@@ -207,7 +208,7 @@ def name_groups(
 
 
 def _assign_groups(
-    elements: NDArray[np.int64], parts: Mapping[str, NDArray[np.int64]], what: str, path: str | Path
+    elements: IntArray, parts: Mapping[str, IntArray], what: str, path: str | Path
 ) -> NDArray[np.object_]:
     if not parts:
         raise OptionError(f"{what}: none contains an element")

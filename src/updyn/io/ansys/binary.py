@@ -9,11 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import NumberArray
 from updyn.dofs import DofSet
 from updyn.errors import FormatError, in_all
 from updyn.io.consistent_units import UNITS, UnitSystem, find_units
@@ -85,7 +84,7 @@ class BinaryFile:
                 f"is a {found} file of Ansys by its header, expected {_FILES[kind]}", path
             )
 
-    def record(self, at: int, what: str, kinds: str = "iuf") -> tuple[NDArray[Any], int]:
+    def record(self, at: int, what: str, kinds: str = "iuf") -> tuple[NumberArray, int]:
         """Return the values of a record at a word, and the position of the next record in words.
 
         `kinds` are the allowed NumPy kinds.
@@ -168,7 +167,7 @@ class BinaryFile:
         return find_units(unit)
 
 
-def dofs_of_nodes(nodes: NDArray[Any], numbers: NDArray[Any], path: str | Path) -> DofSet:
+def dofs_of_nodes(nodes: NumberArray, numbers: NumberArray, path: str | Path) -> DofSet:
     """Return the DOFs of nodes and DOF reference numbers (1 to 6: UX UY UZ ROTX ROTY ROTZ)."""
     other = np.flatnonzero((numbers < 1) | (numbers > 6))
     if other.size:

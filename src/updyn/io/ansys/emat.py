@@ -11,12 +11,12 @@ import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from updyn.arrays import IndexArray, IntArray, NumberArray, RealArray
 from updyn.dofs import Dof, DofSet
 from updyn.elements.settings import ELEMENT
 from updyn.errors import FormatError, OptionError, UpdynWarning
@@ -117,7 +117,7 @@ def _all_dofs(file: ElementFile, known: Attributes | None) -> DofSet:
     nodes_of = {}
     if known is not None:
         nodes_of = dict(zip(known.elements.tolist(), known.nodes_of, strict=True))
-    found: list[NDArray[np.int64]] = []
+    found: list[IntArray] = []
     for element in file:
         node_dofs = nodes_of.get(element.number)
         if (
@@ -173,10 +173,10 @@ class _ElementSum:
 
     def __init__(self, size: int) -> None:
         self._total = sp.csr_array((size, size), dtype=np.float64)
-        self._pieces: list[tuple[NDArray[Any], NDArray[Any], NDArray[Any]]] = []
+        self._pieces: list[tuple[NumberArray, NumberArray, NumberArray]] = []
         self._count = 0
 
-    def add(self, at: NDArray[np.intp], matrix: NDArray[np.float64]) -> None:
+    def add(self, at: IndexArray, matrix: RealArray) -> None:
         row, column = np.nonzero(matrix)
         self._pieces.append(
             (at[row].astype(np.int32), at[column].astype(np.int32), matrix[row, column])
@@ -227,7 +227,7 @@ def _free_dofs(
     path: str | Path,
     *,
     is_free: bool,
-) -> NDArray[np.intp]:
+) -> IndexArray:
     """Return the positions of the DOFs that have a matrix and are not constrained."""
     used = np.zeros(len(dofs), dtype=np.bool_)
     for matrices in parts.values():
@@ -330,9 +330,9 @@ class AnsysElement:
     """
 
     number: int
-    nodes: NDArray[np.int64]
-    dofs: NDArray[np.int64]
-    matrices: dict[str, NDArray[np.float64]]
+    nodes: IntArray
+    dofs: IntArray
+    matrices: dict[str, RealArray]
 
 
 class ElementFile:
@@ -358,7 +358,7 @@ class ElementFile:
         self._by_rows = True
         self._by_rows = self._packed_by_rows()
 
-    def _table(self, at: int, what: str, length: int) -> NDArray[np.int64]:
+    def _table(self, at: int, what: str, length: int) -> IntArray:
         values, _ = self.binary.record(at, what, "i")
         if len(values) != length:
             raise FormatError(
@@ -401,7 +401,7 @@ class ElementFile:
                 matrices[what] = self._square(values.astype(np.float64), size, f"{where}: {what}")
         return AnsysElement(int(self.elements[i]), self._nodes[node], self._used[dof], matrices)
 
-    def _square(self, values: NDArray[np.float64], size: int, where: str) -> NDArray[np.float64]:
+    def _square(self, values: RealArray, size: int, where: str) -> RealArray:
         """Return the full matrix of a full, triangular or diagonal record."""
         if not np.isfinite(values).all():
             raise FormatError(f"{where} holds numbers that are not finite", self.binary.path)

@@ -10,12 +10,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
+from updyn.arrays import IndexArray, IntArray, NumberArray
 from updyn.dofs import DofSet
 from updyn.errors import FormatError, OptionError
 from updyn.io.ansys.binary import BinaryFile, dofs_of_nodes
@@ -186,9 +185,7 @@ def _check_header(header: Mapping[str, int], path: str | Path) -> None:
         )
 
 
-def _dof_vector(
-    binary: BinaryFile, header: Mapping[str, int]
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _dof_vector(binary: BinaryFile, header: Mapping[str, int]) -> tuple[IntArray, IntArray]:
     """Return node and DOF reference number of each equation; constrained ones are negative."""
     # The record after the header holds the degrees of freedom that any node uses.
     at = binary.after(_FILE_HEADER, "header", 2)
@@ -210,11 +207,11 @@ def _dof_vector(
 
 
 def _matrix(
-    binary: BinaryFile, size: int, at: int, what: str, order: NDArray[np.intp], terms: int
+    binary: BinaryFile, size: int, at: int, what: str, order: IndexArray, terms: int
 ) -> Matrix:
     """Return both triangles of the matrix that starts at word `at`, in the order `order`."""
-    columns: list[NDArray[Any]] = []
-    entries: list[NDArray[Any]] = []
+    columns: list[NumberArray] = []
+    entries: list[NumberArray] = []
     for _ in range(size):
         column, at = binary.record(at, what, "i")
         entry, at = binary.record(at, what, "f")

@@ -10,25 +10,24 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import IntArray
 from updyn.errors import suggest
 from updyn.io.keyword_deck.cards import KeywordCard, KeywordRow, parse_integer_field
 from updyn.io.settings import DECK
 
 __all__ = ["Sets", "concatenate", "distinct"]
 
-_Numbers = NDArray[np.int64]
 
 _PER_LINE = 16  # numbers per line that both programs read
 
 
-def concatenate(parts: Sequence[_Numbers]) -> _Numbers:
+def concatenate(parts: Sequence[IntArray]) -> IntArray:
     """Return the arrays end to end; an empty array for no arrays."""
     return np.concatenate([np.empty(0, dtype=np.int64), *parts])
 
 
-def distinct(numbers: _Numbers) -> _Numbers:
+def distinct(numbers: IntArray) -> IntArray:
     """Return the distinct numbers, ascending.
 
     `numpy.unique` hashes integers since version 2.3, which takes a hundred times as long as sorting
@@ -43,9 +42,9 @@ def distinct(numbers: _Numbers) -> _Numbers:
 class Sets:
     """Sets by name, in the order of the deck; GENERATE selects only from the numbers `known`."""
 
-    def __init__(self, known: _Numbers | None = None) -> None:
+    def __init__(self, known: IntArray | None = None) -> None:
         self._known = None if known is None else distinct(known)
-        self._parts: dict[str, list[_Numbers]] = {}
+        self._parts: dict[str, list[IntArray]] = {}
         self._count = 0
 
     def __contains__(self, name: object) -> bool:
@@ -54,12 +53,12 @@ class Sets:
     def __iter__(self) -> Iterator[str]:
         return iter(self._parts)
 
-    def add(self, name: str | None, members: _Numbers) -> None:
+    def add(self, name: str | None, members: IntArray) -> None:
         """Add members to a set and create it if necessary; ignore an empty name."""
         if name:
             self._parts.setdefault(name.upper(), []).append(members)
 
-    def members(self, name: str) -> _Numbers:
+    def members(self, name: str) -> IntArray:
         """Return the members of a set (name in upper case), ascending."""
         found = distinct(concatenate(self._parts[name]))
         self._parts[name] = [found]
@@ -86,7 +85,7 @@ class Sets:
         if "GENERATE" in card.parameters:
             rows = [self._add_range(name, card, row) for row in card.rows]
             return replace(card, rows=tuple(row for row in rows if row is not None))
-        found: list[_Numbers] = []
+        found: list[IntArray] = []
         for row in card.rows:
             for text in filter(None, row.fields):
                 if text.lstrip("-").isdecimal():
@@ -131,7 +130,7 @@ class Sets:
         return replace(row, text=f"{first}, {members[-1]}, {step}")
 
 
-def _list_members(card: KeywordCard, members: _Numbers) -> KeywordCard:
+def _list_members(card: KeywordCard, members: IntArray) -> KeywordCard:
     """Return a card that lists its members."""
     texts = members.astype(str).tolist()
     lines = (texts[start : start + _PER_LINE] for start in range(0, len(texts), _PER_LINE))

@@ -13,8 +13,8 @@ from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import IntArray, RealArray
 from updyn.errors import FormatError, suggest
 from updyn.io.keyword_deck.cards import (
     KeywordCard,
@@ -64,8 +64,8 @@ class ElementCard:
     """The elements of one ``*ELEMENT`` card; `nodes` are node numbers, shape (n, k)."""
 
     type: str
-    numbers: NDArray[np.int64]
-    nodes: NDArray[np.int64]
+    numbers: IntArray
+    nodes: IntArray
     card: KeywordCard
 
 
@@ -87,15 +87,15 @@ class KeywordDeck:
     """
 
     path: Path
-    nodes: NDArray[np.int64]
-    xyz: NDArray[np.float64]
+    nodes: IntArray
+    xyz: RealArray
     elements: tuple[ElementCard, ...]
-    nsets: Mapping[str, NDArray[np.int64]]
-    elsets: Mapping[str, NDArray[np.int64]]
+    nsets: Mapping[str, IntArray]
+    elsets: Mapping[str, IntArray]
     sections: tuple[SolidSection, ...]
     cards: tuple[KeywordCard, ...]
 
-    def elements_of(self, material: str) -> NDArray[np.int64]:
+    def elements_of(self, material: str) -> IntArray:
         """Return the numbers of the elements made of a material, ascending."""
         sets = [self.elsets[s.elset] for s in self.sections if s.material == material.upper()]
         return distinct(concatenate(sets))
@@ -162,13 +162,13 @@ def read_deck(path: str | Path, model: Sequence[KeywordCard]) -> KeywordDeck:
     return deck
 
 
-def nodes_by_shape(deck: KeywordDeck) -> list[tuple[Shape, NDArray[np.int64]]]:
+def nodes_by_shape(deck: KeywordDeck) -> list[tuple[Shape, IntArray]]:
     """Return the solids by shape, with the nodes of each, shape (m, k)."""
     return [(SOLIDS[b.type][1], b.nodes) for b in deck.elements if b.type in SOLIDS]
 
 
 # -- cards --------------------------------------------------------------------------------------
-def read_nodes(card: KeywordCard) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+def read_nodes(card: KeywordCard) -> tuple[IntArray, RealArray]:
     """Return the numbers and positions of a ``*NODE`` card, in the unit of length of the deck."""
     card.check_parameters("NSET")
     numbers = np.zeros(len(card.rows), dtype=np.int64)
@@ -252,7 +252,7 @@ def _check_nodes(deck: KeywordDeck) -> None:
         raise last.error(f"*ELEMENT: element {twice} is defined twice", _find_row(last, twice))
 
 
-def _first_duplicate(numbers: NDArray[np.int64]) -> int | None:
+def _first_duplicate(numbers: IntArray) -> int | None:
     """Return the smallest repeated number, or None."""
     values, counts = np.unique(numbers, return_counts=True)
     again = values[counts > 1]
@@ -268,7 +268,7 @@ def _find_row(card: KeywordCard, element: int) -> KeywordRow | None:
 
 
 def _check_sections(deck: KeywordDeck) -> None:
-    members: list[NDArray[np.int64]] = []
+    members: list[IntArray] = []
     for section in deck.sections:
         if section.elset not in deck.elsets:
             raise section.card.error(

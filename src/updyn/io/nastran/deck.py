@@ -13,8 +13,8 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import IntArray, RealArray
 from updyn.errors import FormatError, nearest, suggest
 from updyn.geometry import Geometry
 from updyn.io.consistent_units import find_units
@@ -603,10 +603,10 @@ class _NastranSystem:
     """A coordinate system: kind R, C or S, origin and axes (rows) in the basic system."""
 
     kind: str
-    origin: NDArray[np.float64]
-    axes: NDArray[np.float64]
+    origin: RealArray
+    axes: RealArray
 
-    def basic(self, given: NDArray[np.float64]) -> NDArray[np.float64]:
+    def basic(self, given: RealArray) -> RealArray:
         """Return the basic position of coordinates in this system; angles in degrees."""
         a, b, c = given
         if self.kind == "C":
@@ -619,7 +619,7 @@ class _NastranSystem:
             )
         return self.origin + given @ self.axes
 
-    def directions(self, position: NDArray[np.float64]) -> NDArray[np.float64]:
+    def directions(self, position: RealArray) -> RealArray:
         """Return the unit vectors (rows) along the coordinates at a basic position."""
         if self.kind == "R":
             return self.axes
@@ -658,7 +658,7 @@ class _NastranSystems:
                 raise card.error(f"coordinate system {number} is defined twice")
             self._cards[number] = card
         self._systems: dict[int, _NastranSystem] = {0: _BASIC}
-        self._positions: dict[int, NDArray[np.float64]] = {}
+        self._positions: dict[int, RealArray] = {}
         self._open: set[int] = set()
         self._default_position = 0
         self._default_motion = 0
@@ -666,7 +666,7 @@ class _NastranSystems:
             self._default_position = card.integer(1, 0)
             self._default_motion = card.integer(5, 0)
 
-    def position(self, node: int, asker: NastranCard) -> NDArray[np.float64]:
+    def position(self, node: int, asker: NastranCard) -> RealArray:
         if node not in self._positions:
             card = self._deck.grids.get(node)
             if card is None:
@@ -734,7 +734,7 @@ def build_geometry(deck: NastranDeck, unit: str = "m") -> Geometry:
         return Geometry(nodes, xyz, unique_edges(drawn), axes, unique_faces(drawn))
 
 
-def _corners_by_shape(deck: NastranDeck) -> list[tuple[Shape, NDArray[np.int64]]]:
+def _corners_by_shape(deck: NastranDeck) -> list[tuple[Shape, IntArray]]:
     """Return the corner grids of the elements, by shape."""
     found: dict[Shape, list[list[int]]] = {}
     for card in deck.elements:

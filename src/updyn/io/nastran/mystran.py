@@ -19,8 +19,8 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
+from updyn.arrays import IndexArray, IntArray
 from updyn.dofs import DofSet
 from updyn.errors import FormatError
 from updyn.foreign.exits import describe_exit
@@ -187,8 +187,8 @@ class MystranMatrices:
     mass: Any
     dofs: DofSet
     ties: Any
-    tied: NDArray[np.intp]
-    held: NDArray[np.intp]
+    tied: IndexArray
+    held: IndexArray
 
 
 def find_executable(path: str | Path, given: str | Path | None = None) -> Path:
@@ -363,7 +363,7 @@ def _symmetric(path: Path, n: int, user: Path) -> Any:
     return found if is_whole else sp.csr_array(found + sp.triu(found, 1).T)
 
 
-def _dofs(path: Path, user: Path) -> tuple[DofSet, NDArray[np.int64]]:
+def _dofs(path: Path, user: Path) -> tuple[DofSet, IntArray]:
     """Read the table of degrees of freedom, in the order of the matrices."""
     raw = _records(path, user)
     title = raw.find(b"TDOFI")

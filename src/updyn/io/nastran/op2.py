@@ -17,8 +17,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import ComplexArray, IntArray, RealArray
 from updyn.dofs import DofSet
 from updyn.errors import AbsentError, FormatError, InputError, UpdynWarning, suggest
 from updyn.geometry import Geometry
@@ -83,9 +83,9 @@ class _OP2Mode:
     number: int
     value: complex  # (rad/s)^2 of a real mode, 1/s of a complex one
     approach: int
-    nodes: NDArray[np.int64]
-    kinds: NDArray[np.int64]
-    shape: NDArray[np.complex128]  # shape (n_nodes, 6)
+    nodes: IntArray
+    kinds: IntArray
+    shape: ComplexArray  # shape (n_nodes, 6)
 
 
 def read_geometry(path: str | Path, *, unit: str = "m") -> Geometry:
@@ -209,7 +209,7 @@ def _iterate_modes(file: OP2File, block: OP2Block) -> Iterator[_OP2Mode | str]:
 
 def _entries(
     file: OP2File, raw: bytes, width: int, where: str
-) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.complex128]]:
+) -> tuple[IntArray, IntArray, ComplexArray]:
     """Return nodes, their types and the shape, (n, 6)."""
     if not raw or len(raw) % (width * file.size):
         raise FormatError(
@@ -309,7 +309,7 @@ def _build_modes(file: OP2File, found: list[_OP2Mode], length: float, mass: floa
         )
 
 
-def _frequencies(values: NDArray[np.float64], path: Path) -> NDArray[np.float64]:
+def _frequencies(values: RealArray, path: Path) -> RealArray:
     """Return the frequencies in Hz of eigenvalues, 0 for eigenvalues negative by rounding."""
     if not np.isfinite(values).all():
         raise FormatError("an eigenvalue is not finite: damaged", path)
@@ -325,7 +325,7 @@ def _frequencies(values: NDArray[np.float64], path: Path) -> NDArray[np.float64]
     return np.where(values > 0, size, 0.0)
 
 
-def _factors(file: OP2File, found: Sequence[_OP2Mode]) -> NDArray[np.float64]:
+def _factors(file: OP2File, found: Sequence[_OP2Mode]) -> RealArray:
     """Return the factors that scale shapes to unit modal mass; 0 if unknown."""
     masses: list[set[float]] = [set() for _ in found]
     for block in file.tables_named(_FREQUENCIES):

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import NumberArray
 from updyn.errors import AbsentError, FormatError, UpdynWarning
 from updyn.io.nastran.cards import NastranCard
 from updyn.io.nastran.deck import ELEMENTS, NastranDeck, build_points_deck
@@ -159,8 +159,8 @@ def _decode_entries(
     name: str,
     raw: bytes,
     layouts: tuple[np.dtype[Any], ...],
-    is_valid: Callable[[NDArray[Any]], bool],
-) -> NDArray[Any]:
+    is_valid: Callable[[NumberArray], bool],
+) -> NumberArray:
     """Return the entries of a record in the first layout for which all are valid."""
     for layout in layouts:
         if len(raw) % layout.itemsize == 0:
@@ -187,7 +187,7 @@ def _grids(file: OP2File, raw: bytes) -> list[tuple[str, ...]]:
         _layout(file, (("ids", "i", 2), ("xyz", kind, 3), ("rest", "i", 3))) for kind in "fd"
     )
 
-    def is_valid(entries: NDArray[Any]) -> bool:
+    def is_valid(entries: NumberArray) -> bool:
         ids, rest = entries["ids"], entries["rest"]
         return bool(
             (ids[:, 0] > 0).all()
@@ -209,7 +209,7 @@ def _grids(file: OP2File, raw: bytes) -> list[tuple[str, ...]]:
 def _cord1(file: OP2File, raw: bytes) -> list[tuple[str, ...]]:
     """Return the fields of CORD1R and the like: number, three grids."""
 
-    def is_valid(entries: NDArray[Any]) -> bool:
+    def is_valid(entries: NumberArray) -> bool:
         return bool((entries["all"][:, [0, 3, 4, 5]] > 0).all())
 
     entries = _decode_entries(file, "CORD1", raw, (_layout(file, (("all", "i", 6),)),), is_valid)
@@ -220,7 +220,7 @@ def _cord2(file: OP2File, raw: bytes) -> list[tuple[str, ...]]:
     """Return the fields of CORD2R and the like: number, reference system, three points."""
     layouts = tuple(_layout(file, (("ids", "i", 4), ("points", kind, 9))) for kind in "fd")
 
-    def is_valid(entries: NDArray[Any]) -> bool:
+    def is_valid(entries: NumberArray) -> bool:
         ids = entries["ids"]
         return bool(
             (ids[:, 0] > 0).all()
@@ -243,7 +243,7 @@ def _elements(
     layouts = tuple(_layout(file, (("all", "i", width),)) for width in entry.widths)
     known = np.array([0, *sorted(grids)])
 
-    def is_valid(entries: NDArray[Any]) -> bool:
+    def is_valid(entries: NumberArray) -> bool:
         whole = entries["all"]
         return bool(
             (whole[:, 0] > 0).all()

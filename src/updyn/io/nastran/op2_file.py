@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import NumberArray
 from updyn.dofs import DofSet
 from updyn.errors import FormatError, UpdynWarning
 from updyn.io.items import locate_errors
@@ -106,7 +106,7 @@ class OP2File:
         """Return the bytes of a record."""
         return b"".join(self._bytes[at : at + n].tobytes() for at, n in record)
 
-    def words(self, raw: bytes, kind: str = "i") -> NDArray[Any]:
+    def words(self, raw: bytes, kind: str = "i") -> NumberArray:
         """Return bytes as words of a NumPy kind, ``"i"`` or ``"f"``."""
         if len(raw) % self.size:
             raise FormatError(

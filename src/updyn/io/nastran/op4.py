@@ -18,8 +18,8 @@ from typing import Any, BinaryIO, Literal, Protocol, TypeAlias, TypeVar
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
+from updyn.arrays import NumberArray
 from updyn.errors import FormatError, suggest
 from updyn.io.atomic import atomic_path
 from updyn.io.nastran.fields import parse_nastran_real
@@ -275,7 +275,7 @@ def _columns(matrix: Any) -> Iterator[tuple[int, Any, Any]]:
             yield j + 1, matrix.indices[some], matrix.data[some]
 
 
-def _dense_column(rows: Any, values: Any, number: Any = np.float64) -> NDArray[Any]:
+def _dense_column(rows: Any, values: Any, number: Any = np.float64) -> NumberArray:
     """Return the dense column from its first to its last entry."""
     full = np.zeros(rows[-1] - rows[0] + 1, number)
     full[rows - rows[0]] = values

@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import RealArray
 from updyn.errors import FormatError
 from updyn.foreign.settings import READING
 from updyn.io.settings import MEASURED_FILE
@@ -68,7 +68,7 @@ class Payload:
         first, others = self.kinds
         return np.dtype([("first", first), ("others", others, (self.columns - 1,))])
 
-    def read(self, *, swapped: bool = False) -> NDArray[np.float64]:
+    def read(self, *, swapped: bool = False) -> RealArray:
         """Return the numbers, shape (points, columns); `swapped` reads the opposite byte order."""
         dtype = self._dtype().newbyteorder("S") if swapped else self._dtype()
         with Path(self.path).open("rb") as file:

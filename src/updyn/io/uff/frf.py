@@ -14,11 +14,10 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import ComplexArray, NumberArray, RealArray
 from updyn.dofs import DIRECTIONS, Dof, DofSet
 from updyn.errors import AbsentError, FormatError, InputError, OptionError, UpdynWarning, key_path
 from updyn.frf import FRF, check_quantity
@@ -389,9 +388,9 @@ class FRFArrays:
     DOFs are in the order of the file, or in the requested order.
     """
 
-    freq: NDArray[np.float64]
-    values: NDArray[np.complex128]
-    coherence: NDArray[np.float64] | None
+    freq: RealArray
+    values: ComplexArray
+    coherence: RealArray | None
     responses: DofSet
     references: DofSet
 
@@ -412,7 +411,7 @@ class _MeasuredFunction:
         return f"response {self.response}, reference {self.reference}"
 
     @property
-    def in_positive_sense(self) -> NDArray[Any]:
+    def in_positive_sense(self) -> NumberArray:
         """The ordinate in SI, for the positive senses of both DOFs."""
         return self.function.y * (self.factor * self.response.sign * self.reference.sign)
 
@@ -555,7 +554,7 @@ def _check_unique(groups: Sequence[list[_MeasuredFunction]], path: str | Path) -
             )
 
 
-def _check_lines(item: _MeasuredFunction, freq: NDArray[np.float64], path: str | Path) -> None:
+def _check_lines(item: _MeasuredFunction, freq: RealArray, path: str | Path) -> None:
     x = item.function.x
     if len(x) == len(freq) and np.allclose(x, freq, rtol=1e-9, atol=0):
         return
@@ -585,7 +584,7 @@ def _coherence_is_complete(
     return bool(cohs) and len(with_it) == len(frfs)
 
 
-def _coherence(item: _MeasuredFunction, path: str | Path) -> NDArray[np.float64]:
+def _coherence(item: _MeasuredFunction, path: str | Path) -> RealArray:
     y = item.function.y
     if np.iscomplexobj(y) and (y.imag != 0).any():
         raise FormatError(
@@ -599,9 +598,7 @@ def _coherence(item: _MeasuredFunction, path: str | Path) -> NDArray[np.float64]
     return np.asarray(y.real, dtype=np.float64)
 
 
-def _mean(
-    values: Sequence[NDArray[Any]], gamma: Sequence[NDArray[np.float64]]
-) -> NDArray[np.complex128]:
+def _mean(values: Sequence[NumberArray], gamma: Sequence[RealArray]) -> ComplexArray:
     """Return the mean, weighted at each line with the coherence if every function has one."""
     if len(values) == 1:
         return np.asarray(values[0], dtype=np.complex128)

@@ -12,8 +12,8 @@ from itertools import accumulate, pairwise
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import ComplexArray, RealArray
 from updyn.errors import FormatError
 from updyn.io.settings import MEASURED_FILE
 from updyn.io.text_numbers import parse_reals
@@ -101,7 +101,7 @@ class Function:
     abscissa: Record8
     numerator: Record8
     denominator: Record8
-    data: NDArray[np.float64] | Payload
+    data: RealArray | Payload
     unit_of_x: float = 1.0
 
     @property
@@ -110,7 +110,7 @@ class Function:
         return FUNCTIONS.get(self.kind, f"function of type {self.kind}")
 
     @property
-    def x(self) -> NDArray[np.float64]:
+    def x(self) -> RealArray:
         """Abscissa, shape (points,)."""
         if self.even is None:
             return self._table()[:, 0] * self.unit_of_x
@@ -118,17 +118,15 @@ class Function:
         return (start + step * np.arange(self.points, dtype=np.float64)) * self.unit_of_x
 
     @property
-    def y(self) -> NDArray[np.float64] | NDArray[np.complex128]:
+    def y(self) -> RealArray | ComplexArray:
         """Ordinate in the unit of the file, shape (points,)."""
         return _ordinate(self._table(), self.is_complex)
 
-    def _table(self) -> NDArray[np.float64]:
+    def _table(self) -> RealArray:
         return self.data.read() if isinstance(self.data, Payload) else self.data
 
 
-def _ordinate(
-    table: NDArray[np.float64], is_complex: bool
-) -> NDArray[np.float64] | NDArray[np.complex128]:
+def _ordinate(table: RealArray, is_complex: bool) -> RealArray | ComplexArray:
     if is_complex:
         return np.ascontiguousarray(table[:, -2:]).view(np.complex128)[:, 0]
     return table[:, -1]
@@ -177,9 +175,7 @@ def read_function(dataset: Dataset, path: str | Path) -> Function:
     return found
 
 
-def _check_byte_order(
-    payload: Payload, table: NDArray[np.float64], path: str | Path, line: int
-) -> None:
+def _check_byte_order(payload: Payload, table: RealArray, path: str | Path, line: int) -> None:
     """Refuse numbers of unusual magnitude that have usual magnitudes in the other byte order."""
     if _fraction_unusual(table) < MEASURED_FILE.unusual_share:
         return
@@ -195,7 +191,7 @@ def _check_byte_order(
         )
 
 
-def _fraction_unusual(table: NDArray[np.float64]) -> float:
+def _fraction_unusual(table: RealArray) -> float:
     """Return the fraction of nonzero numbers with unusual magnitudes."""
     size = np.abs(table[table != 0])
     usual = (size >= MEASURED_FILE.least_magnitude) & (size <= MEASURED_FILE.most_magnitude)
@@ -245,7 +241,7 @@ def _float_or_none(label: str) -> str:
 
 def _numbers(
     dataset: Dataset, body: bytes, ordinate: int, even: int, points: int, path: str | Path
-) -> NDArray[np.float64]:
+) -> RealArray:
     """Return the numbers of a text dataset."""
     count = points * count_columns(ordinate, even)
     found = parse_reals(body)
@@ -290,7 +286,7 @@ def _by_column(
     return fields
 
 
-def _check(found: Function, table: NDArray[np.float64], path: str | Path) -> None:
+def _check(found: Function, table: RealArray, path: str | Path) -> None:
     """Refuse numbers that are not finite, and an abscissa that does not increase."""
     if found.even is None:
         x = table[:, 0]

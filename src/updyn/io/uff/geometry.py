@@ -18,8 +18,8 @@ from itertools import chain, pairwise
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import RealArray
 from updyn.errors import FormatError
 from updyn.geometry import Geometry
 from updyn.io.items import locate_errors
@@ -68,10 +68,10 @@ class _UFFSystem:
     """A coordinate system, in the unit of the file: its axes are rows, in the global system."""
 
     kind: int
-    axes: NDArray[np.float64]
-    origin: NDArray[np.float64]
+    axes: RealArray
+    origin: RealArray
 
-    def position(self, local: NDArray[np.float64]) -> NDArray[np.float64]:
+    def position(self, local: RealArray) -> RealArray:
         a, b, c = local.tolist()
         if self.kind == 1:
             local = np.array([a * _cos(b), a * _sin(b), c])
@@ -79,7 +79,7 @@ class _UFFSystem:
             local = a * np.array([_sin(b) * _cos(c), _sin(b) * _sin(c), _cos(b)])
         return self.origin + local @ self.axes
 
-    def directions(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
+    def directions(self, point: RealArray) -> RealArray:
         """Return the directions (rows) at a point of the global system; azimuth 0 on the axis."""
         if self.kind == 0:
             return self.axes
@@ -119,7 +119,7 @@ class _Node:
     line: int
     definition: int
     displacement: int
-    xyz: NDArray[np.float64]
+    xyz: RealArray
 
 
 @dataclass(slots=True)
@@ -156,7 +156,7 @@ class GeometryCollector:
     def _fields(self, line: int, text: str, count: int, what: str) -> list[int]:
         return read_integer_fields(text, count, what, self.path, line)
 
-    def _reals(self, line: int, text: str, count: int, what: str) -> NDArray[np.float64]:
+    def _reals(self, line: int, text: str, count: int, what: str) -> RealArray:
         words = text.split()
         if len(words) != count:
             raise FormatError(
@@ -187,7 +187,7 @@ class GeometryCollector:
             xyz = self._reals(below, position, 3, "dataset 2411, position")
             self._add_node(line, [number, 0, displacement], xyz)
 
-    def _add_node(self, line: int, numbers: Sequence[int], xyz: NDArray[np.float64]) -> None:
+    def _add_node(self, line: int, numbers: Sequence[int], xyz: RealArray) -> None:
         number, definition, displacement = numbers[:3]
         before = self.nodes.get(number)
         if before is not None:
@@ -237,8 +237,8 @@ class GeometryCollector:
         line: int,
         number: int,
         kind: int,
-        axes: NDArray[np.float64],
-        origin: NDArray[np.float64],
+        axes: RealArray,
+        origin: RealArray,
     ) -> None:
         if kind not in (0, 1, 2):
             raise FormatError(

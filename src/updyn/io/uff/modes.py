@@ -17,11 +17,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import ComplexArray, NumberArray, RealArray
 from updyn.dofs import DofSet
 from updyn.errors import AbsentError, FormatError, UpdynWarning
 from updyn.io.atomic import atomic_path
@@ -41,7 +40,6 @@ from updyn.modal import ModeSet
 
 __all__ = ["read_modes", "write_modes"]
 
-_Complex = NDArray[np.complex128]
 
 _NORMAL, _FIRST_ORDER, _SECOND_ORDER = 2, 3, 7
 _ANALYSES = {0: "unknown", 1: "static", 4: "transient", 5: "frequency response", 6: "buckling"}
@@ -92,11 +90,11 @@ class _UFFMode:
     factor: complex  # scales the shape to unit modal mass in SI units; 0 if unknown
     title: str  # number and frequency, as written by `write_modes`
     nodes: list[int]
-    shape: _Complex  # shape (n_nodes, 6)
+    shape: ComplexArray  # shape (n_nodes, 6)
     quality: float
     std: tuple[float, float]  # of the frequency in Hz, and of the loss factor
     is_scale_unused: bool
-    std_shape: NDArray[np.float64] | None = None  # shape (n_nodes, 6)
+    std_shape: RealArray | None = None  # shape (n_nodes, 6)
 
 
 def read_modes(path: str | Path) -> ModeSet:
@@ -354,7 +352,7 @@ def _check_eigenvalue(frequency: float, eigenvalue: float, place: _ModePlace) ->
         )
 
 
-def _check_fields(fields: NDArray[np.float64], s: complex, place: _ModePlace) -> None:
+def _check_fields(fields: RealArray, s: complex, place: _ModePlace) -> None:
     """Refuse fields of frequency and damping that do not match an eigenvalue in rad/s."""
     _, f, _, _, viscous, hysteretic = fields
     sizes = np.array([abs(s), abs(s.imag)])
@@ -374,7 +372,7 @@ def _check_fields(fields: NDArray[np.float64], s: complex, place: _ModePlace) ->
         )
 
 
-def _normal_mode_properties(numbers: NDArray[np.float64], place: _ModePlace) -> _ModeProperties:
+def _normal_mode_properties(numbers: RealArray, place: _ModePlace) -> _ModeProperties:
     """Return the properties of a normal mode from frequency, modal mass and damping ratios."""
     f, mass, viscous, hysteretic = numbers.tolist()
     if f < 0 or mass < 0:
@@ -400,7 +398,7 @@ def _normal_mode_properties(numbers: NDArray[np.float64], place: _ModePlace) -> 
     return _ModeProperties(f, loss or np.nan, False, factor)
 
 
-def _complex_mode_properties(numbers: NDArray[np.float64], place: _ModePlace) -> _ModeProperties:
+def _complex_mode_properties(numbers: RealArray, place: _ModePlace) -> _ModeProperties:
     """Return the properties of a complex mode from eigenvalue, modal A and modal B."""
     s, a, b = (complex(*pair) for pair in numbers.reshape(3, 2).tolist())
     if s.imag == 0.0:
@@ -440,14 +438,14 @@ def _find_contradictory_frequency(frequency: float, place: _ModePlace) -> list[t
     return [each for each in place.stated if _is_near(each[1], wrong, share)]
 
 
-def _is_near(value: float, expected: float | NDArray[np.float64], share: float) -> bool:
+def _is_near(value: float, expected: float | RealArray, share: float) -> bool:
     """Return whether `value` equals an expected number to the relative tolerance `share`."""
     return bool((np.abs(value - np.asarray(expected)) <= share * np.abs(value)).any()) and value > 0
 
 
 def _nodes(
     lines: Sequence[str], layout: _Layout, width: int, is_complex: bool, path: str | Path, at: int
-) -> tuple[list[int], _Complex]:
+) -> tuple[list[int], ComplexArray]:
     """Return the nodes and their values, shape (n_nodes, 6); `at` is the first line in the file."""
     texts, at = lines[layout.head :], at + layout.head
     on_node, on_values = f"record {layout.head + 1}", f"record {layout.head + 2}"
@@ -484,7 +482,7 @@ def _nodes(
 
 def _numbers(
     lines: Sequence[tuple[int, str]], count: int, what: str, path: str | Path
-) -> NDArray[np.float64]:
+) -> RealArray:
     """Return the numbers of some lines, separated by blanks or in fields of 13 columns."""
     words = []
     for at, text in lines:
@@ -599,7 +597,7 @@ def _lines(modes: ModeSet, number: int) -> Iterator[str]:
     yield "    -1"
 
 
-def _at_nodes(dofs: DofSet, values: NDArray[Any], width: int) -> Iterator[str]:
+def _at_nodes(dofs: DofSet, values: NumberArray, width: int) -> Iterator[str]:
     for node in dict.fromkeys(dofs.nodes.tolist()):
         at_node = np.flatnonzero(dofs.nodes == node)
         row = np.zeros(width, dtype=values.dtype)

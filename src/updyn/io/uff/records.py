@@ -13,8 +13,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import RealArray
 from updyn.dofs import DIRECTIONS
 from updyn.errors import AbsentError, FormatError, UpdynWarning
 from updyn.io.items import format_counts, locate_errors, require_file
@@ -81,11 +81,11 @@ def _to_seconds(function: Function, path: str | Path) -> Function:
     return replace(function, unit_of_x=abscissa_factor(function.abscissa, "time", path))
 
 
-def _step(x: NDArray[np.float64]) -> float:
+def _step(x: RealArray) -> float:
     return float((x[-1] - x[0]) / (len(x) - 1))
 
 
-def _check(function: Function, first: int, expected: NDArray[np.float64], path: str | Path) -> None:
+def _check(function: Function, first: int, expected: RealArray, path: str | Path) -> None:
     """Refuse a function other than an evenly spaced, real time response with given times.
 
     `first` is the line of the first function of the channel, for the message.

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import NumberArray, RealArray
 from updyn.dofs import DIRECTIONS, Dof
 from updyn.errors import FormatError, UpdynWarning
 from updyn.frf import FRF
@@ -136,7 +136,7 @@ def _reals(row: Any) -> str:
 
 
 # -- functions ----------------------------------------------------------------------------------
-def _function(frf: FRF, response: Dof, reference: Dof, y: NDArray[Any]) -> bytes:
+def _function(frf: FRF, response: Dof, reference: Dof, y: NumberArray) -> bytes:
     is_frf = np.iscomplexobj(y)
     columns = [y.real, y.imag] if is_frf else [y]
     even = _even_spacing(frf.freq)
@@ -189,7 +189,7 @@ def _axis(kind: int, label: str, unit: str) -> str:
     return f"{kind:10d}{0:5d}{0:5d}{0:5d} {label:<20} {unit:<20}"
 
 
-def _even_spacing(freq: NDArray[np.float64]) -> tuple[str, str] | None:
+def _even_spacing(freq: RealArray) -> tuple[str, str] | None:
     """Return minimum and increment as texts, or None if they do not reproduce the lines."""
     if len(freq) < 2:
         return None

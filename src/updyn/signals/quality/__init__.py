@@ -6,8 +6,8 @@ from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import BoolArray, RealArray
 from updyn.errors import DataError, key_path
 from updyn.frf import check_band
 from updyn.signals.quality.background import find_drift, find_mains, find_noise_floor
@@ -33,7 +33,6 @@ if TYPE_CHECKING:
 
 __all__ = ["RecordFinding", "check_records"]
 
-_Real = NDArray[np.float64]
 _Band = tuple[float, float]
 #: Hits with these faults are not compared with others.
 _EXCLUDED_FAULTS = ("clipped", "double-hit", "cut-off", "leakage")
@@ -196,7 +195,7 @@ def _check_channel(
     yield from find_level_dependence(quiet, X, records.step, lines, name, numbers)
 
 
-def _lines(force: _Real, step: float, band: _Band | None) -> NDArray[np.bool_]:
+def _lines(force: RealArray, step: float, band: _Band | None) -> BoolArray:
     """Return a mask of the lines in the band with sufficient force."""
     level = np.abs(np.fft.rfft(force - np.median(force)))
     freq = np.fft.rfftfreq(len(force), step)

@@ -5,23 +5,22 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 from scipy.signal import welch
 
+from updyn.arrays import BoolArray, RealArray
 from updyn.signals.quality.finding import RecordFinding
 from updyn.signals.quality.settings import DRIFT, MAINS, NOISE_FLOOR
 
 __all__ = ["find_drift", "find_mains", "find_noise_floor"]
 
-_Real = NDArray[np.float64]
 
 #: Nominal frequencies of mains in Hz.
 _MAINS_FREQUENCIES = (50.0, 60.0)
 
 
 def find_drift(
-    channel: _Real, begin: int | None, name: str, record: int
+    channel: RealArray, begin: int | None, name: str, record: int
 ) -> Iterator[RecordFinding]:
     """Yield an offset that changes along the record, for a hit from sample `begin` on."""
     if len(channel) < 2 * DRIFT.pieces:
@@ -46,7 +45,7 @@ def find_drift(
         )
 
 
-def _trend(offsets: _Real) -> float:
+def _trend(offsets: RealArray) -> float:
     """Return the change of a straight line through offsets in a record; 0 if insignificant."""
     at = np.arange(len(offsets)) - 0.5 * (len(offsets) - 1)
     slope = float(at @ offsets / (at @ at))
@@ -55,7 +54,7 @@ def _trend(offsets: _Real) -> float:
     return abs(slope) * DRIFT.pieces if abs(slope) > DRIFT.least_t * error else 0.0
 
 
-def _offset_after(offsets: _Real, before: _Real) -> float:
+def _offset_after(offsets: RealArray, before: RealArray) -> float:
     """Return the difference of offsets from that before the hit; 0 if insignificant."""
     apart = abs(float(offsets.mean() - before.mean()))
     spread = float(offsets.std(ddof=1))
@@ -64,7 +63,7 @@ def _offset_after(offsets: _Real, before: _Real) -> float:
 
 
 def find_mains(
-    channel: _Real,
+    channel: RealArray,
     step: float,
     lasting: bool,
     band: tuple[float, float] | None,
@@ -95,7 +94,7 @@ def find_mains(
         )
 
 
-def _sine_in_record(record: _Real, step: float, lasting: bool, f: float) -> tuple[float, float]:
+def _sine_in_record(record: RealArray, step: float, lasting: bool, f: float) -> tuple[float, float]:
     """Return the amplitude of a steady sine near f, and its share of the spectrum."""
     n = len(record)
     part = record if lasting else record[n // 2 :]
@@ -106,13 +105,13 @@ def _sine_in_record(record: _Real, step: float, lasting: bool, f: float) -> tupl
     return amplitude, min(1.0, 0.5 * amplitude * n / _largest_near(spectrum, f * n * step))
 
 
-def _largest_near(spectrum: _Real, line: float) -> float:
+def _largest_near(spectrum: RealArray, line: float) -> float:
     """Return the largest value of a spectrum within a line of a position."""
     at = round(line)
     return float(spectrum[max(at - 1, 0) : at + 2].max(initial=np.finfo(float).tiny))
 
 
-def _steady_line(halves: list[_Real], step: float, f: float) -> float:
+def _steady_line(halves: list[RealArray], step: float, f: float) -> float:
     """Return the amplitude of a sine near f with equal amplitudes in both halves; else 0."""
     found = [_find_sine(half, step, f) for half in halves]
     if any(line is None for line in found):
@@ -123,7 +122,7 @@ def _steady_line(halves: list[_Real], step: float, f: float) -> float:
     return amplitude if abs(first[0] - second[0]) <= allowed else 0.0
 
 
-def _find_sine(half: _Real, step: float, f: float) -> tuple[float, float] | None:
+def _find_sine(half: RealArray, step: float, f: float) -> tuple[float, float] | None:
     """Return amplitude and error of a sine near f that exceeds its surroundings; else None."""
     n = len(half)
     if n * step < MAINS.least_half or f * n * step < MAINS.last_adjacent + 1:
@@ -144,9 +143,9 @@ def _find_sine(half: _Real, step: float, f: float) -> tuple[float, float] | None
 
 
 def find_noise_floor(
-    channel: _Real,
+    channel: RealArray,
     step: float,
-    lines: NDArray[np.bool_],
+    lines: BoolArray,
     name: str,
     record: int,
 ) -> Iterator[RecordFinding]:

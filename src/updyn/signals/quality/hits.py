@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import detrend
 
+from updyn.arrays import BoolArray, RealArray
 from updyn.signals.quality.finding import RecordFinding
 from updyn.signals.quality.settings import CLIPPING, HIT_FORCE, HIT_RESPONSE
 
@@ -23,10 +23,8 @@ __all__ = [
     "hit_mask",
 ]
 
-_Real = NDArray[np.float64]
 
-
-def find_clipped_run(channel: _Real, name: str, record: int) -> Iterator[RecordFinding]:
+def find_clipped_run(channel: RealArray, name: str, record: int) -> Iterator[RecordFinding]:
     """Yield an overload of consecutive samples at the extreme value after a jump."""
     quantum, rest = _smallest_step(channel), np.median(channel)
     for extreme in _extremes(channel):
@@ -50,7 +48,7 @@ def find_clipped_run(channel: _Real, name: str, record: int) -> Iterator[RecordF
             )
 
 
-def find_clipped_pair(channel: _Real, name: str, record: int) -> Iterator[RecordFinding]:
+def find_clipped_pair(channel: RealArray, name: str, record: int) -> Iterator[RecordFinding]:
     """Yield an overload of two samples of a hit with equal values.
 
     The two samples at a regular peak differ by up to the adjacent jump; the probability of equal
@@ -75,7 +73,7 @@ def find_clipped_pair(channel: _Real, name: str, record: int) -> Iterator[Record
             )
 
 
-def find_equal_peaks(channels: _Real, name: str) -> Iterator[RecordFinding]:
+def find_equal_peaks(channels: RealArray, name: str) -> Iterator[RecordFinding]:
     """Yield an overload of single samples with the same largest value in several hits."""
     quantum = min(_smallest_step(channel) for channel in channels)
     found: dict[float, list[int]] = {}
@@ -104,7 +102,7 @@ def find_equal_peaks(channels: _Real, name: str) -> Iterator[RecordFinding]:
                 )
 
 
-def _extremes(channel: _Real) -> list[float]:
+def _extremes(channel: RealArray) -> list[float]:
     """Return the largest and the smallest value, except the value at rest."""
     rest = np.median(channel)
     least = 0.5 * np.abs(channel - rest).max()
@@ -112,14 +110,14 @@ def _extremes(channel: _Real) -> list[float]:
     return [extreme for extreme in both if abs(extreme - rest) >= least]
 
 
-def _smallest_step(channel: _Real) -> float:
+def _smallest_step(channel: RealArray) -> float:
     """Return the smallest step between two samples: that of the converter or of the digits."""
     steps = np.abs(np.diff(channel))
     return float(steps[steps > 0.0].min(initial=np.inf))
 
 
 def find_second_hits(
-    channel: _Real, step: float, name: str, record: int
+    channel: RealArray, step: float, name: str, record: int
 ) -> Iterator[RecordFinding]:
     """Yield a force that returns after the end of the hit."""
     force = np.abs(channel - np.median(channel))
@@ -150,7 +148,7 @@ def find_second_hits(
 
 
 def find_short_force(
-    channel: _Real, step: float, band: tuple[float, float], name: str, record: int
+    channel: RealArray, step: float, band: tuple[float, float], name: str, record: int
 ) -> Iterator[RecordFinding]:
     """Yield the lines of the band without sufficient force."""
     begin = find_hit_start(channel)
@@ -175,7 +173,7 @@ def find_short_force(
         )
 
 
-def hit_mask(channel: _Real) -> NDArray[np.bool_]:
+def hit_mask(channel: RealArray) -> BoolArray:
     """Return a mask of the samples around the largest force, to twice the distance of its end."""
     force = _from_rest(channel)
     first = int(np.argmax(force))
@@ -184,7 +182,9 @@ def hit_mask(channel: _Real) -> NDArray[np.bool_]:
     return np.asarray(np.abs(np.arange(len(force)) - first) <= width)
 
 
-def find_cut_off(channel: _Real, force: _Real, name: str, record: int) -> Iterator[RecordFinding]:
+def find_cut_off(
+    channel: RealArray, force: RealArray, name: str, record: int
+) -> Iterator[RecordFinding]:
     """Yield a response that continues at the end of the record."""
     free = channel - np.median(channel)
     begin = int(np.argmax(np.abs(force - np.median(force))))
@@ -203,7 +203,7 @@ def find_cut_off(channel: _Real, force: _Real, name: str, record: int) -> Iterat
         )
 
 
-def _is_noise(free: _Real, begin: int, n: int) -> bool:
+def _is_noise(free: RealArray, begin: int, n: int) -> bool:
     """Return whether the last n samples of a response are noise.
 
     Without samples before the hit, noise is recognised by its prediction error: n modes follow a
@@ -223,12 +223,12 @@ def _is_noise(free: _Real, begin: int, n: int) -> bool:
     return bool(rest @ rest > HIT_RESPONSE.unpredicted_share * (last @ last))
 
 
-def _rms(part: _Real) -> float:
+def _rms(part: RealArray) -> float:
     return float(np.sqrt(np.mean(part**2)))
 
 
 def find_ringing_before(
-    channel: _Real, force: _Real, name: str, record: int
+    channel: RealArray, force: RealArray, name: str, record: int
 ) -> Iterator[RecordFinding]:
     """Yield a response that was not at rest before the hit and adds to that of the hit."""
     begin = find_hit_start(force)
@@ -256,7 +256,7 @@ def find_ringing_before(
         )
 
 
-def find_hit_start(force: _Real) -> int:
+def find_hit_start(force: RealArray) -> int:
     """Return the first sample of the hit."""
     free = _from_rest(force)
     largest = int(np.argmax(free))
@@ -264,7 +264,7 @@ def find_hit_start(force: _Real) -> int:
     return int(below[-1]) if len(below) else 0
 
 
-def _from_rest(force: _Real) -> _Real:
+def _from_rest(force: RealArray) -> RealArray:
     """Return the absolute force relative to its value before the hit."""
     free = force - np.median(force)
     largest = int(np.argmax(np.abs(free)))

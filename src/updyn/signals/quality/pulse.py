@@ -5,18 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import RealArray
 from updyn.signals.quality.finding import RecordFinding
 from updyn.signals.quality.settings import PULSE
 
 __all__ = ["check_pulse", "time_of_energy"]
 
-_Real = NDArray[np.float64]
-
 
 def check_pulse(
-    values: _Real, step: float, names: Sequence[str], force: int, others: Sequence[int]
+    values: RealArray, step: float, names: Sequence[str], force: int, others: Sequence[int]
 ) -> RecordFinding | None:
     """Return a finding if the force oscillates and another channel is a pulse; else None.
 
@@ -45,19 +43,19 @@ def check_pulse(
     return None
 
 
-def time_of_energy(channel: _Real) -> _Real:
+def time_of_energy(channel: RealArray) -> RealArray:
     """Return for each record the fewest consecutive samples with 90 % of the energy."""
     return _shape(channel)[0]
 
 
-def _shape(channel: _Real) -> tuple[_Real, _Real]:
+def _shape(channel: RealArray) -> tuple[RealArray, RealArray]:
     """Return the duration of each record in samples, and |sum| over sum of absolute values."""
     found = [_pulse_shape(record - np.median(record)) for record in channel]
     lasts, sign = np.array(found).T
     return lasts, sign
 
 
-def _pulse_shape(record: _Real) -> tuple[float, float]:
+def _pulse_shape(record: RealArray) -> tuple[float, float]:
     """Return the duration in samples, and |sum| over the sum of absolute values in it."""
     size = np.abs(record)
     energy = np.where(size > PULSE.loud_share * size.max(), size**2, 0.0)

@@ -6,23 +6,20 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import find_peaks
 
+from updyn.arrays import BoolArray, ComplexArray, RealArray
 from updyn.signals.quality.finding import RecordFinding
 from updyn.signals.quality.settings import LEVEL_DEPENDENCE, RECORD_PEAK, SEGMENT_LEAKAGE
 
 __all__ = ["find_leakage", "find_level_dependence"]
 
-_Real = NDArray[np.float64]
-_Complex = NDArray[np.complex128]
-
 
 def find_level_dependence(
-    force: _Real,
-    motion: _Real,
+    force: RealArray,
+    motion: RealArray,
     step: float,
-    lines: NDArray[np.bool_],
+    lines: BoolArray,
     name: str,
     records: Sequence[int],
 ) -> Iterator[RecordFinding]:
@@ -68,7 +65,7 @@ def find_level_dependence(
         )
 
 
-def _gate(motion: _Real) -> _Real:
+def _gate(motion: RealArray) -> RealArray:
     """Return a window that ends when the responses have decayed to their noise."""
     n = motion.shape[1]
     size = max(1, n // LEVEL_DEPENDENCE.blocks)
@@ -84,7 +81,7 @@ def _gate(motion: _Real) -> _Real:
     return gate
 
 
-def _peaks(size: _Real, lines: NDArray[np.bool_]) -> Iterator[tuple[int, slice]]:
+def _peaks(size: RealArray, lines: BoolArray) -> Iterator[tuple[int, slice]]:
     """Yield the indices of the largest peaks, and the lines around each."""
     places, known = find_peaks(np.where(lines, size, 0.0), prominence=0.0)
     high = known["prominences"] > 0.5 * size[places]
@@ -101,7 +98,7 @@ def _peaks(size: _Real, lines: NDArray[np.bool_]) -> Iterator[tuple[int, slice]]
             yield peak, slice(low, high_end + 1)
 
 
-def _shape_change(H: _Complex, levels: _Real) -> tuple[float, float]:
+def _shape_change(H: ComplexArray, levels: RealArray) -> tuple[float, float]:
     """Return the change of a shape from the lowest level to the highest, and F of that change.
 
     The noise of an FRF is inverse to the level of its hit, so the levels are the weights.
@@ -120,7 +117,7 @@ def _shape_change(H: _Complex, levels: _Real) -> tuple[float, float]:
 
 
 def find_leakage(
-    force: _Real, motion: _Real, step: float, segment: float, names: tuple[str, str]
+    force: RealArray, motion: RealArray, step: float, segment: float, names: tuple[str, str]
 ) -> Iterator[RecordFinding]:
     """Yield the peak that loses most relative to segments twice as long."""
     size = round(segment / step)
@@ -166,21 +163,21 @@ def find_leakage(
 class _Averages:
     """X conj(F) and |F|^2 of segments with an overlap of a half, shape (n, lines)."""
 
-    xf: _Complex
-    ff: _Real
+    xf: ComplexArray
+    ff: RealArray
 
     @classmethod
-    def of(cls, force: _Real, motion: _Real, size: int) -> _Averages:
+    def of(cls, force: RealArray, motion: RealArray, size: int) -> _Averages:
         F, X = _segments(force, size), _segments(motion, size)
         return cls(X * F.conj(), np.abs(F) ** 2)
 
-    def h1(self, chosen: slice) -> _Complex:
+    def h1(self, chosen: slice) -> ComplexArray:
         """Return H1 over some of the segments."""
         power = np.maximum(self.ff[chosen].mean(axis=0), np.finfo(float).tiny)
         return np.asarray(self.xf[chosen].mean(axis=0) / power)
 
 
-def _segments(channel: _Real, size: int) -> _Complex:
+def _segments(channel: RealArray, size: int) -> ComplexArray:
     """Return the spectra of the segments of a channel, shape (n, size // 2 + 1)."""
     cut = np.lib.stride_tricks.sliding_window_view(channel, size, axis=1)[:, :: size // 2]
     flat = cut.reshape(-1, size)

@@ -6,16 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import ComplexArray, RealArray
 from updyn.updating.fit.settings import ACCEPTANCE, ANSWER_RESIDUAL
 from updyn.updating.fit.trust_region import Outcome
 from updyn.updating.problem.problem import Problem
 from updyn.updating.problem.residuals import make_log_error
 
 __all__ = ["Acceptance"]
-
-_Vector = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,13 +59,13 @@ class Acceptance:
             return True
         return not self.noise_known and self.is_noise(end.x, ACCEPTANCE.certain_correlation)
 
-    def is_answer(self, x: _Vector, cost: float) -> bool:
+    def is_answer(self, x: RealArray, cost: float) -> bool:
         """Return whether the residual at x looks like noise, no larger than noise of known size."""
         return self.is_noise(x, ACCEPTANCE.certain_correlation) and (
             not self.noise_known or self._is_explained_by_noise(cost)
         )
 
-    def is_noise(self, x: _Vector, most: float | None = None) -> bool:
+    def is_noise(self, x: RealArray, most: float | None = None) -> bool:
         """Return whether the residual at x is small, and its serial correlation at most `most`.
 
         By default, that of a residual that may be noise.
@@ -103,7 +101,7 @@ class Acceptance:
             total += 0.5 * float(np.sum(error.weight**2 * share / (1.0 + share / most)))
         return total
 
-    def _misfits(self, x: _Vector) -> list[NDArray[np.complex128]]:
+    def _misfits(self, x: RealArray) -> list[ComplexArray]:
         """Return w ln(H_A / H_X) of each part, 0 if either value is zero."""
         out = []
         for part, error in zip(
@@ -117,5 +115,5 @@ class Acceptance:
         return out
 
 
-def _power(misfits: Sequence[NDArray[np.complex128]]) -> float:
+def _power(misfits: Sequence[ComplexArray]) -> float:
     return float(np.mean(np.concatenate([np.abs(r).ravel() for r in misfits]) ** 2))

@@ -5,16 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
+from updyn.arrays import RealArray
 from updyn.updating.problem.local import Local
 from updyn.updating.problem.noise import NoiseModel
 from updyn.updating.problem.residuals import OutputErrorSet
 
 __all__ = ["Answer"]
-
-_Vector = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -26,7 +22,7 @@ class Answer:
     x, including priors; None after a stop. `fixed_unknown` is set at the far end of a valley.
     """
 
-    x: _Vector
+    x: RealArray
     reason: str
     negative_log_likelihood: float
     noises: Sequence[NoiseModel]

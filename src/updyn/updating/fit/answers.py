@@ -10,8 +10,8 @@ from collections.abc import Callable, Iterator, Sequence
 from itertools import chain, combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import ComplexArray, RealArray
 from updyn.group import MATRICES
 from updyn.updating.fit.answer import Answer
 from updyn.updating.fit.method import serial_correlation
@@ -42,8 +42,6 @@ __all__ = [
     "select_as_likely",
 ]
 
-_Vector = NDArray[np.float64]
-
 
 def has_noise_residual(problem: Problem, answer: Answer) -> bool:
     """Return whether the residual of an answer is not larger than noise, nor correlated."""
@@ -67,8 +65,8 @@ def has_noise_residual(problem: Problem, answer: Answer) -> bool:
 def _exceeds(
     problem: Problem,
     i: int,
-    e: NDArray[np.complex128],
-    H: NDArray[np.complex128],
+    e: ComplexArray,
+    H: ComplexArray,
     noise: NoiseModel,
 ) -> bool:
     """Return whether a whitened residual, shape (n_f, ...), exceeds noise of known size."""
@@ -129,14 +127,14 @@ def contradicts(other: Answer, chosen: Answer) -> bool:
     )
 
 
-def distance(answer: Answer, x: _Vector) -> float:
+def distance(answer: Answer, x: RealArray) -> float:
     """Return the distance of a point, shape (n,), from an answer, in standard deviations."""
     if answer.local is None:
         return np.inf
     return float(np.linalg.norm(answer.local.R @ (x - answer.x)))
 
 
-def is_within_uncertainty(x: _Vector, answer: Answer) -> bool:
+def is_within_uncertainty(x: RealArray, answer: Answer) -> bool:
     """Return whether a point, shape (n,), is within the uncertainty of an answer."""
     if answer.local is None:
         return False
@@ -189,24 +187,24 @@ def are_distinct(a: Answer, b: Answer) -> bool:
     )
 
 
-def _are_apart(a: _Vector, b: _Vector, std: _Vector) -> bool:
+def _are_apart(a: RealArray, b: RealArray, std: RealArray) -> bool:
     return bool((np.abs(a - b) > ANSWERS.distinct_stds * std + TRUST_REGION.step_rounding).any())
 
 
-def _usual_spread(problem: Problem) -> _Vector:
+def _usual_spread(problem: Problem) -> RealArray:
     """Return the usual spread of the unknowns about their start, shape (n,)."""
     return np.where(
         problem.coordinates.parameters.is_factor, ANSWERS.log_spread, ANSWERS.loss_spread
     )
 
 
-def _standard_deviations(local: Local) -> _Vector:
+def _standard_deviations(local: Local) -> RealArray:
     """Return the standard deviations of the unknowns; inf for undetermined ones."""
     found = resolve(local.R)
     return np.where(found.involved, np.inf, np.sqrt(np.diag(found.covariance)))
 
 
-def move_uncertain_unknowns(problem: Problem, answer: Answer) -> Iterator[_Vector]:
+def move_uncertain_unknowns(problem: Problem, answer: Answer) -> Iterator[RealArray]:
     """Yield points, shape (n,), each with one poorly determined unknown moved.
 
     Moving one unknown leaves the valley of the misfit; steps along it were measured to fall back.
@@ -225,7 +223,7 @@ def move_uncertain_unknowns(problem: Problem, answer: Answer) -> Iterator[_Vecto
                 yield moved
 
 
-def restart_uncertain_unknowns(problem: Problem, answer: Answer, seed: int) -> Iterator[_Vector]:
+def restart_uncertain_unknowns(problem: Problem, answer: Answer, seed: int) -> Iterator[RealArray]:
     """Yield points, shape (n,), with the most uncertain unknowns drawn at random about the start.
 
     They are moved together: light parts whose resonances have been exchanged cannot be corrected
@@ -245,7 +243,7 @@ def restart_uncertain_unknowns(problem: Problem, answer: Answer, seed: int) -> I
         yield np.clip(x, *coordinates.bounds)
 
 
-def reset_far_unknowns(problem: Problem, answer: Answer) -> Iterator[_Vector]:
+def reset_far_unknowns(problem: Problem, answer: Answer) -> Iterator[RealArray]:
     """Yield points, shape (n,), with one, two, four, eight unknowns reset, farthest first.
 
     Unknowns that the data hardly determine may have moved far together, each compensating for the
@@ -265,8 +263,8 @@ def reset_far_unknowns(problem: Problem, answer: Answer) -> Iterator[_Vector]:
 
 
 def find_promising_points(
-    models: Models, answer: Answer, negative_log_likelihood: Callable[[_Vector], float], most: int
-) -> list[_Vector]:
+    models: Models, answer: Answer, negative_log_likelihood: Callable[[RealArray], float], most: int
+) -> list[RealArray]:
     """Return points, shape (n,), away from an answer that fit fairly well without a descent.
 
     Each unknown is moved alone, to its start and to either side, and parts of the structure are
@@ -294,7 +292,7 @@ def find_promising_points(
     return [tries[i] for i in promising[:number]]
 
 
-def _move_each_unknown(problem: Problem, x: _Vector) -> Iterator[_Vector]:
+def _move_each_unknown(problem: Problem, x: RealArray) -> Iterator[RealArray]:
     home = problem.coordinates.start
     far = _usual_spread(problem)
     for i in range(len(x)):
@@ -304,7 +302,7 @@ def _move_each_unknown(problem: Problem, x: _Vector) -> Iterator[_Vector]:
                 yield moved
 
 
-def exchange_groups(problem: Problem, x: _Vector) -> Iterator[_Vector]:
+def exchange_groups(problem: Problem, x: RealArray) -> Iterator[RealArray]:
     """Yield points with stiffnesses and masses of groups exchanged: mirrored, and in pairs."""
     indices: dict[str, dict[str, int]] = {}
     for i, p in enumerate(problem.coordinates.parameters):
@@ -345,7 +343,7 @@ def _find_similar_groups(problem: Problem, names: Sequence[str]) -> list[list[st
     return [similar for similar in classes.values() if len(similar) > 1]
 
 
-def _log_sizes(problem: Problem) -> _Vector:
+def _log_sizes(problem: Problem) -> RealArray:
     """Return the logarithm of the size of a factor of 1, shape (n,); 0 for other unknowns."""
     system, parameters = problem.system, problem.coordinates.parameters
     sizes = np.zeros(problem.n)

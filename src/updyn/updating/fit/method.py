@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import ComplexArray, RealArray
 from updyn.errors import SolverError
 from updyn.text_table import format_count
 from updyn.updating.fit.answer import Answer
@@ -40,8 +40,6 @@ __all__ = [
     "serial_correlation",
 ]
 
-_Vector = NDArray[np.float64]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Regularisation:
@@ -59,8 +57,8 @@ class Regularisation:
         The choice and the curve on which it is based.
     """
 
-    weight: _Vector
-    within: NDArray[np.float64] | None
+    weight: RealArray
+    within: RealArray | None
     note: str
     record: Mapping[str, Any]
 
@@ -74,7 +72,7 @@ class Starts:
     other answers follows.
     """
 
-    points: tuple[_Vector, ...]
+    points: tuple[RealArray, ...]
     agreed: bool = False
     exact: bool = False
     data_fault: bool = False
@@ -88,7 +86,7 @@ class Rival:
     model in which the answer is certified; None if the model of the fit is exact there.
     """
 
-    x: _Vector
+    x: RealArray
     worse: float
     problem: Problem | None = None
 
@@ -133,9 +131,9 @@ class Fit:
         For a fit that failed: the advised action (`Method.failure_remedy`); may be empty.
     """
 
-    x: _Vector
+    x: RealArray
     reason: str
-    R: NDArray[np.float64]
+    R: RealArray
     noise: tuple[Mapping[str, Any], ...] = ()
     note: str = ""
     local: Local | None = None
@@ -147,7 +145,7 @@ class Fit:
     remedy: str = ""
 
     @classmethod
-    def without_jacobian(cls, x: _Vector, reason: str, note: str = "") -> Fit:
+    def without_jacobian(cls, x: RealArray, reason: str, note: str = "") -> Fit:
         """Return a fit without a Jacobian; its identifiability is unknown."""
         return cls(x, reason, np.zeros((len(x), len(x))), note=note)
 
@@ -270,7 +268,7 @@ class Method(ABC):
         self,
         problem: Problem,
         noises: Sequence[NoiseModel],
-        x: _Vector,
+        x: RealArray,
         fixed_unknown: int | None = None,
         valley_start: Answer | None = None,
     ) -> Answer | None:
@@ -295,7 +293,7 @@ class Method(ABC):
         noises: Sequence[NoiseModel],
         monitor: Monitor,
         at: Answer,
-        points: Sequence[_Vector],
+        points: Sequence[RealArray],
     ) -> list[Answer]:
         """Return candidates for other answers that fit equally well, for a certified fit.
 
@@ -314,7 +312,7 @@ class Method(ABC):
 
     @abstractmethod
     def fit(
-        self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor, x: _Vector
+        self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor, x: RealArray
     ) -> Fit:
         """Fit the unknowns from x.
 
@@ -338,7 +336,7 @@ class Method(ABC):
 def descend(
     problem: Problem,
     residual: Residual,
-    x: _Vector,
+    x: RealArray,
     monitor: Monitor,
     settings: TrustRegion,
     unit: float = 1.0,
@@ -356,7 +354,7 @@ def descend(
     lower, upper = problem.coordinates.bounds
     within = problem.coordinates.within
 
-    def evaluate(at: _Vector) -> Local | None:
+    def evaluate(at: RealArray) -> Local | None:
         local = residual.local(problem, at)
         return None if local is None else add_prior(divide_by_std(local, unit), problem, at)
 
@@ -413,10 +411,10 @@ def descend(
 def descend_to_scale(
     problem: Problem,
     residual: Residual,
-    x: _Vector,
+    x: RealArray,
     monitor: Monitor,
     settings: TrustRegion,
-    spread: Callable[[_Vector, Local], float] | None = None,
+    spread: Callable[[RealArray, Local], float] | None = None,
 ) -> Outcome:
     """Minimise a residual of unknown spread, including priors; raises as `descend`.
 
@@ -465,7 +463,7 @@ def divide_by_std(local: Local, sigma: float) -> Local:
     return Local(local.cost / sigma**2, local.R / sigma, local.q / sigma) if sigma > 0.0 else local
 
 
-def make_stopped_fit(problem: Problem, x: _Vector) -> Fit:
+def make_stopped_fit(problem: Problem, x: RealArray) -> Fit:
     """Return the fit stopped at x, with the Jacobian of the log error `problem` if it is cached."""
     residual = make_log_error(problem)
     local = residual.local(problem, x) if is_cached(residual, problem, x) else None
@@ -482,8 +480,8 @@ def make_stopped_fit(problem: Problem, x: _Vector) -> Fit:
 
 def record_correlation_length(
     problem: Problem,
-    x: _Vector,
-    whitened: Callable[[int, NDArray[np.complex128]], NDArray[np.complex128]],
+    x: RealArray,
+    whitened: Callable[[int, ComplexArray], ComplexArray],
 ) -> dict[str, float]:
     """Return the record of the correlation length of the residual at x; empty after a stop.
 
@@ -503,7 +501,7 @@ def record_correlation_length(
     }
 
 
-def serial_correlation(whitened: NDArray[np.complex128], lag: int = 1) -> float:
+def serial_correlation(whitened: ComplexArray, lag: int = 1) -> float:
     """Return the correlation of a residual, shape (n_f, ...), with itself at a lag; 0 for zeros."""
     power = float(np.mean(np.abs(whitened) ** 2))
     if power == 0.0:
@@ -511,7 +509,7 @@ def serial_correlation(whitened: NDArray[np.complex128], lag: int = 1) -> float:
     return float(np.mean((whitened[lag:] * whitened[:-lag].conj()).real)) / power
 
 
-def correlation_length(whitened: NDArray[np.complex128]) -> float:
+def correlation_length(whitened: ComplexArray) -> float:
     """Return the correlation length of a residual in lines: 1 + 2 sum of its autocorrelation.
 
     `whitened` has the shape (n_f, ...). The sum ends at the first lag whose correlation is within

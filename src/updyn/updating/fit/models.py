@@ -5,9 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
-from numpy.typing import NDArray
-
+from updyn.arrays import RealArray
 from updyn.updating.fit.answer import Answer
 from updyn.updating.problem.problem import Problem
 
@@ -30,7 +28,7 @@ class Models:
         """Problem with the model in which points far from the answer are compared."""
         return self.exact
 
-    def near(self, x: NDArray[np.float64]) -> Problem:
+    def near(self, x: RealArray) -> Problem:
         """Return the problem with a model that is accurate near a point.
 
         Repeated calls may refine the model further; they return the same object if it is accurate
@@ -38,16 +36,14 @@ class Models:
         """
         return self.exact
 
-    def is_rough(self, x: NDArray[np.float64]) -> bool:
+    def is_rough(self, x: RealArray) -> bool:
         """Return whether `rough` is accurate enough to rank a point, but not to judge it."""
         return False
 
-    def is_known(self, x: NDArray[np.float64], answer: Answer) -> bool:
+    def is_known(self, x: RealArray, answer: Answer) -> bool:
         """Return whether a point is the same as an answer and need not be fitted."""
         return False
 
-    def leads_back(
-        self, x: NDArray[np.float64], answer: Answer, negative_log_likelihood: float
-    ) -> bool:
+    def leads_back(self, x: RealArray, answer: Answer, negative_log_likelihood: float) -> bool:
         """Return whether a descent from a point is known to end in an answer."""
         return False

@@ -8,8 +8,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import RealArray
 from updyn.progress import asks_to_stop
 from updyn.updating.fit.trust_region import Outcome, Step, TrustRegion
 from updyn.updating.problem.local import Local
@@ -97,7 +97,7 @@ class Monitor:
         """Store the outcome of the latest descent."""
         self._latest = outcome
 
-    def restore_radius(self, settings: TrustRegion, x: NDArray[np.float64]) -> TrustRegion:
+    def restore_radius(self, settings: TrustRegion, x: RealArray) -> TrustRegion:
         """Return settings with the radius of the latest descent if it ran out of steps at x."""
         latest = self._latest
         if latest is None or not np.array_equal(latest.x, x):
@@ -123,7 +123,7 @@ class Monitor:
         """Whether the current stage has recorded a step."""
         return bool(self.history) and self.history[-1].stage == self._stage
 
-    def start(self, x: NDArray[np.float64], local: Local) -> None:
+    def start(self, x: RealArray, local: Local) -> None:
         """Record the starting point of a stage."""
         self.step(Step(x, local, 0.0, True))
 
@@ -162,7 +162,7 @@ class Monitor:
         return session.stopped
 
 
-def condition(R: NDArray[np.float64]) -> float:
+def condition(R: RealArray) -> float:
     """Return the condition number of a Jacobian R with its columns scaled to unit norm."""
     norms = np.linalg.norm(R, axis=0)
     if not norms.all() or not np.isfinite(norms).all():

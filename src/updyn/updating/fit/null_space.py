@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
+from updyn.arrays import BoolArray, RealArray
 from updyn.updating.fit.settings import NULL_SPACE
 
 __all__ = [
@@ -17,8 +17,6 @@ __all__ = [
     "null_space",
     "resolve",
 ]
-
-_Matrix = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,14 +39,14 @@ class Resolution:
         or leads an undetermined direction.
     """
 
-    singular_values: NDArray[np.float64]
+    singular_values: RealArray
     full_rank: bool
-    null_space: _Matrix
-    covariance: _Matrix
-    involved: NDArray[np.bool_]
+    null_space: RealArray
+    covariance: RealArray
+    involved: BoolArray
 
 
-def resolve(R: _Matrix, inflation: float = 1.0, even: _Matrix | None = None) -> Resolution:
+def resolve(R: RealArray, inflation: float = 1.0, even: RealArray | None = None) -> Resolution:
     """Return the determined and undetermined directions of a reduced Jacobian, shape (k, n).
 
     R is in units of one standard deviation of the noise, and `inflation` is a factor on that.
@@ -82,7 +80,7 @@ def resolve(R: _Matrix, inflation: float = 1.0, even: _Matrix | None = None) -> 
     return Resolution(s, bool(visible.all()), blind, covariance, involved)
 
 
-def null_space(R: _Matrix) -> _Matrix:
+def null_space(R: RealArray) -> RealArray:
     """Return an orthonormal basis of the null space of a Jacobian, shape (n, k)."""
     scale, s, Vt = _scaled_svd(R)
     return _orthonormal(
@@ -90,12 +88,12 @@ def null_space(R: _Matrix) -> _Matrix:
     )
 
 
-def complement(basis: _Matrix) -> _Matrix:
+def complement(basis: RealArray) -> RealArray:
     """Return an orthonormal basis, shape (n, n - k), of the complement of an orthonormal basis."""
     return np.asarray(scipy.linalg.null_space(basis.T)) if basis.size else np.eye(len(basis))
 
 
-def covariance_within(R: _Matrix, within: _Matrix) -> _Matrix:
+def covariance_within(R: RealArray, within: RealArray) -> RealArray:
     """Return the covariance, shape (n, n), in the span of orthonormal columns, shape (n, k)."""
     if within.shape[1] == 0:
         return np.zeros((len(within), len(within)))
@@ -104,7 +102,7 @@ def covariance_within(R: _Matrix, within: _Matrix) -> _Matrix:
     return np.asarray(spread.T @ spread)
 
 
-def _scaled_svd(R: _Matrix) -> tuple[NDArray[np.float64], NDArray[np.float64], _Matrix]:
+def _scaled_svd(R: RealArray) -> tuple[RealArray, RealArray, RealArray]:
     """Return the column norms, and singular values and V^T of the columns scaled to unit norm."""
     n = R.shape[1]
     norms = np.linalg.norm(R, axis=0)
@@ -114,7 +112,7 @@ def _scaled_svd(R: _Matrix) -> tuple[NDArray[np.float64], NDArray[np.float64], _
     return scale, s, Vt
 
 
-def _find_undetermined(axes: _Matrix, std: NDArray[np.float64]) -> NDArray[np.bool_]:
+def _find_undetermined(axes: RealArray, std: RealArray) -> BoolArray:
     """Return which unknowns are undetermined because of noisy directions.
 
     These are the leading unknowns of a direction, and all with a standard deviation along it above
@@ -125,7 +123,7 @@ def _find_undetermined(axes: _Matrix, std: NDArray[np.float64]) -> NDArray[np.bo
     return np.asarray(leads | (np.linalg.norm(reach, axis=1) > 0.5 * NULL_SPACE.undetermined_std))
 
 
-def _orthonormal(directions: _Matrix) -> _Matrix:
+def _orthonormal(directions: RealArray) -> RealArray:
     if directions.shape[1] == 0:
         return directions
     return np.asarray(scipy.linalg.orth(directions / np.linalg.norm(directions, axis=0)))

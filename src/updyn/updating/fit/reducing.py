@@ -17,8 +17,8 @@ from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import IndexArray, RealArray
 from updyn.dynamics.basis import Basis
 from updyn.dynamics.certificate import Certificate
 from updyn.dynamics.fields import TIERS, FieldSolver
@@ -62,8 +62,6 @@ from updyn.updating.problem.session import Stopped
 
 __all__ = ["Reducing", "is_reduced", "make_reduction", "record_fallback"]
 
-_Vector = NDArray[np.float64]
-
 
 def is_reduced(
     tier: str | None,
@@ -86,9 +84,7 @@ def is_reduced(
     return not exact and n > REDUCED_TIER.most_exact_dofs and n_lines >= REDUCED_TIER.least_lines
 
 
-def make_reduction(
-    part: FRFPart, accuracy: float, others: NDArray[np.intp] | None = None
-) -> Reduction:
+def make_reduction(part: FRFPart, accuracy: float, others: IndexArray | None = None) -> Reduction:
     """Return the reduction of a part's model for its responses, references and band, not yet built.
 
     `accuracy` is the accepted error of a receptance, relative to the largest of its line; the
@@ -118,7 +114,7 @@ class _Part:
     solver: FieldSolver | None = None
     first: FieldSolver | None = None
     certificate: Certificate | None = None
-    lost: NDArray[np.float64] | None = None
+    lost: RealArray | None = None
 
     @classmethod
     def of(cls, part: FRFPart, accuracy: float, *, keeps: bool) -> _Part:
@@ -132,13 +128,13 @@ class _Part:
         reduction.shifted.keeps = keeps
         return cls(part, reduction)
 
-    def build(self, x: _Vector) -> None:
+    def build(self, x: RealArray) -> None:
         state = self.exact.state(x)
         self.reduction.build(state)
         if self.reduction.basis.size > REDUCED_FIT.most_vectors:
             self.reduction.compress(state, self.exact.frf.freq)
 
-    def build_around(self, points: Sequence[_Vector], samples: Sequence[_Vector]) -> None:
+    def build_around(self, points: Sequence[RealArray], samples: Sequence[RealArray]) -> None:
         first, *others = (self.exact.state(x) for x in points)
         self.reduction.build(first)
         self.reduction.extend(others)
@@ -147,11 +143,11 @@ class _Part:
         self.lost = self.reduction.compress_around(states, freq, SEARCH_BASIS.dropped_energy)
         self.solver = self.reduction.solver("reduced, around the start")
 
-    def certify(self, x: _Vector) -> None:
+    def certify(self, x: RealArray) -> None:
         state, freq = self.exact.state(x), self.exact.frf.freq
         self.certificate = self.reduction.certify(state, freq, enrich=False)
 
-    def certify_or_enrich(self, x: _Vector) -> bool:
+    def certify_or_enrich(self, x: RealArray) -> bool:
         """Certify the basis at x and return True, or enrich it there and return False."""
         state, freq = self.exact.state(x), self.exact.frf.freq
         self.certificate = self.reduction.certify_or_enrich(state, freq)
@@ -165,7 +161,7 @@ class _Certified:
     problem: Problem
     fit: Fit
     answer: Answer
-    place: _Vector
+    place: RealArray
     certificates: Sequence[Certificate | None]
     bases: Sequence[Basis]
 
@@ -182,9 +178,9 @@ class Reducing:
     accuracy: float
     certified: bool = field(default=False, init=False)
     _parts: list[_Part] = field(init=False)
-    _x: _Vector = field(init=False)
-    _latest_x: _Vector = field(init=False)
-    _search_ends: Sequence[_Vector] = field(default=(), init=False)
+    _x: RealArray = field(init=False)
+    _latest_x: RealArray = field(init=False)
+    _search_ends: Sequence[RealArray] = field(default=(), init=False)
     _n_built: int = field(default=0, init=False)
 
     def __post_init__(self) -> None:
@@ -198,7 +194,7 @@ class Reducing:
         return [part.first for part in self._parts if part.first is not None]
 
     @property
-    def _home(self) -> _Vector:
+    def _home(self) -> RealArray:
         return self.exact.coordinates.start
 
     @property
@@ -251,7 +247,7 @@ class Reducing:
 
     def _find_start(
         self, problem: Problem, strategy: Method, noises: Sequence[NoiseModel], monitor: Monitor
-    ) -> _Vector:
+    ) -> RealArray:
         """Return the point from which to fit, with its models: the end of descents, or of a search.
 
         No search is made if a fault of the data explains why the descents do not settle.
@@ -273,7 +269,7 @@ class Reducing:
 
     def _descend_from_start(
         self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor
-    ) -> tuple[_Vector, bool]:
+    ) -> tuple[RealArray, bool]:
         """Return the end of rounds from the start, and whether the residual there looks like noise.
 
         The rounds minimise the log error, which has the widest basin of attraction.
@@ -342,7 +338,7 @@ class Reducing:
         strategy: Method,
         noises: Sequence[NoiseModel],
         monitor: Monitor,
-        x: _Vector,
+        x: RealArray,
         fixed_unknown: int | None = None,
     ) -> tuple[Problem, Fit]:
         """Fit within a box about the point of the basis, renewed until the basis is certified."""
@@ -492,7 +488,9 @@ class Reducing:
             return None
         return KeptBasis.of(model, self._parts[i].reduction)
 
-    def _choose_start(self, problem: Problem, noises: Sequence[NoiseModel], x: _Vector) -> _Vector:
+    def _choose_start(
+        self, problem: Problem, noises: Sequence[NoiseModel], x: RealArray
+    ) -> RealArray:
         """Return the end of a search, or the start if its log error is smaller.
 
         The log error is weighted with the noise: values of faint channels are rounding.
@@ -504,7 +502,7 @@ class Reducing:
         self._build(self._home)
         return self._home
 
-    def _is_near(self, x: _Vector) -> bool:
+    def _is_near(self, x: RealArray) -> bool:
         """Return whether the basis should be enriched at x rather than built anew there."""
         size = max(part.exact.solver.system.n for part in self._parts)
         share = REDUCED_FIT.enriched_share
@@ -512,7 +510,9 @@ class Reducing:
             share = REDUCED_FIT.enriched_share_if_heavy
         return not _is_outside(x, self._box(share))
 
-    def _box(self, share: float = 1.0, place: _Vector | None = None) -> tuple[_Vector, _Vector]:
+    def _box(
+        self, share: float = 1.0, place: RealArray | None = None
+    ) -> tuple[RealArray, RealArray]:
         """Return the box of the trust radius about a point, by default that of the basis."""
         x = self._x if place is None else place
         factor = self.exact.coordinates.parameters.is_factor
@@ -534,7 +534,7 @@ class Reducing:
             reason = "max-iterations"
         return replace(fit, reason=reason, note=f"{note} {fit.note}".strip())
 
-    def certify_at(self, x: _Vector) -> bool:
+    def certify_at(self, x: RealArray) -> bool:
         """Certify the current models at a new end of the fit; on failure, keep the certificates."""
         before = [part.certificate for part in self._parts]
         self._certify(x)
@@ -572,20 +572,20 @@ class Reducing:
             **record_fallback(used, self._parts[0].reduction.backend),
         }
 
-    def _build(self, x: _Vector) -> None:
+    def _build(self, x: RealArray) -> None:
         """Build reduced models at x without certifying them."""
         for part in self._parts:
             part.build(x)
         self._set_place(x)
 
-    def _enrich(self, x: _Vector, times: float = 1.0) -> None:
+    def _enrich(self, x: RealArray, times: float = 1.0) -> None:
         """Enrich the reduced models at x, to `times` the accepted error."""
         for part in self._parts:
             state, accuracy = part.exact.state(x), times * part.reduction.accuracy
             part.reduction.enrich_until_accurate([state], part.exact.frf.freq, accuracy=accuracy)
         self._set_place(x)
 
-    def _enrich_or_certify(self, x: _Vector) -> bool:
+    def _enrich_or_certify(self, x: RealArray) -> bool:
         """Enrich the bases at x and return True; if complete, certify them and return False."""
         hold = [part.certify_or_enrich(x) for part in self._parts]
         if not all(hold):
@@ -595,7 +595,7 @@ class Reducing:
         self.certified = error is not None and error <= self.accuracy
         return False
 
-    def _set_place(self, x: _Vector) -> None:
+    def _set_place(self, x: RealArray) -> None:
         self._x, self.certified = x, False
         self.renew()
 
@@ -605,15 +605,15 @@ class Reducing:
         for part in self._parts:
             part.solver = part.reduction.solver(f"reduced {self._n_built}")
 
-    def is_outside(self, x: _Vector, share: float) -> bool:
+    def is_outside(self, x: RealArray, share: float) -> bool:
         """Return whether a point is beyond a share of the trust radius."""
         return _is_outside(x, self._box(share))
 
-    def are_near(self, x: _Vector, place: _Vector) -> bool:
+    def are_near(self, x: RealArray, place: RealArray) -> bool:
         """Return whether a basis that is accurate at `place` is accurate at x, too."""
         return not _is_outside(x, self._box(REDUCED_FIT.enriched_share, place))
 
-    def _certify(self, x: _Vector) -> None:
+    def _certify(self, x: RealArray) -> None:
         for part in self._parts:
             part.certify(x)
         error = self.error
@@ -628,7 +628,7 @@ class _ReducedModels(Models):
     _reducing: Reducing
     _definite: Sequence[Factorised]
     _sizes: Sequence[int]
-    _places: list[_Vector] = field(default_factory=list)
+    _places: list[RealArray] = field(default_factory=list)
     _passes: list[int] = field(default_factory=list)
 
     only_ranks: ClassVar[bool] = True
@@ -653,7 +653,7 @@ class _ReducedModels(Models):
         """Problem with the current models."""
         return self.latest
 
-    def near(self, x: _Vector) -> Problem:
+    def near(self, x: RealArray) -> Problem:
         """Return the problem with models enriched at x, further with each call for a point."""
         if not self._reducing.is_outside(x, REDUCED_ANSWERS.covered_share):
             return self.latest
@@ -668,15 +668,15 @@ class _ReducedModels(Models):
             self._passes[i] = number + 1 if is_enriched else REDUCED_ANSWERS.most_passes
         return self.latest
 
-    def is_rough(self, x: _Vector) -> bool:
+    def is_rough(self, x: RealArray) -> bool:
         """Return whether a point is outside the trust radius."""
         return self._reducing.is_outside(x, 1.0)
 
-    def is_known(self, x: _Vector, answer: Answer) -> bool:
+    def is_known(self, x: RealArray, answer: Answer) -> bool:
         """Return whether a point lies within the uncertainty of an answer."""
         return is_within_uncertainty(x, answer)
 
-    def leads_back(self, x: _Vector, answer: Answer, negative_log_likelihood: float) -> bool:
+    def leads_back(self, x: RealArray, answer: Answer, negative_log_likelihood: float) -> bool:
         """Return whether the misfit at a point is about that of the quadratic model of an answer.
 
         The misfit then falls along the path to the answer, and no other minimum is near.
@@ -684,7 +684,7 @@ class _ReducedModels(Models):
         rise = negative_log_likelihood - answer.negative_log_likelihood
         return rise > REDUCED_ANSWERS.quadratic_share * 0.5 * distance(answer, x) ** 2
 
-    def _is_enriched(self, x: _Vector, number: int) -> bool:
+    def _is_enriched(self, x: RealArray, number: int) -> bool:
         """Enrich the bases at x, after a reset of oversized ones; return whether they grew."""
         made = list(zip(self._reducing._parts, self._definite, self._sizes, strict=True))
         most_added = REDUCED_ANSWERS.most_added
@@ -727,20 +727,20 @@ def _faintest_level(frf: FRF) -> float:
     return float(share[share > REDUCED_TIER.finest_error].min(initial=1.0))
 
 
-def _is_answer(problem: Problem, noises: Sequence[NoiseModel], x: _Vector, cost: float) -> bool:
+def _is_answer(problem: Problem, noises: Sequence[NoiseModel], x: RealArray, cost: float) -> bool:
     """Return whether the residual at x looks like noise; False if modes are among the data."""
     acceptance = Acceptance(problem, all(noise.size_known for noise in noises))
     return not problem.modal and acceptance.is_answer(x, cost)
 
 
-def _log_error_cost(problem: Problem, x: _Vector) -> float:
+def _log_error_cost(problem: Problem, x: RealArray) -> float:
     local = make_log_error(problem).local(problem, x)
     if local is None:
         return np.inf
     return local.cost
 
 
-def _is_outside(x: _Vector, box: tuple[_Vector, _Vector]) -> bool:
+def _is_outside(x: RealArray, box: tuple[RealArray, RealArray]) -> bool:
     """Return whether a point lies outside a box or on its boundary."""
     margin = 1e-6 * (box[1] - box[0])
     return bool(((x <= box[0] + margin) | (x >= box[1] - margin)).any())

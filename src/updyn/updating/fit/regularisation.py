@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
+from updyn.arrays import BoolArray, ComplexArray, RealArray
 from updyn.errors import OptionError, suggest
 from updyn.frf import FRF
 from updyn.group import is_number
@@ -42,8 +42,6 @@ __all__ = [
     "minimum",
 ]
 
-_Vector = NDArray[np.float64]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SingularSpectrum:
@@ -54,9 +52,9 @@ class SingularSpectrum:
     number of further unknowns, which are not regularised.
     """
 
-    s: _Vector
-    beta: _Vector
-    V: NDArray[np.float64]
+    s: RealArray
+    beta: RealArray
+    V: RealArray
     rest: float
     n_values: float
     fixed: int = 0
@@ -64,8 +62,8 @@ class SingularSpectrum:
     @classmethod
     def of(
         cls,
-        A: NDArray[np.float64],
-        b: _Vector,
+        A: RealArray,
+        b: RealArray,
         rest: float = 0.0,
         n_values: float = 0.0,
         fixed: int = 0,
@@ -78,31 +76,31 @@ class SingularSpectrum:
         )  # not |b|^2 - |beta|^2, which is rounding if A can represent nearly all of b
         return cls(s, beta, Vt.T, rest + float(beyond @ beyond), n_values or float(len(b)), fixed)
 
-    def tikhonov_filter(self, strength: float) -> _Vector:
+    def tikhonov_filter(self, strength: float) -> RealArray:
         """Return the filter factors of Tikhonov's method, s^2 / (s^2 + strength^2)."""
         return np.asarray(self.s**2 / np.maximum(self.s**2 + strength**2, np.finfo(float).tiny))
 
-    def truncation_filter(self, number: int) -> _Vector:
+    def truncation_filter(self, number: int) -> RealArray:
         """Return the filter factors of a truncation: 1 for the first `number`, else 0."""
         return np.where(np.arange(len(self.s)) < number, 1.0, 0.0)
 
-    def solution(self, filters: _Vector) -> _Vector:
+    def solution(self, filters: RealArray) -> RealArray:
         """Return z for given filter factors, shape (n,)."""
         return np.asarray(self.V @ self._components(filters))
 
-    def distance(self, filters: _Vector) -> float:
+    def distance(self, filters: RealArray) -> float:
         """Return |z| for given filter factors."""
         return float(np.linalg.norm(self._components(filters)))
 
-    def misfit(self, filters: _Vector) -> float:
+    def misfit(self, filters: RealArray) -> float:
         """Return |A z - b| for given filter factors, including the irreducible part."""
         return float(np.sqrt(np.sum(((1.0 - filters) * self.beta) ** 2) + self.rest))
 
-    def freedom(self, filters: _Vector) -> float:
+    def freedom(self, filters: RealArray) -> float:
         """Return the effective number of unknowns, the trace of the influence matrix."""
         return float(filters.sum()) + self.fixed
 
-    def gcv(self, filters: _Vector) -> float:
+    def gcv(self, filters: RealArray) -> float:
         """Return the generalised cross-validation function.
 
         Golub, Heath & Wahba, Technometrics 21 (1979) 215.
@@ -135,7 +133,7 @@ class SingularSpectrum:
             return 0.0
         return float((x * yy - xx * y) / speed)
 
-    def _components(self, filters: _Vector) -> _Vector:
+    def _components(self, filters: RealArray) -> RealArray:
         positive = self.s > 0.0
         return np.asarray(
             np.where(positive, filters * self.beta / np.where(positive, self.s, 1.0), 0.0)
@@ -262,7 +260,7 @@ class Regularised(Method):
         return self.method.search(problem, noises, monitor)
 
     def fit(
-        self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor, x: _Vector
+        self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor, x: RealArray
     ) -> Fit:
         """Fit the unknowns from x and choose the strength of the regularisation.
 
@@ -277,7 +275,7 @@ class Regularised(Method):
             return run.fit_chosen_strength(noises, x, self.how)
         return run.fit_given_strength(noises, x, float(self.how))
 
-    def _check(self, problem: Problem) -> tuple[NDArray[np.bool_], int | None]:
+    def _check(self, problem: Problem) -> tuple[BoolArray, int | None]:
         """Return which unknowns have no prior, and the requested number of directions or None."""
         free = problem.coordinates.prior[1] == 0.0
         if not free.any():
@@ -309,11 +307,13 @@ class _RegularisedFits:
     problem: Problem
     method: Method
     monitor: Monitor
-    free: NDArray[np.bool_]
+    free: BoolArray
     unit: float | None = None
 
     # -- Tikhonov ----------------------------------------------------------------------------------
-    def fit_given_strength(self, noises: Sequence[NoiseModel], x: _Vector, strength: float) -> Fit:
+    def fit_given_strength(
+        self, noises: Sequence[NoiseModel], x: RealArray, strength: float
+    ) -> Fit:
         """Fit with a given strength, relative to the noise of an almost unregularised fit."""
         first = self._fit_with_prior(noises, x, min(strength, REGULARISATION.weakest))
         if _has_failed(first):
@@ -324,7 +324,7 @@ class _RegularisedFits:
             return fit
         return run._tikhonov(fit, strength / _inflation(fit), "stated", [strength])
 
-    def fit_chosen_strength(self, noises: Sequence[NoiseModel], x: _Vector, how: str) -> Fit:
+    def fit_chosen_strength(self, noises: Sequence[NoiseModel], x: RealArray, how: str) -> Fit:
         """Fit with the strength that a criterion chooses at the end of the fit."""
         strength, tried, settled = REGULARISATION.weakest, list[float](), False
         fit = self._fit_with_prior(noises, x, strength)
@@ -345,7 +345,7 @@ class _RegularisedFits:
             return fit
         return run._tikhonov(fit, strength / _inflation(fit), how, tried, settled)
 
-    def _fit_with_prior(self, noises: Sequence[NoiseModel], x: _Vector, strength: float) -> Fit:
+    def _fit_with_prior(self, noises: Sequence[NoiseModel], x: RealArray, strength: float) -> Fit:
         """Fit with a prior of standard deviation 1 / strength on each unknown without one."""
         coordinates = self.problem.coordinates
         # The prior of a value is in the unit of the value, which may differ from that of x.
@@ -405,12 +405,12 @@ class _RegularisedFits:
         return text
 
     # -- truncated singular values -----------------------------------------------------------------
-    def fit_truncated(self, noises: Sequence[NoiseModel], x: _Vector, number: int | None) -> Fit:
+    def fit_truncated(self, noises: Sequence[NoiseModel], x: RealArray, number: int | None) -> Fit:
         """Fit from the start along the leading singular vectors, renewed at each end."""
         home = self.problem.coordinates.start
         fit = self._fit_with_prior(noises, x, REGULARISATION.weakest)
         noises, run = self._fix_noise(noises, fit), self._set_unit(fit)
-        within: NDArray[np.float64] | None = None
+        within: RealArray | None = None
         settled, number_kept, tried = False, 0, list[int]()
         for _ in range(REGULARISATION.most_turns):
             if _has_failed(fit):
@@ -452,7 +452,7 @@ class _RegularisedFits:
             note += " The directions had not converged after the last round."
         return replace(fit, regularisation=Regularisation(np.zeros(len(x)), within, note, record))
 
-    def _directions(self, spectrum: SingularSpectrum, number: int) -> NDArray[np.float64]:
+    def _directions(self, spectrum: SingularSpectrum, number: int) -> RealArray:
         """Return orthonormal directions: leading singular vectors, and the unknowns with priors."""
         n = len(self.free)
         with_prior = np.flatnonzero(~self.free)
@@ -461,7 +461,7 @@ class _RegularisedFits:
         out[with_prior, number + np.arange(len(with_prior))] = 1.0
         return out
 
-    def _project(self, home: _Vector, x: _Vector, within: NDArray[np.float64]) -> _Vector:
+    def _project(self, home: RealArray, x: RealArray, within: RealArray) -> RealArray:
         """Return the projection of x on the directions through home, cut off at the first bound."""
         path = within @ (within.T @ (x - home))
         lower, upper = self.problem.coordinates.bounds
@@ -527,10 +527,10 @@ class _FixedNoise(WrappedNoise):
     def scale_known(self) -> bool:
         return self.base.scale_known
 
-    def variance(self, H: NDArray[np.complex128], frf: FRF) -> NDArray[np.float64]:
+    def variance(self, H: ComplexArray, frf: FRF) -> RealArray:
         return self.base.variance(H, frf)
 
-    def negative_log_likelihood(self, H: NDArray[np.complex128], frf: FRF) -> float:
+    def negative_log_likelihood(self, H: ComplexArray, frf: FRF) -> float:
         return self.base.negative_log_likelihood(H, frf)
 
     def figures(self) -> dict[str, Any]:
@@ -563,7 +563,7 @@ def _count_by_gcv(spectrum: SingularSpectrum) -> int:
     )
 
 
-def _span_same_space(before: NDArray[np.float64], now: NDArray[np.float64]) -> bool:
+def _span_same_space(before: RealArray, now: RealArray) -> bool:
     """Return whether two sets of orthonormal directions span the same space."""
     if before.shape != now.shape:
         return False
@@ -573,7 +573,11 @@ def _span_same_space(before: NDArray[np.float64], now: NDArray[np.float64]) -> b
 
 
 def _trace_curve(
-    spectrum: SingularSpectrum, filters: list[_Vector], axis: str, along: list[Any], at_fit: _Vector
+    spectrum: SingularSpectrum,
+    filters: list[RealArray],
+    axis: str,
+    along: list[Any],
+    at_fit: RealArray,
 ) -> dict[str, list[Any] | float]:
     """Return misfit over distance for the record, linearised at the end of the fit."""
     return {

@@ -12,8 +12,8 @@ from itertools import chain, zip_longest
 from operator import itemgetter
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import ComplexArray, IndexArray, RealArray
 from updyn.errors import SolverError
 from updyn.updating.fit.settings import SCREEN
 from updyn.updating.problem.noise import NoiseModel
@@ -22,25 +22,23 @@ from updyn.updating.problem.residuals import OutputErrorSet
 
 __all__ = ["Screen"]
 
-_Vector = NDArray[np.float64]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Piece:
     """Some lines of a part, the model's FRFs at the answer, and the inverse std of the data."""
 
     part: FRFPart
-    H: NDArray[np.complex128]
-    weight: NDArray[np.float64]
+    H: ComplexArray
+    weight: RealArray
 
-    def squared_error_at(self, x: _Vector) -> float:
+    def squared_error_at(self, x: RealArray) -> float:
         """Return the sum of squared residuals at x; inf if the model cannot be solved."""
         try:
             return self.squared_error(self.part.responses(x))
         except SolverError:
             return np.inf
 
-    def squared_error(self, H: NDArray[np.complex128]) -> float:
+    def squared_error(self, H: ComplexArray) -> float:
         """Return the sum of squared residuals of a model, in variances of the data.
 
         If noise grows with the response, that of the larger response of both models is used.
@@ -63,7 +61,7 @@ class Screen:
 
     @classmethod
     def of(
-        cls, problem: Problem, x: _Vector, noises: Sequence[NoiseModel], residual: OutputErrorSet
+        cls, problem: Problem, x: RealArray, noises: Sequence[NoiseModel], residual: OutputErrorSet
     ) -> Screen:
         """Return the screen of answer x, from the noise and whitened residual of its descent."""
         if any(noise.heavy_tails for noise in noises):
@@ -79,7 +77,7 @@ class Screen:
         by_turns = chain.from_iterable(zip_longest(*pieces))
         return cls(tuple(piece for piece in by_turns if piece is not None), limit)
 
-    def select_best(self, points: Sequence[_Vector], number: int) -> list[_Vector]:
+    def select_best(self, points: Sequence[RealArray], number: int) -> list[RealArray]:
         """Return the `number` points of least sum of squares that are not far off, best first."""
         kept = [(0.0, x) for x in points]
         for piece in self.pieces:
@@ -92,8 +90,8 @@ class Screen:
         return [x for _, x in kept]
 
     def rank(
-        self, points: Sequence[_Vector], distances: Sequence[float], number: int
-    ) -> list[_Vector]:
+        self, points: Sequence[RealArray], distances: Sequence[float], number: int
+    ) -> list[RealArray]:
         """Return the points of least sum of squares over distance from the answer, best first.
 
         For points at which the error of the model exceeds the noise, so none can be rejected by its
@@ -112,7 +110,7 @@ class Screen:
         return [x for _, _, x in kept[:number]]
 
 
-def _split_lines(part: FRFPart, weight: NDArray[np.float64], x: _Vector) -> Iterator[_Piece]:
+def _split_lines(part: FRFPart, weight: RealArray, x: RealArray) -> Iterator[_Piece]:
     """Yield the lines of a part: a few of them, twice as many others, and so on."""
     H, freq = part.responses(x), part.frf.freq
     few = max(SCREEN.first_lines, -(-part.n // H[0].size))
@@ -126,7 +124,7 @@ def _split_lines(part: FRFPart, weight: NDArray[np.float64], x: _Vector) -> Iter
             )
 
 
-def _order_bit_reversed(number: int) -> NDArray[np.intp]:
+def _order_bit_reversed(number: int) -> IndexArray:
     """Return 0 ... number - 1 in bit-reversed order, in which every run spans the range."""
     bits = int(number - 1).bit_length()
     order = np.zeros(1, dtype=np.intp)

@@ -20,8 +20,8 @@ from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import RealArray
 from updyn.errors import SolverError
 from updyn.updating.fit.acceptance import Acceptance
 from updyn.updating.fit.method import Starts, descend
@@ -41,10 +41,9 @@ __all__ = [
     "thin_problem",
 ]
 
-_Vector = NDArray[np.float64]
 _Found: TypeAlias = "tuple[list[tuple[bytes, Record]], int]"
-_Points: TypeAlias = "Generator[_Vector, None, None]"
-_Attempt: TypeAlias = "Callable[[Problem, tuple[Search, _Vector]], _Found]"
+_Points: TypeAlias = "Generator[RealArray, None, None]"
+_Attempt: TypeAlias = "Callable[[Problem, tuple[Search, RealArray]], _Found]"
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,7 +101,7 @@ class Search:
         self,
         problem: Problem,
         thinned: Problem,
-        starts: Iterator[_Vector],
+        starts: Iterator[RealArray],
         acceptance: Acceptance,
         monitor: Monitor,
         ends: list[Outcome],
@@ -209,8 +208,8 @@ class Search:
                 ends.append(best)
 
     def try_nearby(
-        self, problem: Problem, x: _Vector, number: int, monitor: Monitor
-    ) -> _Vector | None:
+        self, problem: Problem, x: RealArray, number: int, monitor: Monitor
+    ) -> RealArray | None:
         """Return the end, shape (n,), of try `number` near x, or None if the model is singular.
 
         Minima of the misfit occur in groups, so the next one is more likely near than far. Every
@@ -221,7 +220,7 @@ class Search:
         return None if end is None else np.clip(end.x, *problem.coordinates.bounds)
 
     def _try_nearby(
-        self, problem: Problem, thinned: Problem, x: _Vector, number: int, monitor: Monitor
+        self, problem: Problem, thinned: Problem, x: RealArray, number: int, monitor: Monitor
     ) -> Outcome | None:
         number, on_some = divmod(number, 2)
         if on_some:
@@ -249,7 +248,7 @@ class Search:
         return self._try_from(problem, thinned, start, monitor)
 
     def _try_from(
-        self, problem: Problem, thinned: Problem, x: _Vector, monitor: Monitor
+        self, problem: Problem, thinned: Problem, x: RealArray, monitor: Monitor
     ) -> Outcome | None:
         """Return the end of a try on few lines, then all, or None if the model cannot be solved."""
         if thinned is not problem:
@@ -264,11 +263,11 @@ class Search:
 
     @staticmethod
     def _relaxed_descent(
-        problem: Problem, residual: Residual, x: _Vector, monitor: Monitor, settings: TrustRegion
+        problem: Problem, residual: Residual, x: RealArray, monitor: Monitor, settings: TrustRegion
     ) -> Outcome | None:
         """Return the end of a descent from x, or None if the model cannot be solved at x."""
 
-        def evaluate(at: _Vector) -> Local | None:
+        def evaluate(at: RealArray) -> Local | None:
             local = residual.local(problem, at)
             return None if local is None else add_prior(local, problem, at)
 
@@ -279,14 +278,14 @@ class Search:
         relaxed, upper = problem.coordinates.relaxed_lower, problem.coordinates.bounds[1]
         return settings.minimise(evaluate, x, relaxed, upper, monitor.step)
 
-    def _descend(self, problem: Problem, x: _Vector, monitor: Monitor) -> Outcome:
+    def _descend(self, problem: Problem, x: RealArray, monitor: Monitor) -> Outcome:
         return descend(problem, make_log_error(problem), x, monitor, self._settings)
 
     def _evaluate_ahead(
         self,
         attempt: _Attempt,
         problem: Problem,
-        points: Iterable[_Vector],
+        points: Iterable[RealArray],
         evaluated_first: Problem,
     ) -> _Points:
         """Yield starts; with several workers, the attempts from them are evaluated ahead.
@@ -317,7 +316,7 @@ class Search:
         loss = ~problem.coordinates.parameters.is_factor
         return TRY_STARTS.loss_levels if self.inflate and loss.any() else (0.0,)
 
-    def _draw_starts(self, problem: Problem, number: int = 0) -> Iterator[_Vector]:
+    def _draw_starts(self, problem: Problem, number: int = 0) -> Iterator[RealArray]:
         start, bounds = problem.coordinates.start, problem.coordinates.bounds
         is_factor = problem.coordinates.parameters.is_factor
         levels = self._loss_levels(problem)
@@ -332,7 +331,7 @@ class Search:
                 moved = np.clip(np.where(is_factor, moved, start), *bounds)
                 yield _raise_loss_factors(problem, moved, levels[i % len(levels)])
 
-    def escape(self, problem: Problem, x: _Vector, monitor: Monitor) -> _Vector:
+    def escape(self, problem: Problem, x: RealArray, monitor: Monitor) -> RealArray:
         """Return a better minimum near a minimum x of the log error, shape (n,), or x itself.
 
         If noise leaves an unknown uncertain, the misfit can have several minima along it. Each is
@@ -364,7 +363,7 @@ class Search:
         return x if best is None else best.x
 
     @staticmethod
-    def _move_uncertain_unknowns(problem: Problem, at: Outcome) -> Iterator[_Vector]:
+    def _move_uncertain_unknowns(problem: Problem, at: Outcome) -> Iterator[RealArray]:
         unit = np.sqrt(2.0 * at.local.cost / max(2 * problem.n_values - problem.n, 1))
         found = resolve(at.local.R / unit)
         std = np.where(found.involved, 0.0, np.sqrt(np.diag(found.covariance)))
@@ -375,13 +374,13 @@ class Search:
                     yield problem.coordinates.with_coordinate(at.x, i, value)
 
 
-def _raise_loss_factors(problem: Problem, x: _Vector, level: float) -> _Vector:
+def _raise_loss_factors(problem: Problem, x: RealArray, level: float) -> RealArray:
     """Return x with loss factors raised to a level, within bounds; higher ones are kept."""
     loss = ~problem.coordinates.parameters.is_factor
     return np.where(loss, np.clip(np.maximum(x, level), *problem.coordinates.bounds), x)
 
 
-def _reset_single_unknowns(problem: Problem, x: _Vector) -> Iterator[_Vector]:
+def _reset_single_unknowns(problem: Problem, x: RealArray) -> Iterator[RealArray]:
     """Yield points with one unknown of x reset to its start, the farthest from it first."""
     coordinates = problem.coordinates
     home = coordinates.start
@@ -468,7 +467,7 @@ def _van_der_corput(turn: int) -> float:
     return place
 
 
-def scatter_points(x: _Vector, far: float | _Vector, number: int, seed: int) -> NDArray[np.float64]:
+def scatter_points(x: RealArray, far: float | RealArray, number: int, seed: int) -> RealArray:
     """Return points of a Latin hypercube of half-width `far` about x, shape (number, n)."""
     from scipy.stats import qmc  # slow to import and seldom needed
 
@@ -476,7 +475,7 @@ def scatter_points(x: _Vector, far: float | _Vector, number: int, seed: int) -> 
     return np.asarray(x + far * (2.0 * draws - 1.0))
 
 
-def _try(problem: Problem, item: tuple[Search, _Vector]) -> _Found:
+def _try(problem: Problem, item: tuple[Search, RealArray]) -> _Found:
     """Make a try that descends on few lines, in a worker; return all its evaluations."""
     search, start = item
     return _record_evaluations(
@@ -485,7 +484,7 @@ def _try(problem: Problem, item: tuple[Search, _Vector]) -> _Found:
     )
 
 
-def _try_on_all(problem: Problem, item: tuple[Search, _Vector]) -> _Found:
+def _try_on_all(problem: Problem, item: tuple[Search, RealArray]) -> _Found:
     """Make a try on all lines, in a worker; return all its evaluations."""
     search, start = item
     return _record_evaluations(
@@ -493,7 +492,7 @@ def _try_on_all(problem: Problem, item: tuple[Search, _Vector]) -> _Found:
     )
 
 
-def _descend(problem: Problem, item: tuple[Search, _Vector]) -> _Found:
+def _descend(problem: Problem, item: tuple[Search, RealArray]) -> _Found:
     """Make a descent in a worker; return all its evaluations."""
     search, x = item
     return _record_evaluations(problem, lambda alone: search._descend(alone, x, Monitor(alone)))

@@ -17,9 +17,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import null_space
 
+from updyn.arrays import BoolArray, RealArray
 from updyn.updating.fit.settings import CURVATURE, NULL_SPACE, TRUST_REGION
 from updyn.updating.problem.local import Local
 from updyn.updating.problem.session import Stopped
@@ -30,8 +30,6 @@ __all__ = [
     "TrustRegion",
 ]
 
-_Vector = NDArray[np.float64]
-
 
 def _zero_std(local: Local) -> float:
     return 0.0
@@ -41,7 +39,7 @@ def _zero_std(local: Local) -> float:
 class Step:
     """Trial step, as passed to the observer; `local` is None if not evaluated."""
 
-    x: _Vector
+    x: RealArray
     local: Local | None
     length: float
     accepted: bool
@@ -55,7 +53,7 @@ class Outcome:
     x), ``"max-iterations"`` or ``"stopped"``; `radius` is the next trust radius if steps ran out.
     """
 
-    x: _Vector
+    x: RealArray
     local: Local
     reason: str
     radius: float = np.inf
@@ -84,12 +82,12 @@ class TrustRegion:
 
     def minimise(
         self,
-        evaluate: Callable[[_Vector], Local | None],
-        x: _Vector,
-        lower: _Vector,
-        upper: _Vector,
+        evaluate: Callable[[RealArray], Local | None],
+        x: RealArray,
+        lower: RealArray,
+        upper: RealArray,
         observe: Callable[[Step], bool] | None = None,
-        within: NDArray[np.float64] | None = None,
+        within: RealArray | None = None,
     ) -> Outcome:
         """Minimise from `x`, at which the model must be solvable, within the bounds.
 
@@ -189,7 +187,7 @@ class _Curvature:
     371).
     """
 
-    S: NDArray[np.float64]
+    S: RealArray
     is_used: bool = False
 
     @classmethod
@@ -213,7 +211,7 @@ class _Curvature:
         )
 
     def update(
-        self, step: _Vector, current: Local, reached: Local, *, accepted: bool
+        self, step: RealArray, current: Local, reached: Local, *, accepted: bool
     ) -> _Curvature:
         """Return the curvature after a step from `current` to `reached`."""
         gained = current.cost - reached.cost
@@ -239,7 +237,7 @@ class _Curvature:
         return _Curvature(S if clear and np.isfinite(S).all() else self.S, is_used)
 
 
-def _predict_decrease(current: Local, p: _Vector, q: _Vector) -> float:
+def _predict_decrease(current: Local, p: RealArray, q: RealArray) -> float:
     """Return the predicted decrease of the cost by a step, with the reduced residual q."""
     moved = current.R @ p
     return float(-(moved @ q) - 0.5 * (moved @ moved))
@@ -247,13 +245,13 @@ def _predict_decrease(current: Local, p: _Vector, q: _Vector) -> float:
 
 def _step(
     current: Local,
-    x: _Vector,
-    lower: _Vector,
-    upper: _Vector,
+    x: RealArray,
+    lower: RealArray,
+    upper: RealArray,
     radius: float,
-    within: NDArray[np.float64] | None = None,
+    within: RealArray | None = None,
     noise: float = 0.0,
-) -> tuple[_Vector, float, bool]:
+) -> tuple[RealArray, float, bool]:
     """Return the step, the predicted decrease of the cost, and whether the radius limits it."""
     if within is not None:
         return _step_within(current, x, lower, upper, radius, within)
@@ -280,7 +278,7 @@ def _step(
     return p, _predict_decrease(current, p, q), damping > 0 or size > radius
 
 
-def _drop_insignificant_pull(R: NDArray[np.float64], q: _Vector, noise: float) -> _Vector:
+def _drop_insignificant_pull(R: RealArray, q: RealArray, noise: float) -> RealArray:
     """Return q without the pull on undetermined combinations that are within the noise.
 
     The standard deviations of the combinations are the noise over the singular values of R; U^T q
@@ -300,12 +298,12 @@ def _drop_insignificant_pull(R: NDArray[np.float64], q: _Vector, noise: float) -
 
 def _step_within(
     current: Local,
-    x: _Vector,
-    lower: _Vector,
-    upper: _Vector,
+    x: RealArray,
+    lower: RealArray,
+    upper: RealArray,
     radius: float,
-    within: NDArray[np.float64],
-) -> tuple[_Vector, float, bool]:
+    within: RealArray,
+) -> tuple[RealArray, float, bool]:
     """Return the same for steps along given directions, up to the first bound or along it."""
     fixed = np.zeros(len(x), dtype=np.bool_)
     p, damping, share = np.zeros(len(x)), 0.0, 1.0
@@ -329,8 +327,8 @@ def _step_within(
 
 
 def _box_step(
-    R: NDArray[np.float64], q: _Vector, low: _Vector, high: _Vector, free: NDArray[np.bool_]
-) -> _Vector:
+    R: RealArray, q: RealArray, low: RealArray, high: RealArray, free: BoolArray
+) -> RealArray:
     """Minimise |R p + q| subject to low <= p <= high, low <= 0 <= high, by active sets.
 
     Stark & Parker, Comput. Stat. 10 (1995) 129. No iteration increases |R p + q|, so the loop may
@@ -365,7 +363,7 @@ def _box_step(
     return p
 
 
-def _least_squares(R: NDArray[np.float64], q: _Vector) -> _Vector:
+def _least_squares(R: RealArray, q: RealArray) -> RealArray:
     """Minimise |R p + q|; if R is rank-deficient, with the least column-scaled norm."""
     if R.shape[1] == 0:
         return np.zeros(0)
@@ -376,7 +374,7 @@ def _least_squares(R: NDArray[np.float64], q: _Vector) -> _Vector:
     return np.asarray(-(Vt[keep].T @ ((U.T @ q)[keep] / s[keep])) / weight)
 
 
-def _ball_step(R: NDArray[np.float64], q: _Vector, radius: float) -> tuple[_Vector, float]:
+def _ball_step(R: RealArray, q: RealArray, radius: float) -> tuple[RealArray, float]:
     """Minimise |R p + q| subject to |p| <= radius by the SVD of R; return step and damping."""
     full = _least_squares(R, q)
     if np.linalg.norm(full) <= radius:

@@ -10,8 +10,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import RealArray
 from updyn.updating.fit.answer import Answer
 from updyn.updating.fit.null_space import resolve
 from updyn.updating.fit.settings import ANSWERS, FURTHER_ANSWERS, VALLEY
@@ -19,15 +19,15 @@ from updyn.updating.problem.problem import Problem
 
 __all__ = ["Valley", "find_valleys", "fix_in_box", "fix_unknown"]
 
-_Vector = NDArray[np.float64]
 
-
-def fix_unknown(problem: Problem, x: _Vector, i: int) -> Problem:
+def fix_unknown(problem: Problem, x: RealArray, i: int) -> Problem:
     """Return the problem with unknown `i` fixed at its value in x."""
     return problem.with_box(fix_in_box(problem.coordinates.bounds, x, i))
 
 
-def fix_in_box(box: tuple[_Vector, _Vector], x: _Vector, i: int) -> tuple[_Vector, _Vector]:
+def fix_in_box(
+    box: tuple[RealArray, RealArray], x: RealArray, i: int
+) -> tuple[RealArray, RealArray]:
     """Return a box in which unknown `i` is fixed at its value in x."""
     lower, upper = (side.copy() for side in box)
     lower[i] = upper[i] = x[i]
@@ -46,14 +46,14 @@ class Valley:
     answer: Answer
     unknown: int
     side: float
-    ridge: _Vector
+    ridge: RealArray
 
     @property
     def std(self) -> float:
         """Standard deviation of the unknown from the curvature at the answer."""
         return float(self.ridge[self.unknown])
 
-    def find_end(self, refit: Callable[[_Vector, int], Answer | None]) -> Answer | None:
+    def find_end(self, refit: Callable[[RealArray, int], Answer | None]) -> Answer | None:
         """Return the far end if refits with the unknown fixed are as good all along, else None."""
         last, slope, step, distance = self.answer, self.side * self.ridge, VALLEY.step_stds, 0.0
         while distance < FURTHER_ANSWERS.reach_stds - 1e-9 and not self._is_at_bound(last.x):
@@ -74,21 +74,21 @@ class Valley:
         )
         return last if distance >= ANSWERS.distinct_stds and is_open else None
 
-    def distance(self, x: _Vector) -> float:
+    def distance(self, x: RealArray) -> float:
         """Return the distance of the unknown from the answer, in standard deviations."""
         return self.side * float(x[self.unknown] - self.answer.x[self.unknown]) / self.std
 
-    def is_covered(self, x: _Vector) -> bool:
+    def is_covered(self, x: RealArray) -> bool:
         """Return whether a point on this side is far enough for a distinct answer."""
         return self.distance(x) >= ANSWERS.distinct_stds
 
     def _misfit_rise(self, other: Answer) -> float:
         return other.negative_log_likelihood - self.answer.negative_log_likelihood
 
-    def _step_along(self, x: _Vector, slope: _Vector, step: float) -> _Vector:
+    def _step_along(self, x: RealArray, slope: RealArray, step: float) -> RealArray:
         return np.clip(x + step * slope, *self.problem.coordinates.bounds)
 
-    def _is_at_bound(self, x: _Vector) -> bool:
+    def _is_at_bound(self, x: RealArray) -> bool:
         lower, upper = self.problem.coordinates.bounds
         return bool(x[self.unknown] in (lower[self.unknown], upper[self.unknown]))
 

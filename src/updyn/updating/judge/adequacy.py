@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import eigvals_banded
 from scipy.special import gammainc, ndtr
 
+from updyn.arrays import BoolArray, ComplexArray, IndexArray, RealArray
 from updyn.updating.judge.settings import LIST_LENGTHS, RESIDUAL_TEST, SENSOR_NOISE
 from updyn.updating.problem.noise.size import size_p_value
 
@@ -31,15 +31,13 @@ __all__ = [
     "serial_correlation_p_values",
 ]
 
-_Real = NDArray[np.float64]
-_Complex = NDArray[np.complex128]
 
 #: Weights of the autocorrelations at lags 1, 2 and 3 (Bartlett's triangle), for serial correlation
 #: over a few lines.
 _LAGS = np.array([0.75, 0.5, 0.25])
 
 
-def clip_outliers(values: _Complex) -> _Complex:
+def clip_outliers(values: ComplexArray) -> ComplexArray:
     """Return values clipped to three times their typical size along the first axis.
 
     The typical size is the median magnitude, which is 1.18 standard deviations of each part of a
@@ -58,7 +56,7 @@ def clip_outliers(values: _Complex) -> _Complex:
         )
 
 
-def serial_correlation_p_values(values: _Complex) -> _Real:
+def serial_correlation_p_values(values: ComplexArray) -> RealArray:
     """Return one-sided p-values of serial correlation in each column, shape (n,); NaN is missing.
 
     The statistic is r = e^H T e / e^H e with the Toeplitz matrix T of the weights 3/4, 1/2, 1/4.
@@ -85,20 +83,20 @@ def serial_correlation_p_values(values: _Complex) -> _Real:
 
 
 def _group_by_pattern(
-    is_measured: NDArray[np.bool_],
-) -> Iterator[tuple[NDArray[np.bool_], NDArray[np.intp]]]:
+    is_measured: BoolArray,
+) -> Iterator[tuple[BoolArray, IndexArray]]:
     """Yield each pattern of present values, shape (m,), with the indices of its columns."""
     patterns, pattern_of_column = np.unique(is_measured, axis=1, return_inverse=True)
     for i in range(patterns.shape[1]):
         yield patterns[:, i], np.flatnonzero(pattern_of_column.ravel() == i)
 
 
-def _has_no_gaps(mask: NDArray[np.bool_]) -> bool:
+def _has_no_gaps(mask: BoolArray) -> bool:
     at = np.flatnonzero(mask)
     return bool(at[-1] - at[0] + 1 == len(at))
 
 
-def _toeplitz_diagonals(at: NDArray[np.intp]) -> _Real:
+def _toeplitz_diagonals(at: IndexArray) -> RealArray:
     """Return the lower diagonals of T, shape (4, m): row d holds T[i + d, i] at i, padded by 0."""
     weights = np.concatenate([[0.0], _LAGS, [0.0]])
     out = np.zeros((len(_LAGS) + 1, len(at)))
@@ -107,7 +105,7 @@ def _toeplitz_diagonals(at: NDArray[np.intp]) -> _Real:
     return out
 
 
-def _quadratic_form(diagonals: _Real, e: _Complex) -> _Real:
+def _quadratic_form(diagonals: RealArray, e: ComplexArray) -> RealArray:
     """Return e^H T e for each column of e, shape (m, n)."""
     out = np.zeros(e.shape[1])
     for d in range(1, min(len(diagonals), len(e))):
@@ -115,7 +113,7 @@ def _quadratic_form(diagonals: _Real, e: _Complex) -> _Real:
     return out
 
 
-def _toeplitz_eigenvalues(diagonals: _Real, *, gaps: bool) -> tuple[_Real, _Real]:
+def _toeplitz_eigenvalues(diagonals: RealArray, *, gaps: bool) -> tuple[RealArray, RealArray]:
     """Return the eigenvalues of T in ascending order, and their multiplicities.
 
     Those of a long Toeplitz matrix are distributed like its symbol, 2 sum of t_d cos(d theta), at
@@ -131,7 +129,7 @@ def _toeplitz_eigenvalues(diagonals: _Real, *, gaps: bool) -> tuple[_Real, _Real
     return np.sort(symbol), np.full(longest, m / longest)
 
 
-def _tail_probability(eigenvalues: _Real, multiplicities: _Real, r: _Real) -> _Real:
+def _tail_probability(eigenvalues: RealArray, multiplicities: RealArray, r: RealArray) -> RealArray:
     """Return P(sum_j (eigenvalue_j - r) E_j > 0) for each r, with unit exponentials E_j."""
     edge = 1e-9 * (eigenvalues[-1] - eigenvalues[0])
     inside = np.clip(r, eigenvalues[0] + edge, eigenvalues[-1] - edge)
@@ -154,7 +152,7 @@ def _tail_probability(eigenvalues: _Real, multiplicities: _Real, r: _Real) -> _R
     return np.asarray(np.clip(ndtr(np.where(near, middle, -star)), 1e-300, 1.0))
 
 
-def adjust_p_values(p: _Real) -> _Real:
+def adjust_p_values(p: RealArray) -> RealArray:
     """Return p-values adjusted for multiple tests.
 
     At most a share q of the adjusted p-values below q are false alarms (Benjamini & Hochberg, J. R.
@@ -169,7 +167,7 @@ def adjust_p_values(p: _Real) -> _Real:
     return out.reshape(p.shape)
 
 
-def divide_into_bands(level: _Real) -> list[slice]:
+def divide_into_bands(level: RealArray) -> list[slice]:
     """Divide the lines into contiguous bands at the minima of the model's mean ln |H|.
 
     `level` must not depend on the data, so that the significance level of the tests is kept.
@@ -298,11 +296,11 @@ class Adequacy:
     level: float
     responses: tuple[str, ...]
     references: tuple[str, ...]
-    bands: _Real
-    misfit: _Real
-    correlation_length: _Real
-    chi_square_p: _Real
-    whiteness_p: _Real
+    bands: RealArray
+    misfit: RealArray
+    correlation_length: RealArray
+    chi_square_p: RealArray
+    whiteness_p: RealArray
     worst: tuple[Misfit, ...] = ()
     explained_by: tuple[Suspect, ...] = ()
     noisy: tuple[NoisySensor, ...] = ()
@@ -315,9 +313,9 @@ class Adequacy:
 
 
 def assess_residual(
-    whitened: _Complex,
-    H: _Complex,
-    freq: _Real,
+    whitened: ComplexArray,
+    H: ComplexArray,
+    freq: RealArray,
     responses: Sequence[str],
     references: Sequence[str],
     *,
@@ -326,7 +324,7 @@ def assess_residual(
     averages: int | None = None,
     level: float | None = None,
     relative: float = 1.0,
-    whitened_H: _Complex | None = None,
+    whitened_H: ComplexArray | None = None,
 ) -> Adequacy:
     """Test a residual in standard deviations, shape (n_f, n_i, n_j), against noise.
 
@@ -426,7 +424,9 @@ def _describe_overstated_noise(found: Adequacy, freedom: int) -> str:
     )
 
 
-def can_be_sensor_noise(H: _Complex, whitened_H: _Complex, whitened: _Complex, freq: _Real) -> bool:
+def can_be_sensor_noise(
+    H: ComplexArray, whitened_H: ComplexArray, whitened: ComplexArray, freq: RealArray
+) -> bool:
     """Return whether the residual of the sensors can be noise rather than a sensor error.
 
     Serial correlation cannot show this if lines are so far apart that the response is not smooth. A
@@ -476,7 +476,7 @@ def has_unequal_noise(found: Adequacy) -> bool:
     return len(std) > 1 and bool(std.max() >= SENSOR_NOISE.noisy_ratio * _lower_median(std))
 
 
-def add_noisy_sensors(found: Adequacy, std: _Real) -> Adequacy:
+def add_noisy_sensors(found: Adequacy, std: RealArray) -> Adequacy:
     """Return the assessment with noisy sensors, from their standard deviations in one unit."""
     noisy = _find_noisy_sensors(std, found.responses)
     return replace(found, noisy=noisy, verdict=_describe_outcome(replace(found, noisy=noisy)))
@@ -540,7 +540,7 @@ def _describe_error_size(s: Suspect) -> str:
     return f"{100.0 * abs(np.expm1(way)):.2g} % "
 
 
-def _mean_log_magnitude(H: _Complex) -> _Real:
+def _mean_log_magnitude(H: ComplexArray) -> RealArray:
     size = np.abs(H)
     return np.asarray(np.log(np.maximum(size, np.finfo(float).tiny)).mean(axis=(1, 2)))
 
@@ -555,7 +555,7 @@ class _SizeTest:
     absolute: bool
     averages: int | None
 
-    def p_values(self, square: _Real, count: _Real) -> _Real:
+    def p_values(self, square: RealArray, count: RealArray) -> RealArray:
         """Return the p-values of sums of squares over `count` real numbers each."""
         from scipy.special import fdtrc
 
@@ -572,8 +572,8 @@ class _SizeTest:
 
 
 def _test_families(
-    square: _Real, count: _Real, white: _Real, size: _SizeTest
-) -> tuple[_Real, _Real, _Real]:
+    square: RealArray, count: RealArray, white: RealArray, size: _SizeTest
+) -> tuple[RealArray, RealArray, RealArray]:
     """Test each channel in each band, channels, bands, and all data together.
 
     Returns adjusted p-values of size and of serial correlation, shape (2, n_i, n_j, n_b); the
@@ -611,7 +611,11 @@ def _test_families(
 
 
 def _explain_by_sensor_noise(
-    found: Adequacy, square: _Real, count: _Real, serial_p_values: _Real, n_unknowns: int
+    found: Adequacy,
+    square: RealArray,
+    count: RealArray,
+    serial_p_values: RealArray,
+    n_unknowns: int,
 ) -> tuple[NoisySensor, ...]:
     """Return the noisy sensors; none if the residual deviates from noise in other ways too."""
     sums, numbers = square.sum(axis=(1, 2)), count.sum(axis=(1, 2))
@@ -627,7 +631,7 @@ def _explain_by_sensor_noise(
     return _find_noisy_sensors(np.where(has_residual, std, np.nan), found.responses)
 
 
-def _find_noisy_sensors(std: _Real, responses: Sequence[str]) -> tuple[NoisySensor, ...]:
+def _find_noisy_sensors(std: RealArray, responses: Sequence[str]) -> tuple[NoisySensor, ...]:
     """Return the sensors with more noise than most, the noisiest first; NaN marks unknown noise."""
     ratio = std / _lower_median(std[np.isfinite(std)])
     noisy = np.flatnonzero(ratio >= SENSOR_NOISE.noisy_ratio)
@@ -635,12 +639,12 @@ def _find_noisy_sensors(std: _Real, responses: Sequence[str]) -> tuple[NoisySens
     return tuple(NoisySensor(responses[i], float(ratio[i])) for i in order)
 
 
-def _lower_median(std: _Real) -> float:
+def _lower_median(std: RealArray) -> float:
     """Return the lower median of the standard deviations of sensors."""
     return float(np.quantile(std, 0.5, method="lower"))
 
 
-def _combine_p_values(p: _Real, axis: int | None) -> _Real:
+def _combine_p_values(p: RealArray, axis: int | None) -> RealArray:
     """Combine independent p-values by Stouffer's method; values of 1 were not tested."""
     from scipy.special import ndtr, ndtri
 
@@ -651,7 +655,7 @@ def _combine_p_values(p: _Real, axis: int | None) -> _Real:
     return np.asarray(np.where(number > 0, ndtr(-combined_score), 1.0))
 
 
-def _estimate_correlation_length(values: _Complex) -> _Real:
+def _estimate_correlation_length(values: ComplexArray) -> RealArray:
     """Return the correlation length of each column in lines, 1 + 2 sum of autocorrelations."""
     n = len(values)
     power = np.nansum(np.abs(values) ** 2, axis=0)
@@ -669,9 +673,9 @@ def _estimate_correlation_length(values: _Complex) -> _Real:
 
 def _find_worst_misfits(
     found: Adequacy,
-    contributing_p: _Real,
-    whitened: _Complex,
-    freq: _Real,
+    contributing_p: RealArray,
+    whitened: ComplexArray,
+    freq: RealArray,
     band_slices: list[slice],
 ) -> tuple[Misfit, ...]:
     """Return the significant misfits, or the one of the smallest p-value if none is significant."""
@@ -688,7 +692,7 @@ def _find_worst_misfits(
     )
 
 
-def _find_isolated_lines(whitened: _Complex, freq: _Real) -> tuple[float, ...]:
+def _find_isolated_lines(whitened: ComplexArray, freq: RealArray) -> tuple[float, ...]:
     """Return the frequencies of isolated lines with most of the excess misfit; empty if many.
 
     A mode that the model lacks also affects the neighbouring lines.
@@ -711,8 +715,8 @@ def _find_isolated_lines(whitened: _Complex, freq: _Real) -> tuple[float, ...]:
 
 def _describe_misfit(
     found: Adequacy,
-    whitened: _Complex,
-    freq: _Real,
+    whitened: ComplexArray,
+    freq: RealArray,
     band_slices: list[slice],
     i: int,
     j: int,

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from updyn import sensitivity
+from updyn.arrays import ComplexArray, IndexArray, NumberArray, RealArray
 from updyn.dofs import DofSet
 from updyn.errors import SolverError
 from updyn.frf import FRF
@@ -21,7 +20,7 @@ from updyn.updating.problem.problem import FRFPart, Problem
 __all__ = ["advise"]
 
 
-def advise(analysis: Analysis, problem: Problem, x: NDArray[np.float64], noise: float = 0.0) -> str:
+def advise(analysis: Analysis, problem: Problem, x: RealArray, noise: float = 0.0) -> str:
     """Return sentences on undetermined combinations and measurements that determine them."""
     names = problem.coordinates.parameters.names
     if analysis.report.complete:
@@ -101,9 +100,7 @@ def _join_names(names: list[str]) -> str:
     return text
 
 
-def _least_relative_changes(
-    along: NDArray[np.complex128], H: NDArray[np.complex128]
-) -> NDArray[np.float64]:
+def _least_relative_changes(along: ComplexArray, H: ComplexArray) -> RealArray:
     """Return the least change along the null space of each candidate measurement, relative to H."""
     H = H.reshape(len(H), -1)
     size = np.abs(H)
@@ -128,15 +125,13 @@ def _with_candidate_lines(part: FRFPart) -> FRFPart:
     return replace(part, frf=_make_placeholder(part, lines))
 
 
-def _choose_candidate_sensors(part: FRFPart) -> NDArray[np.intp]:
+def _choose_candidate_sensors(part: FRFPart) -> IndexArray:
     """Return the DOFs of candidate sensors."""
     others = part.solver.other_dofs(part.rows)
     return others[:: max(1, -(-len(others) // EXPERIMENT_ADVICE.candidate_sensors))]
 
 
-def _find_best_line(
-    analysis: Analysis, part: FRFPart, x: NDArray[np.float64]
-) -> tuple[str, float] | None:
+def _find_best_line(analysis: Analysis, part: FRFPart, x: RealArray) -> tuple[str, float] | None:
     """Return the best additional line and its least relative change.
 
     A reduced model finds the line; the full model gives the change.
@@ -157,17 +152,13 @@ def _find_best_line(
     return f"{lines[best]:.4g} Hz", change
 
 
-def _changes_at_lines(
-    part: FRFPart, x: NDArray[np.float64], directions: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _changes_at_lines(part: FRFPart, x: RealArray, directions: RealArray) -> RealArray:
     """Return the least relative change at each line of a part, shape (n_f,)."""
     items = [(x, directions, block) for block in part.partition()]
     return np.concatenate(list(part.map_lines(_changes_at_block, items)))
 
 
-def _changes_at_block(
-    part: FRFPart, item: tuple[NDArray[np.float64], NDArray[np.float64], slice]
-) -> NDArray[Any]:
+def _changes_at_block(part: FRFPart, item: tuple[RealArray, RealArray, slice]) -> NumberArray:
     x, directions, lines = item
     block = part.block(x, lines)
     assert block.dH is not None
@@ -175,7 +166,7 @@ def _changes_at_block(
 
 
 def _find_best_sensor(
-    analysis: Analysis, part: FRFPart, x: NDArray[np.float64], others: NDArray[np.intp]
+    analysis: Analysis, part: FRFPart, x: RealArray, others: IndexArray
 ) -> tuple[str, float] | None:
     """Return the best additional sensor and its least relative change.
 
@@ -203,10 +194,10 @@ def _find_best_sensor(
 
 def _changes_at_sensors(
     part: FRFPart,
-    x: NDArray[np.float64],
-    others: NDArray[np.intp],
-    directions: NDArray[np.float64],
-) -> NDArray[np.float64]:
+    x: RealArray,
+    others: IndexArray,
+    directions: RealArray,
+) -> RealArray:
     """Return the least relative change at a sensor at each of some DOFs."""
     n_columns = len(part.columns) * (1 + directions.shape[1])
     items = [(x, others, directions, lines) for lines in part.partition(n_columns)]
@@ -218,8 +209,8 @@ def _changes_at_sensors(
 
 def _receptance_at_others(
     part: FRFPart,
-    item: tuple[NDArray[np.float64], NDArray[np.intp], NDArray[np.float64], slice],
-) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+    item: tuple[RealArray, IndexArray, RealArray, slice],
+) -> tuple[ComplexArray, ComplexArray]:
     """Return receptances (n_others, n_f, n_j) at other DOFs, and k derivatives along x."""
     x, others, directions, lines = item
     U, dU = sensitivity.fields_along(
@@ -234,7 +225,7 @@ def _receptance_at_others(
     return part.solver.at(U, others), np.stack(along)
 
 
-def _make_placeholder(part: FRFPart, lines: NDArray[np.float64]) -> FRF:
+def _make_placeholder(part: FRFPart, lines: RealArray) -> FRF:
     """Return data of the part's channels at other lines, with values of 1 as placeholders."""
     shape = (len(lines), len(part.rows), len(part.columns))
     return FRF(

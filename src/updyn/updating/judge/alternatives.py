@@ -6,18 +6,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from updyn import sensitivity
+from updyn.arrays import ComplexArray, IndexArray, RealArray
 from updyn.errors import SolverError
 from updyn.updating.fit.method import Fit
 from updyn.updating.judge.settings import EXPERIMENT_ADVICE, SIGNIFICANCE
 from updyn.updating.problem.problem import FRFPart, Problem
 
 __all__ = ["Alternative", "find_alternatives", "find_differences", "select_distinct"]
-
-_Vector = NDArray[np.float64]
-_Complex = NDArray[np.complex128]
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +77,7 @@ def select_distinct(
 
 
 def _find_largest_difference(
-    part: FRFPart, x: _Vector, other_part: FRFPart, other_x: _Vector
+    part: FRFPart, x: RealArray, other_part: FRFPart, other_x: RealArray
 ) -> tuple[float, str]:
     """Return the largest difference of two solutions at the DOFs without a sensor, and its DOF."""
     system = part.solver.system
@@ -101,9 +98,7 @@ def _find_largest_difference(
     return float(difference[best]), str(system.dofs[int(dofs[best])])
 
 
-def _receptance_at(
-    part: FRFPart, x: _Vector, lines: NDArray[np.float64], dofs: NDArray[np.intp]
-) -> _Complex:
+def _receptance_at(part: FRFPart, x: RealArray, lines: RealArray, dofs: IndexArray) -> ComplexArray:
     """Return receptances at some DOFs, shape (n_f, n_places, n_j)."""
     values = part.values(x)
     return sensitivity.receptance(

@@ -11,9 +11,9 @@ from functools import partial
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtri
 
+from updyn.arrays import ComplexArray, RealArray
 from updyn.correlation import correlate
 from updyn.dynamics.fields import FieldSolver
 from updyn.errors import SolverError
@@ -64,7 +64,7 @@ class Judgement:
 
     fit: Fit
     analysis: Analysis
-    covariance: NDArray[np.float64]
+    covariance: RealArray
     advice: str = ""
     misfit: float = 0.0
     at_bound: Mapping[str, str] = field(default_factory=dict)
@@ -223,8 +223,8 @@ def linearise_at_start(problem: Problem, noises: Sequence[NoiseModel]) -> tuple[
 
 
 def _equal_row_jacobian(
-    problem: Problem, noises: Sequence[NoiseModel], x: NDArray[np.float64], R: NDArray[np.float64]
-) -> NDArray[np.float64] | None:
+    problem: Problem, noises: Sequence[NoiseModel], x: RealArray, R: RealArray
+) -> RealArray | None:
     """Return a reduced Jacobian with rows of equal size; None if R has full or the same rank."""
     deficiency = null_space(R).shape[1]
     if deficiency == 0 or not R.any():
@@ -234,8 +234,8 @@ def _equal_row_jacobian(
 
 
 def _covariance_of_coordinates(
-    problem: Problem, fit: Fit, equal_rows: NDArray[np.float64] | None
-) -> NDArray[np.float64]:
+    problem: Problem, fit: Fit, equal_rows: RealArray | None
+) -> RealArray:
     """Return the covariance of the optimiser's coordinates; inf for undetermined ones."""
     weight = problem.coordinates.prior[1]
     if fit.regularisation is not None and fit.regularisation.within is not None:
@@ -259,9 +259,9 @@ def _widen_over_ratios(
     problem: Problem,
     fit: Fit,
     noises: Sequence[NoiseModel],
-    undetermined: NDArray[np.float64],
-    spread: NDArray[np.float64],
-) -> NDArray[np.float64]:
+    undetermined: RealArray,
+    spread: RealArray,
+) -> RealArray:
     """Return the covariance over all ratios of relative noise and floor, for few data.
 
     Return `spread` if this does not apply or if a ratio is known.
@@ -299,7 +299,7 @@ def _estimate_model_error(
     fit: Fit,
     noises: Sequence[NoiseModel],
     adequacy: Sequence[Adequacy | None],
-    undetermined: NDArray[np.float64],
+    undetermined: RealArray,
 ) -> Discrepancy | None:
     """Return the model error found in the residual; None without any.
 
@@ -326,8 +326,8 @@ def _estimate_model_error(
 
 
 def _add_model_error(
-    problem: Problem, fit: Fit, spread: NDArray[np.float64], error: Discrepancy
-) -> tuple[Fit, NDArray[np.float64]]:
+    problem: Problem, fit: Fit, spread: RealArray, error: Discrepancy
+) -> tuple[Fit, RealArray]:
     """Return the fit and the covariance with the model error included."""
     no_interval = error.lacks_interval(spread)
     record: dict[str, Any] = {"model_error": error.share}
@@ -346,9 +346,7 @@ def _names(problem: Problem) -> list[str]:
     return problem.coordinates.parameters.names
 
 
-def _covariance_of_values(
-    problem: Problem, x: NDArray[np.float64], spread: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _covariance_of_values(problem: Problem, x: RealArray, spread: RealArray) -> RealArray:
     """Return the covariance of the values from that of the optimiser's coordinates."""
     slope = problem.coordinates.slope(x)
     is_open = np.isinf(spread)
@@ -368,8 +366,8 @@ def _predict_held_out(
     problem: Problem,
     part: FRFPart,
     held: FRF,
-    x: NDArray[np.float64],
-    spread: NDArray[np.float64],
+    x: RealArray,
+    spread: RealArray,
     noise: NoiseModel,
 ) -> dict[str, float]:
     """Return the predictive figures of held-out data; empty if the model is singular."""
@@ -396,9 +394,7 @@ def _add_prediction(
     return tuple(found)
 
 
-def _typical_misfit(
-    problem: Problem, noises: Sequence[NoiseModel], x: NDArray[np.float64]
-) -> float:
+def _typical_misfit(problem: Problem, noises: Sequence[NoiseModel], x: RealArray) -> float:
     """Return the median of |H - H_X| / |H_X| over the values clear of the noise; nan without any.
 
     Without FRFs: the median of the relative errors of natural frequencies.
@@ -418,7 +414,7 @@ def _typical_misfit(
     return np.nan if problem.parts else 0.0
 
 
-def _find_active_bounds(problem: Problem, x: NDArray[np.float64]) -> dict[str, str]:
+def _find_active_bounds(problem: Problem, x: RealArray) -> dict[str, str]:
     lower, upper = problem.coordinates.bounds
     near = 1e-9 * (upper - lower)
     sides = np.where(x <= lower + near, "lower", np.where(x >= upper - near, "upper", ""))
@@ -427,7 +423,7 @@ def _find_active_bounds(problem: Problem, x: NDArray[np.float64]) -> dict[str, s
 
 
 def _correlate_part(
-    part: FRFPart, x: NDArray[np.float64], split: Split, first: FieldSolver
+    part: FRFPart, x: RealArray, split: Split, first: FieldSolver
 ) -> dict[str, Any]:
     part_of_all_data = part.with_data(split.whole)
     start_part = replace(part_of_all_data, solver=first)
@@ -456,7 +452,7 @@ def _empty_figures(split: Split | ModalSplit) -> dict[str, Any]:
 
 
 def _correlate_subsets(
-    whole: FRFPart, x: NDArray[np.float64], parts: Mapping[str, FRF]
+    whole: FRFPart, x: RealArray, parts: Mapping[str, FRF]
 ) -> dict[str, dict[str, float]]:
     """Return the figures of agreement with parts of the data; empty if the model is singular."""
     frf = whole.frf
@@ -479,7 +475,7 @@ def _correlate_subsets(
 
 
 def assess_adequacy(
-    problem: Problem, x: NDArray[np.float64], noises: Sequence[NoiseModel], *, settled: bool = True
+    problem: Problem, x: RealArray, noises: Sequence[NoiseModel], *, settled: bool = True
 ) -> tuple[Adequacy | None, ...]:
     """Test the residual of each part of FRFs against noise; None if the model cannot be solved.
 
@@ -540,15 +536,13 @@ def assess_adequacy(
     return tuple(add_suspects(a, suspects) for a in found)
 
 
-def _is_unsettled(problem: Problem, residual: OutputErrorSet, x: NDArray[np.float64]) -> bool:
+def _is_unsettled(problem: Problem, residual: OutputErrorSet, x: RealArray) -> bool:
     """Return whether a step could still reduce the residual by more than `_MOVING`."""
     local = residual.local(problem, x)
     return local is None or float(local.q @ local.q) > FIT_END.moving_share * 2.0 * local.cost
 
 
-def whitening_weights(
-    known: NoiseModel, H: NDArray[np.complex128], part: FRFPart
-) -> NDArray[np.float64]:
+def whitening_weights(known: NoiseModel, H: ComplexArray, part: FRFPart) -> RealArray:
     """Return 1 / sigma of the real (and of the imaginary) part, shape (n_f, n_i, n_j).
 
     Values without a finite variance have weight 0. `known` must be the noise model after its refit
@@ -559,7 +553,7 @@ def whitening_weights(
     return np.where(usable, np.sqrt(2.0 / np.where(usable, variance, 1.0)), 0.0)
 
 
-def _relative_misfit(misfit: NDArray[np.complex128], part: FRFPart) -> float:
+def _relative_misfit(misfit: ComplexArray, part: FRFPart) -> float:
     """Return the largest rms misfit of a channel over the rms of its data."""
     rms_misfit = np.sqrt(np.mean(np.abs(misfit) ** 2, axis=0))
     size = np.sqrt(np.mean(np.abs(part.frf.values) ** 2, axis=0))

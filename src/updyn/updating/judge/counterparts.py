@@ -13,8 +13,8 @@ from itertools import combinations
 
 import numpy as np
 import scipy.special
-from numpy.typing import NDArray
 
+from updyn.arrays import IndexArray
 from updyn.correlation.clusters import PairingRule, pair_clusters, pair_frequencies
 from updyn.correlation.modes import undamped_modes
 from updyn.correlation.settings import MODE_PAIRING
@@ -32,8 +32,6 @@ from updyn.updating.judge.settings import COUNTERPARTS, EFFORT
 from updyn.variants import build_variants
 
 __all__ = ["Counterparts", "Pair", "find_counterparts", "identify_modes_for"]
-
-_Real = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -273,7 +271,7 @@ class _ModeSets:
         return float(np.sum(1.0 - (1.0 - once) ** within))
 
 
-def _select_dofs(of: Modes, at: NDArray[np.intp]) -> Modes:
+def _select_dofs(of: Modes, at: IndexArray) -> Modes:
     """Return the modes at some of their DOFs, without modes that do not move there."""
     shapes = of.shapes[at]
     move = find_moving(shapes, of.shapes)

@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
+from updyn.arrays import BoolArray, ComplexArray, IndexArray, RealArray
 from updyn.errors import SolverError
 from updyn.frf import QUANTITIES
 from updyn.updating.fit.method import Fit
@@ -26,8 +26,6 @@ from updyn.updating.problem.session import Record
 
 __all__ = ["Discrepancy", "estimate_discrepancy"]
 
-_Real = NDArray[np.float64]
-_Complex = NDArray[np.complex128]
 
 #: Number of changes at each degree of freedom: stiffness, loss, viscous damping and mass.
 _KINDS = 4
@@ -42,12 +40,12 @@ class Discrepancy:
     squares of the residual; `gain` is the increase of the restricted log-likelihood.
     """
 
-    covariance: _Real
-    shift: _Real
+    covariance: RealArray
+    shift: RealArray
     share: float
     gain: float
 
-    def lacks_interval(self, spread: _Real) -> NDArray[np.bool_]:
+    def lacks_interval(self, spread: RealArray) -> BoolArray:
         """Return which determined unknowns have no valid interval, shape (n,).
 
         Their standard deviation is above half of the limit up to which the first order holds.
@@ -62,7 +60,7 @@ def estimate_discrepancy(
     problem: Problem,
     fit: Fit,
     residual: OutputErrorSet,
-    undetermined: _Real,
+    undetermined: RealArray,
     *,
     size_known: bool,
     least_gain: float,
@@ -125,17 +123,19 @@ class _Components:
         Number of real values minus number of unknowns.
     """
 
-    norms: _Real
-    head: _Real
-    effects: _Real
-    V: _Real
-    s: _Real
-    h: _Real
+    norms: RealArray
+    head: RealArray
+    effects: RealArray
+    V: RealArray
+    s: RealArray
+    h: RealArray
     rest: float
     numbers: int
 
     @classmethod
-    def of(cls, J: _Real, B: _Real, r: _Real, rest: float, numbers: int) -> _Components | None:
+    def of(
+        cls, J: RealArray, B: RealArray, r: RealArray, rest: float, numbers: int
+    ) -> _Components | None:
         """Reduce the stacked problem; None if J is rank-deficient or the residual is zero."""
         k, norms = J.shape[1], np.linalg.norm(J, axis=0)
         if k == 0 or B.shape[1] == 0 or numbers <= 0 or not norms.all():
@@ -151,7 +151,7 @@ class _Components:
             return None
         return cls(norms, head, effects, V, s, h, rest, numbers)
 
-    def estimate(self, least: float, prior_rows: _Real) -> Discrepancy:
+    def estimate(self, least: float, prior_rows: RealArray) -> Discrepancy:
         """Return the discrepancy at the maximum of the restricted likelihood.
 
         `least` is the least noise variance; `prior_rows` (p, k) are divided by their standard
@@ -180,7 +180,9 @@ class _Components:
         covariance = spread + np.outer(shift, shift)
         return Discrepancy(covariance, shift, max(1.0 - remaining / total, 0.0), gain)
 
-    def _shift(self, noise: float, size: float, prior_rows: _Real) -> tuple[_Real, _Real]:
+    def _shift(
+        self, noise: float, size: float, prior_rows: RealArray
+    ) -> tuple[RealArray, RealArray]:
         """Return mean and covariance of the shift due to the changes, at given variances of both.
 
         The changes come first in the stacked problem, so the last block of its triangle belongs to
@@ -219,7 +221,7 @@ class _Components:
         return 0.5 * twice
 
 
-def _reduce_with_errors(problem: Problem, x: _Real, residual: OutputErrorSet) -> Local:
+def _reduce_with_errors(problem: Problem, x: RealArray, residual: OutputErrorSet) -> Local:
     """Return the reduced problem with the unknowns first, followed by the local changes."""
     dofs = _choose_dofs(problem)
     n = problem.n + _KINDS * len(dofs[0])
@@ -229,7 +231,7 @@ def _reduce_with_errors(problem: Problem, x: _Real, residual: OutputErrorSet) ->
     return join_locals(found, n)
 
 
-def _reduce_cached(residual: _LocalErrors, part: FRFPart, x: _Real, n: int) -> Local:
+def _reduce_cached(residual: _LocalErrors, part: FRFPart, x: RealArray, n: int) -> Local:
     """Return the reduced problem of a part, from the cache if present."""
 
     def compute() -> Record:
@@ -240,7 +242,7 @@ def _reduce_cached(residual: _LocalErrors, part: FRFPart, x: _Real, n: int) -> L
     return Local(float(cost), R, q)
 
 
-def _choose_dofs(problem: Problem) -> list[NDArray[np.intp]]:
+def _choose_dofs(problem: Problem) -> list[IndexArray]:
     """Return for each part the DOFs of local changes, evenly distributed; -1 if a part lacks one.
 
     Tests of one structure share them by label.
@@ -266,8 +268,8 @@ class _LocalErrors(LineResidual):
     `weight`, shape (n_f, n_i, n_j), is that of `OutputError`; a DOF of -1 has no effect.
     """
 
-    weight: _Real
-    dofs: NDArray[np.intp]
+    weight: RealArray
+    dofs: IndexArray
     name: str = "local errors"
 
     def on(self, part: FRFPart, lines: slice) -> _LocalErrors:
@@ -279,7 +281,7 @@ class _LocalErrors(LineResidual):
         more = _KINDS * len(self.dofs) * part.sign.size // max(part.solver.system.n, 1)
         return part.partition(len(part.rows) + len(part.columns) + more)
 
-    def block(self, part: FRFPart, x: _Real, lines: slice) -> tuple[_Complex, _Complex]:
+    def block(self, part: FRFPart, x: RealArray, lines: slice) -> tuple[ComplexArray, ComplexArray]:
         """Return the residual and its derivatives with respect to the unknowns and the changes."""
         block = part.block(x, lines)
         assert block.dH is not None
@@ -288,7 +290,7 @@ class _LocalErrors(LineResidual):
         return self.weight * (block.H - block.measured), J
 
 
-def _error_effects(part: FRFPart, x: _Real, lines: slice, dofs: NDArray[np.intp]) -> _Complex:
+def _error_effects(part: FRFPart, x: RealArray, lines: slice, dofs: IndexArray) -> ComplexArray:
     """Return dH by a unit stiffness, loss, dashpot and mass at DOFs, shape (4 m, n_f, n_i, n_j).
 
     A change a of the dynamic stiffness at DOF p changes H_ij by -a H_ip H_pj.

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from itertools import compress
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import RealArray
 from updyn.updating.fit.method import Fit
 from updyn.updating.fit.monitor import Iteration
 from updyn.updating.judge.settings import FIT_END, SIGNIFICANCE
@@ -99,7 +99,7 @@ def _inflation(fit: Fit) -> float:
     return found if found > 0.0 else 1.0
 
 
-def _full_step(R: NDArray[np.float64], q: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
+def _full_step(R: RealArray, q: RealArray) -> tuple[float, RealArray]:
     """Return the decrease of half the chi-square by a Gauss-Newton step, and the step."""
     if R.shape[1] == 0:
         return 0.0, np.zeros(0)

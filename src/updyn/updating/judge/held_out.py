@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import ComplexArray, RealArray
 from updyn.frf import FRF
 from updyn.updating.problem.noise import EstimatedByChannel, NoiseModel, Stated
 from updyn.updating.problem.problem import FRFPart
 
 __all__ = ["predictive_figures"]
 
-_Real = NDArray[np.float64]
-
 
 def predictive_figures(
-    part: FRFPart, x: _Real, covariance: _Real, noise: NoiseModel, scale: float = 1.0
+    part: FRFPart, x: RealArray, covariance: RealArray, noise: NoiseModel, scale: float = 1.0
 ) -> dict[str, float]:
     """Return ``residual_expected`` and ``residual_deviations`` of held-out data.
 
@@ -44,7 +42,7 @@ def predictive_figures(
     }
 
 
-def _posterior_variance(dH: NDArray[np.complex128], covariance: _Real) -> _Real:
+def _posterior_variance(dH: ComplexArray, covariance: RealArray) -> RealArray:
     """Return the variance of a block of FRFs due to that of the unknowns, shape (n_f, n_i, n_j)."""
     flat = dH.reshape(len(dH), -1)
     is_open = ~np.isfinite(np.diag(covariance))

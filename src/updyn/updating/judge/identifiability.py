@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
+from updyn.arrays import BoolArray, RealArray
 from updyn.text_table import printable, text_table
 from updyn.updating.fit.null_space import resolve
 from updyn.updating.fit.settings import NULL_SPACE
@@ -19,8 +19,6 @@ __all__ = [
     "Identifiability",
     "analyse_identifiability",
 ]
-
-_Matrix = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,18 +32,18 @@ class Analysis:
     """
 
     report: Identifiability
-    null_space: _Matrix
-    covariance: _Matrix
-    involved: NDArray[np.bool_]
+    null_space: RealArray
+    covariance: RealArray
+    involved: BoolArray
 
 
 def analyse_identifiability(
-    R: _Matrix,
+    R: RealArray,
     names: list[str],
     *,
     inflation: float = 1.0,
     advice: str = "",
-    equal_rows: _Matrix | None = None,
+    equal_rows: RealArray | None = None,
 ) -> Analysis:
     """Analyse a reduced Jacobian (k, n) by the optimiser's coordinates, for unit variance.
 
@@ -80,7 +78,7 @@ def _number_combinations(
     return {f"{kind} {i}": weights for i, weights in enumerate(first, 1)}
 
 
-def _sparse_basis(basis: _Matrix) -> list[NDArray[np.float64]]:
+def _sparse_basis(basis: RealArray) -> list[RealArray]:
     """Return a sparse basis of the same space, each direction led by another unknown."""
     k = basis.shape[1]
     if k == 0:
@@ -90,7 +88,7 @@ def _sparse_basis(basis: _Matrix) -> list[NDArray[np.float64]]:
     return [d / d[np.argmax(np.abs(d))] for d in reduced]
 
 
-def _weights(direction: NDArray[np.float64], names: list[str]) -> dict[str, float]:
+def _weights(direction: RealArray, names: list[str]) -> dict[str, float]:
     return {
         name: float(w)
         for name, w in zip(names, direction, strict=True)
@@ -99,7 +97,7 @@ def _weights(direction: NDArray[np.float64], names: list[str]) -> dict[str, floa
 
 
 def _find_determined_combinations(
-    null_space: _Matrix, involved: NDArray[np.bool_], names: list[str]
+    null_space: RealArray, involved: BoolArray, names: list[str]
 ) -> list[dict[str, float]]:
     """Return the combinations of the involved unknowns that are constant along the null space."""
     k = null_space.shape[1]

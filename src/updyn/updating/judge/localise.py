@@ -15,8 +15,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import ComplexArray, RealArray
 from updyn.errors import SolverError
 from updyn.frf import QUANTITIES
 from updyn.sensitivity import Unknowns
@@ -37,13 +37,10 @@ __all__ = [
     "localise_error",
 ]
 
-_Real = NDArray[np.float64]
-_Complex = NDArray[np.complex128]
-
 
 def constitutive_error(
-    part: FRFPart, x: _Real, misfit: _Complex, variance: _Real, lines: slice
-) -> _Real:
+    part: FRFPart, x: RealArray, misfit: ComplexArray, variance: RealArray, lines: slice
+) -> RealArray:
     """Return the energy of the least error in each stored matrix, (n_terms, n_f, n_j) in J for 1 N.
 
     `misfit` is computed minus measured FRF and `variance` its E|dH|^2, in the unit of the data; 0
@@ -85,9 +82,9 @@ def constitutive_error(
 
 def localise_error(
     problem: Problem,
-    x: _Real,
+    x: RealArray,
     residual: OutputErrorSet,
-    whitened: Sequence[_Complex],
+    whitened: Sequence[ComplexArray],
     excess: float | None,
 ) -> tuple[Suspect, ...]:
     """Return the quantities that explain at least a tenth of the residual of a fit, the best first.
@@ -136,9 +133,9 @@ class _Score:
 
 def _explain_residual(
     problem: Problem,
-    x: _Real,
+    x: RealArray,
     residual: OutputErrorSet,
-    whitened: Sequence[_Complex],
+    whitened: Sequence[ComplexArray],
     excess: float | None,
     promising: Sequence[_Score],
     total_gain: float,
@@ -157,7 +154,7 @@ def _explain_residual(
 
 
 def _compute_scores(
-    problem: Problem, x: _Real, residual: OutputErrorSet, candidates: Sequence[Parameter]
+    problem: Problem, x: RealArray, residual: OutputErrorSet, candidates: Sequence[Parameter]
 ) -> list[_Score]:
     """Return the score of each quantity; empty if the model cannot be solved."""
     if not candidates:
@@ -178,7 +175,9 @@ def _compute_scores(
     return list(map(_Score, candidates, (step**2 * power).tolist(), step.tolist()))
 
 
-def _add_unknowns(problem: Problem, x: _Real, more: Sequence[Parameter]) -> tuple[Problem, _Real]:
+def _add_unknowns(
+    problem: Problem, x: RealArray, more: Sequence[Parameter]
+) -> tuple[Problem, RealArray]:
     """Return the problem with additional unknowns, and x extended by their start values."""
     wide = ParameterSet((*problem.coordinates.parameters.items, *more))
     coordinates = replace(problem.coordinates, parameters=wide, box=None, within=None)
@@ -216,7 +215,7 @@ def _plan_short_fits(problem: Problem, allowed: float, wanted: int) -> tuple[int
 
 
 def _replace_by_reduced(
-    problem: Problem, x: _Real, residual: OutputErrorSet, whitened: Sequence[_Complex]
+    problem: Problem, x: RealArray, residual: OutputErrorSet, whitened: Sequence[ComplexArray]
 ) -> tuple[Problem, list[ReducedPart]]:
     """Return the problem with reduced models about x in place of large models, and these models.
 
@@ -239,7 +238,7 @@ def _replace_by_reduced(
     return problem.with_parts([one.part for one in nearby]), nearby
 
 
-def _expected_end(problem: Problem, x: _Real, score: _Score) -> tuple[Problem, _Real]:
+def _expected_end(problem: Problem, x: RealArray, score: _Score) -> tuple[Problem, RealArray]:
     """Return the problem with one additional unknown, and the expected end of its short fit."""
     wide, at = _add_unknowns(problem, x, [score.parameter])
     at = at.copy()
@@ -257,10 +256,10 @@ class _ShortFits:
     """
 
     problem: Problem
-    x: _Real
+    x: RealArray
     residual: OutputErrorSet
     cost: float
-    whitened: tuple[_Complex, ...]
+    whitened: tuple[ComplexArray, ...]
     excess: float | None
     steps: int
 
@@ -268,9 +267,9 @@ class _ShortFits:
     def of(
         cls,
         problem: Problem,
-        x: _Real,
+        x: RealArray,
         residual: OutputErrorSet,
-        whitened: Sequence[_Complex],
+        whitened: Sequence[ComplexArray],
         excess: float | None,
         lines: int,
         steps: int,
@@ -321,8 +320,8 @@ class _ShortFits:
 
 
 def _descend_shortly(
-    problem: Problem, residual: OutputErrorSet, x: _Real, steps: int
-) -> tuple[_Real, float]:
+    problem: Problem, residual: OutputErrorSet, x: RealArray, steps: int
+) -> tuple[RealArray, float]:
     """Return the end of a short fit, and half its sum of squares, priors included."""
     settings = TrustRegion(
         steps,
@@ -334,7 +333,9 @@ def _descend_shortly(
     return end.x, end.local.cost
 
 
-def _whiten_residual(problem: Problem, residual: OutputErrorSet, x: _Real) -> tuple[_Complex, ...]:
+def _whiten_residual(
+    problem: Problem, residual: OutputErrorSet, x: RealArray
+) -> tuple[ComplexArray, ...]:
     """Return the residual over its standard deviation; NaN marks values of weight 0."""
     out = []
     for i, part in enumerate(problem.parts):
@@ -343,7 +344,7 @@ def _whiten_residual(problem: Problem, residual: OutputErrorSet, x: _Real) -> tu
     return tuple(out)
 
 
-def _sum_of_squares(whitened: Sequence[_Complex]) -> float:
+def _sum_of_squares(whitened: Sequence[ComplexArray]) -> float:
     return sum(float(np.nansum(np.abs(e) ** 2)) for e in whitened)
 
 
@@ -351,7 +352,7 @@ def _matrix_of(quantity: str) -> str:
     return "stiffness" if quantity == "loss_factor" else quantity
 
 
-def _correlated_square(whitened: Sequence[_Complex]) -> float:
+def _correlated_square(whitened: Sequence[ComplexArray]) -> float:
     """Return the part of the sum of squares that is correlated between neighbouring lines."""
     total = 0.0
     for e in whitened:
@@ -359,12 +360,12 @@ def _correlated_square(whitened: Sequence[_Complex]) -> float:
     return max(total, 0.0)
 
 
-def _share_of_correlated(whitened: Sequence[_Complex]) -> float:
+def _share_of_correlated(whitened: Sequence[ComplexArray]) -> float:
     return _correlated_square(whitened) / max(_sum_of_squares(whitened), np.finfo(float).tiny)
 
 
 def _compute_energies(
-    problem: Problem, x: _Real, residual: OutputErrorSet, whitened: Sequence[_Complex]
+    problem: Problem, x: RealArray, residual: OutputErrorSet, whitened: Sequence[ComplexArray]
 ) -> dict[tuple[str, str], float]:
     """Return the energy of the error by group and matrix; lines are weighted by their misfit."""
     out: dict[tuple[str, str], float] = {}
@@ -399,12 +400,14 @@ def _n_energy_lines(part: FRFPart) -> int:
     return min(most, max(1, part.n_lines // one_in))
 
 
-def _block_error(part: FRFPart, item: tuple[_Real, _Complex, _Real, slice]) -> _Real:
+def _block_error(
+    part: FRFPart, item: tuple[RealArray, ComplexArray, RealArray, slice]
+) -> RealArray:
     return constitutive_error(part, *item)
 
 
 def _choose_quantities(
-    problem: Problem, x: _Real, energy: dict[tuple[str, str], float]
+    problem: Problem, x: RealArray, energy: dict[tuple[str, str], float]
 ) -> list[Parameter]:
     """Return the quantities to try: those that are not unknowns, in order of decreasing energy."""
     free: set[tuple[str, str]] = set()

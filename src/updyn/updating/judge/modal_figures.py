@@ -6,8 +6,8 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import RealArray
 from updyn.correlation.clusters import PairingRule, pair_clusters
 from updyn.correlation.settings import MODE_PAIRING
 from updyn.correlation.shapes import find_moving
@@ -19,9 +19,7 @@ from updyn.updating.problem.modal import ModalPart, ModalTarget, drop_excluded_s
 __all__ = ["correlate_measured_modes"]
 
 
-def correlate_measured_modes(
-    part: ModalPart, x: NDArray[np.float64], split: ModalSplit
-) -> dict[str, Any]:
+def correlate_measured_modes(part: ModalPart, x: RealArray, split: ModalSplit) -> dict[str, Any]:
     """Return the figures ``before``, ``after`` and, of held-out modes, ``validation`` with both.
 
     The figures are empty if modes cannot be computed.
@@ -35,7 +33,7 @@ def correlate_measured_modes(
     return out
 
 
-def _compute_figures(part: ModalPart, modes: ModeSet, x: NDArray[np.float64]) -> dict[str, float]:
+def _compute_figures(part: ModalPart, modes: ModeSet, x: RealArray) -> dict[str, float]:
     """Return the figures of some modes; frequency and damping errors are over the paired modes."""
     modes = drop_excluded_shapes(modes, part.noise)
     selected = replace(part, target=ModalTarget.of(part.system, modes))
@@ -68,8 +66,8 @@ def _compute_figures(part: ModalPart, modes: ModeSet, x: NDArray[np.float64]) ->
 
 
 def _with_subspaces(
-    part: ModalPart, x: NDArray[np.float64], macs: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], dict[int, float]]:
+    part: ModalPart, x: RealArray, macs: RealArray
+) -> tuple[RealArray, dict[int, float]]:
     """Return the MACs, for close modes those of subspaces, and the latter's ln frequency ratios.
 
     The shapes of close modes are an arbitrary basis, in the test and in the model.

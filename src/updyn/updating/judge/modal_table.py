@@ -6,11 +6,10 @@ import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import NumberArray
 from updyn.correlation import cross_orthogonality
 from updyn.correlation.modes import BY_FREQUENCY, ModeCorrelation, ModesLike, correlate_modes
 from updyn.dynamics.guyan import reduced_mass
@@ -84,8 +83,8 @@ class ModalTable:
     test: Modes | None = None
     start: Modes | None = None
     updated: Modes | None = None
-    cross_orthogonality: NDArray[Any] | None = None
-    own_orthogonality: NDArray[Any] | None = None
+    cross_orthogonality: NumberArray | None = None
+    own_orthogonality: NumberArray | None = None
     notes: tuple[str, ...] = ()
     correlations: Mapping[str, ModeCorrelation] = field(init=False, repr=False)
 
@@ -244,7 +243,7 @@ def compare_modes(
 
 def _compute_orthogonality(
     model: Model, computed: Modes, measured: Modes, notes: list[str]
-) -> tuple[NDArray[Any] | None, NDArray[Any] | None]:
+) -> tuple[NumberArray | None, NumberArray | None]:
     """Return the cross-orthogonality with the measured modes, and the model's own orthogonality."""
     try:
         mass = reduced_mass(model, measured.dofs)

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import RealArray
 from updyn.dynamics.affine import State
 from updyn.dynamics.reduction import Reduction
 from updyn.errors import SolverError
@@ -15,8 +15,6 @@ from updyn.updating.judge.settings import EFFORT, NEARBY_MODEL
 from updyn.updating.problem.problem import FRFPart
 
 __all__ = ["ReducedPart"]
-
-_Vector = NDArray[np.float64]
 
 
 @dataclass(slots=True, eq=False)
@@ -27,7 +25,7 @@ class ReducedPart:
     reduction: Reduction
 
     @classmethod
-    def of(cls, part: FRFPart, x: _Vector) -> ReducedPart | None:
+    def of(cls, part: FRFPart, x: RealArray) -> ReducedPart | None:
         """Return the reduced model of a part about x; None if small, reduced or not reducible."""
         solver, freq = part.solver, part.frf.freq
         if solver.tier != "sparse" or solver.system.n <= EFFORT.small_model_dofs:

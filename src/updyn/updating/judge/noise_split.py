@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
+from updyn.arrays import RealArray
 from updyn.updating.judge.settings import NOISE_RATIOS
 from updyn.updating.problem.noise import level_by_unit
 from updyn.updating.problem.noise.estimated import ratio_range
@@ -16,12 +16,10 @@ from updyn.updating.problem.problem import FRFPart, Problem
 
 __all__ = ["covariance_over_ratios"]
 
-_Real = NDArray[np.float64]
-
 
 def covariance_over_ratios(
-    problem: Problem, x: _Real, floors: Sequence[float], within: _Real
-) -> _Real | None:
+    problem: Problem, x: RealArray, floors: Sequence[float], within: RealArray
+) -> RealArray | None:
     """Return the largest covariance (n, n) over the likely ratios of relative noise and floor.
 
     At each ratio, the linear model gives a step d, s^2 (J^T W J)^-1 and a restricted likelihood
@@ -69,7 +67,9 @@ def covariance_over_ratios(
     return np.asarray(likeliest * scale[:, None] * scale)
 
 
-def _weighted_rows(part: FRFPart, x: _Real, floor: float) -> tuple[_Real, _Real, _Real, _Real]:
+def _weighted_rows(
+    part: FRFPart, x: RealArray, floor: float
+) -> tuple[RealArray, RealArray, RealArray, RealArray]:
     """Return derivatives, residual, |H| and level times floor, real before imaginary parts."""
     blocks = list(part.blocks(x))
     H = np.concatenate([block.H for block in blocks])

@@ -6,8 +6,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import RealArray
 from updyn.dynamics.fields import EXACT_TIERS
 from updyn.errors import SolverError
 from updyn.updating.judge.settings import EFFORT, ROUNDING_CHECK, SIGNIFICANCE
@@ -46,7 +46,7 @@ class Rounding:
         )
 
 
-def find_worst_rounding(parts: Iterable[FRFPart], x: NDArray[np.float64]) -> Rounding | None:
+def find_worst_rounding(parts: Iterable[FRFPart], x: RealArray) -> Rounding | None:
     """Return the largest rounding error of the model's responses; None if negligible.
 
     A few lines are solved with Z and with 3 Z, whose entries are rounded differently; the
@@ -91,9 +91,7 @@ def _n_checked_lines(part: FRFPart) -> int:
     return int(np.clip(part.n_lines // ROUNDING_CHECK.lines_per_check, 1, ROUNDING_CHECK.lines))
 
 
-def _relative_rounding(
-    part: FRFPart, x: NDArray[np.float64], freq: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _relative_rounding(part: FRFPart, x: RealArray, freq: RealArray) -> RealArray:
     """Return the relative rounding error at some lines, shape (n_f, n_i, n_j)."""
     solver, system = part.solver, part.solver.system
     Z = system.coefficients(part.unknowns.state(system, part.values(x)), 2.0 * np.pi * freq)

@@ -10,6 +10,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from updyn.arrays import RealArray
 from updyn.errors import OptionError, ParameterError
 from updyn.frf import FRF
 from updyn.model import Model
@@ -34,12 +35,9 @@ __all__ = [
     "select_jointly",
 ]
 
-_Vector = NDArray[np.float64]
-_Matrix = NDArray[np.float64]
-
 
 def select_columns(
-    R: _Matrix, names: Sequence[str], n: int | None = None, max_collinearity: float | None = None
+    R: RealArray, names: Sequence[str], n: int | None = None, max_collinearity: float | None = None
 ) -> tuple[list[int], dict[int, str]]:
     """Return columns of a Jacobian by QR with column pivoting, and the reasons against the others.
 
@@ -69,7 +67,7 @@ def select_columns(
 class _Pivoting:
     """State of a pivoted QR factorisation: basis of selected columns, residuals of the others."""
 
-    def __init__(self, R: _Matrix, names: Sequence[str], size: _Vector) -> None:
+    def __init__(self, R: RealArray, names: Sequence[str], size: RealArray) -> None:
         self.R, self.names, self.size = R, names, size
         self.rest = R.copy()
         self.basis = np.zeros((len(R), 0))
@@ -78,7 +76,7 @@ class _Pivoting:
         self.waiting = list(range(R.shape[1]))
 
     @property
-    def length(self) -> _Vector:
+    def length(self) -> RealArray:
         return np.asarray(np.linalg.norm(self.rest, axis=0))
 
     def take(self, i: int) -> None:
@@ -125,7 +123,7 @@ class _Pivoting:
 
 
 def collinear_clusters(
-    cosine: _Matrix, kinds: Sequence[str | None], threshold: float
+    cosine: RealArray, kinds: Sequence[str | None], threshold: float
 ) -> list[list[int]]:
     """Return clusters of two or more columns of one kind whose cosines all reach a threshold.
 
@@ -154,7 +152,7 @@ def collinear_clusters(
     return sorted(out)
 
 
-def normalise_columns(R: _Matrix) -> _Matrix:
+def normalise_columns(R: RealArray) -> RealArray:
     """Return a matrix with columns scaled to unit length; columns of zeros are unchanged."""
     size = np.linalg.norm(R, axis=0)
     return np.asarray(R / np.where(size > 0.0, size, 1.0))
@@ -421,7 +419,7 @@ def cluster_jointly(
             by_first[members[0]] = members
             members_of_clusters |= set(members)
     items: list[Parameter] = []
-    columns: list[_Vector] = []
+    columns: list[RealArray] = []
     merged, least = dict(before.merged), dict(before.cosines)
     for i, p in enumerate(given):
         if i in by_first:
@@ -513,7 +511,7 @@ def _merge_unknowns(given: ParameterSet, members: list[int]) -> Parameter:
 
 
 def _describe_unmerged(
-    given: ParameterSet, cosine: _Matrix, threshold: float, clusters: list[list[int]]
+    given: ParameterSet, cosine: RealArray, threshold: float, clusters: list[list[int]]
 ) -> list[str]:
     """Return remarks on unknowns with parallel or opposite effects that were not joined."""
     cluster_of: dict[int, int] = {}
@@ -542,7 +540,7 @@ def _describe_unmerged(
 
 
 # -- shared ----------------------------------------------------------------------------------------
-def _whitened_jacobian(tests: Sequence[Test], before: Selection) -> _Matrix:
+def _whitened_jacobian(tests: Sequence[Test], before: Selection) -> RealArray:
     """Return the Jacobian of all data at the start, reduced and whitened by the noise."""
     parameters = before.parameters
     tests = [replace(t, model=before.start_of(t.model)) for t in tests]
@@ -550,7 +548,7 @@ def _whitened_jacobian(tests: Sequence[Test], before: Selection) -> _Matrix:
     return linearise_at_start(*build_problem(tests, parameters))[0].R
 
 
-def _cosines(R: _Matrix) -> _Matrix:
+def _cosines(R: RealArray) -> RealArray:
     columns, size = normalise_columns(R), np.linalg.norm(R, axis=0)
     cosine = np.asarray(columns.T @ columns)
     cosine[size == 0.0, :] = np.nan

@@ -11,8 +11,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import ComplexArray, RealArray
 from updyn.dofs import Dof, DofSet
 from updyn.errors import ParameterError, suggest
 from updyn.frf import FRF
@@ -29,9 +29,6 @@ __all__ = [
     "calibration",
     "check_channel",
 ]
-
-_Vector = NDArray[np.float64]
-_Complex = NDArray[np.complex128]
 
 
 def calibration(
@@ -145,8 +142,8 @@ def _unsigned_labels(dofs: DofSet) -> list[str]:
 class Gains:
     """Powers of the unknowns in the factors of responses (n, n_i) and references (n, n_j)."""
 
-    rows: _Vector
-    columns: _Vector
+    rows: RealArray
+    columns: RealArray
 
     @classmethod
     def find(cls, parameters: ParameterSet, frf: FRF) -> Gains | None:
@@ -164,11 +161,11 @@ class Gains:
             tables.append(powers)
         return cls(*tables)
 
-    def factors(self, logs: _Vector) -> _Vector:
+    def factors(self, logs: RealArray) -> RealArray:
         """Return the factor of each channel, (n_i, n_j), for logarithms `logs`, shape (n,)."""
         return np.asarray(np.exp((logs @ self.rows)[:, None] + logs @ self.columns))
 
-    def apply(self, logs: _Vector, H: _Complex, dH: _Complex | None) -> None:
+    def apply(self, logs: RealArray, H: ComplexArray, dH: ComplexArray | None) -> None:
         """Multiply H (n_f, n_i, n_j) and dH (n, n_f, n_i, n_j) by the factors, in place.
 
         The rows of dH for the logarithms of the factors are set here.

@@ -5,14 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import BoolArray, RealArray
 from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.problem.settings import SEARCH_DATA
 
 __all__ = ["Coordinates"]
-
-_Vector = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -26,13 +24,13 @@ class Coordinates:
     """
 
     parameters: ParameterSet
-    box: tuple[_Vector, _Vector] | None = None
-    within: NDArray[np.float64] | None = None
+    box: tuple[RealArray, RealArray] | None = None
+    within: RealArray | None = None
     unit: float | None = None
     omega: float = 1.0
-    centre: _Vector | None = None
-    _factor: NDArray[np.bool_] = field(init=False, repr=False)
-    _unit: _Vector = field(init=False, repr=False)
+    centre: RealArray | None = None
+    _factor: BoolArray = field(init=False, repr=False)
+    _unit: RealArray = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         units = {"mass_damping": self.omega, "stiffness_damping": 1.0 / self.omega}
@@ -41,27 +39,27 @@ class Coordinates:
             self, "_unit", np.array([units.get(p.value_of or "", 1.0) for p in self.parameters])
         )
 
-    def to_x(self, values: _Vector) -> _Vector:
+    def to_x(self, values: RealArray) -> RealArray:
         """Return x for the unknowns' values, both shape (n,)."""
         return np.where(
             self._factor, np.log(np.where(self._factor, values, 1.0)), values / self._unit
         )
 
-    def to_values(self, x: _Vector) -> _Vector:
+    def to_values(self, x: RealArray) -> RealArray:
         """Return the unknowns' values for x, both shape (n,) or (..., n)."""
         return np.where(self._factor, np.exp(np.where(self._factor, x, 0.0)), x * self._unit)
 
-    def slope(self, x: _Vector) -> _Vector:
+    def slope(self, x: RealArray) -> RealArray:
         """Return d values / d x, shape (n,)."""
         return np.where(self._factor, self.to_values(x), self._unit)
 
     @property
-    def bounds(self) -> tuple[_Vector, _Vector]:
+    def bounds(self) -> tuple[RealArray, RealArray]:
         """Bounds in x, each shape (n,)."""
         return self._clip_to_box(self.to_x(self.parameters.lower), self.to_x(self.parameters.upper))
 
     @property
-    def relaxed_lower(self) -> _Vector:
+    def relaxed_lower(self) -> RealArray:
         """Lower bounds in x that allow negative damping during a search, shape (n,).
 
         The true loss factor of a lightly damped part is close to its bound at zero; a search that
@@ -71,7 +69,7 @@ class Coordinates:
         relaxed = np.minimum(lower, SEARCH_DATA.least_loss_factor)
         return self._clip_to_box(np.where(self._factor, lower, relaxed), upper)[0]
 
-    def _clip_to_box(self, lower: _Vector, upper: _Vector) -> tuple[_Vector, _Vector]:
+    def _clip_to_box(self, lower: RealArray, upper: RealArray) -> tuple[RealArray, RealArray]:
         if self.box is None:
             return lower, upper
         # A box outside the bounds is reduced to their nearest point.
@@ -79,24 +77,24 @@ class Coordinates:
         return low, high
 
     @property
-    def prior(self) -> tuple[_Vector, _Vector]:
+    def prior(self) -> tuple[RealArray, RealArray]:
         """Centre and inverse standard deviation (0: none) of the priors in x, each shape (n,)."""
         weight = [0.0 if p.prior_std is None else 1.0 / p.prior_std for p in self.parameters]
         centre = self.start if self.centre is None else self.centre
         return centre, np.array(weight) * self._unit
 
     @property
-    def start(self) -> _Vector:
+    def start(self) -> RealArray:
         """Start of the unknowns in x, shape (n,)."""
         return self.to_x(self.parameters.start)
 
-    def with_coordinate(self, x: _Vector, i: int, value: float) -> _Vector:
+    def with_coordinate(self, x: RealArray, i: int, value: float) -> RealArray:
         """Return x with coordinate `i` at `value`, clipped to the bounds."""
         changed = x.copy()
         changed[i] = value
         return np.clip(changed, *self.bounds)
 
-    def with_start(self, x: _Vector) -> Coordinates:
+    def with_start(self, x: RealArray) -> Coordinates:
         """Return a copy with the start of the unknowns at x and the same priors."""
         parameters = self.parameters
         start = np.clip(self.to_values(x), parameters.lower, parameters.upper)

@@ -8,8 +8,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from updyn.arrays import BoolArray, IndexArray, NumberArray, RealArray
 from updyn.dofs import DIRECTIONS, Dof, DofSet
 from updyn.dynamics.zero_line import leave_out_zero_line
 from updyn.errors import DataError, OptionError, ParameterError, UpdynWarning
@@ -211,7 +212,7 @@ def _warn_of_axes(model: Model, frf: FRF) -> None:
             return
 
 
-def _axes_at(geometry: Geometry | None, node: int) -> NDArray[np.float64] | None:
+def _axes_at(geometry: Geometry | None, node: int) -> RealArray | None:
     """Return the axes of a node, shape (3, 3), or None if the geometry does not state them."""
     if geometry is None or geometry.axes is None:
         return None
@@ -389,7 +390,7 @@ def complete_parts(
         raise DataError("values: all are missing")
     if not is_measured.all():
         source = f"{source}; {_describe_missing(is_measured)}".removeprefix("; ")
-    quality: dict[str, NDArray[Any]] = {}
+    quality: dict[str, NumberArray] = {}
     for name, given in (("coherence", coherence), ("variance", variance)):
         if given is None:
             continue
@@ -419,13 +420,13 @@ def complete_parts(
     return tuple(parts)
 
 
-def _find_rectangles(is_measured: NDArray[np.bool_]) -> list[tuple[NDArray[np.intp], ...]]:
+def _find_rectangles(is_measured: BoolArray) -> list[tuple[IndexArray, ...]]:
     """Return lines, responses and references of rectangles that cover each True once."""
     by_lines: dict[bytes, dict[int, list[int]]] = {}
     for j, k in np.ndindex(is_measured.shape[1:]):
         if is_measured[:, j, k].any():
             by_lines.setdefault(is_measured[:, j, k].tobytes(), {}).setdefault(j, []).append(k)
-    out: list[tuple[NDArray[np.intp], ...]] = []
+    out: list[tuple[IndexArray, ...]] = []
     for lines, pairs in by_lines.items():
         by_references: dict[tuple[int, ...], list[int]] = {}
         for j, ks in pairs.items():
@@ -436,7 +437,7 @@ def _find_rectangles(is_measured: NDArray[np.bool_]) -> list[tuple[NDArray[np.in
     return out
 
 
-def _describe_missing(is_measured: NDArray[np.bool_]) -> str:
+def _describe_missing(is_measured: BoolArray) -> str:
     """Return the missing values as text: ``1 of 42 channels misses 17 of 400 lines``."""
     missing = (~is_measured).sum(axis=0).ravel()
     n_channels = int((missing > 0).sum())

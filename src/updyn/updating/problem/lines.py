@@ -8,8 +8,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from updyn.arrays import IndexArray, RealArray
 from updyn.errors import OptionError, key_path, suggest
 from updyn.updating.problem.noise import level_by_unit
 from updyn.updating.problem.optimal_design import (
@@ -33,7 +34,7 @@ __all__ = [
 ]
 
 
-def choose_lines(lines: str | ArrayLike | None, part: FRFPart) -> NDArray[np.intp]:
+def choose_lines(lines: str | ArrayLike | None, part: FRFPart) -> IndexArray:
     """Return the positions of the selected lines in the data of a part; None: all lines.
 
     ``"d-optimal:40"``: 40 lines for the smallest joint uncertainty of all unknowns;
@@ -78,7 +79,7 @@ def choose_lines(lines: str | ArrayLike | None, part: FRFPart) -> NDArray[np.int
     return frf.find_lines(lines)
 
 
-def select_d_optimal(part: FRFPart, count: int) -> NDArray[np.intp]:
+def select_d_optimal(part: FRFPart, count: int) -> IndexArray:
     """Return positions of `count` lines selected by the determinant of the Fisher information.
 
     Relative noise with a floor of 1 % of the rms, as is typical of sensors; loss factors of at
@@ -91,9 +92,7 @@ def select_d_optimal(part: FRFPart, count: int) -> NDArray[np.intp]:
     )
 
 
-def select_a_optimal(
-    part: FRFPart, count: int, wanted: Sequence[int] | None = None
-) -> NDArray[np.intp]:
+def select_a_optimal(part: FRFPart, count: int, wanted: Sequence[int] | None = None) -> IndexArray:
     """Return positions of `count` lines selected by the variance of the unknowns `wanted`.
 
     Greedy minimisation of the mean of their variances, relative to those with all lines (Fedorov,
@@ -119,8 +118,8 @@ def find_unknowns(what: str, patterns: Sequence[str], known: Sequence[str]) -> l
 
 
 def _select_by_information(
-    part: FRFPart, kind: str, choose: Callable[[NDArray[np.float64]], NDArray[np.intp]]
-) -> NDArray[np.intp]:
+    part: FRFPart, kind: str, choose: Callable[[RealArray], IndexArray]
+) -> IndexArray:
     """Select lines by the information of each line, shape (n_f, n, n)."""
     x = _design_point(part)
     floor = LINE_DESIGN.noise_floor * level_by_unit(part.frf)
@@ -132,7 +131,7 @@ def _select_by_information(
     return part.recall("lines", x, compute, kind)[0]
 
 
-def _maximise_determinant(information: NDArray[np.float64], count: int) -> NDArray[np.intp]:
+def _maximise_determinant(information: RealArray, count: int) -> IndexArray:
     information, _ = scale_information(information)
     n = information.shape[1]
     chosen, total = select_greedily(information, initial_information(n), count, DOptimal())
@@ -141,9 +140,7 @@ def _maximise_determinant(information: NDArray[np.float64], count: int) -> NDArr
     return np.sort(np.array(chosen, dtype=np.intp))
 
 
-def _minimise_variance(
-    information: NDArray[np.float64], count: int, wanted: list[int]
-) -> NDArray[np.intp]:
+def _minimise_variance(information: RealArray, count: int, wanted: list[int]) -> IndexArray:
     information, _ = scale_information(information)
     initial = initial_information(information.shape[1])
     criterion = AOptimal.of(initial + information.sum(axis=0), wanted)
@@ -151,7 +148,7 @@ def _minimise_variance(
     return np.sort(np.array(chosen, dtype=np.intp))
 
 
-def _design_point(part: FRFPart) -> NDArray[np.float64]:
+def _design_point(part: FRFPart) -> RealArray:
     coordinates = part.coordinates
     x = coordinates.start
     highest = coordinates.to_x(coordinates.parameters.upper)
@@ -159,9 +156,7 @@ def _design_point(part: FRFPart) -> NDArray[np.float64]:
     return np.where(coordinates.parameters.is_factor, x, np.maximum(x, least))
 
 
-def _information(
-    part: FRFPart, item: tuple[NDArray[np.float64], NDArray[np.float64], slice]
-) -> NDArray[np.float64]:
+def _information(part: FRFPart, item: tuple[RealArray, RealArray, slice]) -> RealArray:
     """Return the Fisher information of each line of a block, shape (n_f, n, n)."""
     x, floor, lines = item
     block = part.block(x, lines)

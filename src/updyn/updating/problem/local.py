@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import blas, lapack
 
+from updyn.arrays import RealArray
 from updyn.linalg.threads import use_one_thread
 from updyn.updating.problem.settings import TRIANGLE
 
@@ -20,9 +20,6 @@ __all__ = [
     "reduce_blocks",
 ]
 
-_Vector = NDArray[np.float64]
-_Matrix = NDArray[np.float64]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Local:
@@ -32,21 +29,21 @@ class Local:
     """
 
     cost: float
-    R: NDArray[np.float64]
-    q: _Vector
+    R: RealArray
+    q: RealArray
 
     @property
-    def gradient(self) -> _Vector:
+    def gradient(self) -> RealArray:
         """Gradient of the cost, shape (n,)."""
         return np.asarray(self.R.T @ self.q)
 
 
-def reduce_blocks(blocks: Iterable[_Matrix], n: int) -> Local:
+def reduce_blocks(blocks: Iterable[RealArray], n: int) -> Local:
     """Stack blocks [J r], shape (m, n + 1), by QR in the given order; return the local problem.
 
     A block may be a triangle with the same normal matrix.
     """
-    waiting: list[_Matrix] = [np.zeros((0, n + 1))]
+    waiting: list[RealArray] = [np.zeros((0, n + 1))]
     for block in blocks:
         waiting.append(block)
         if len(waiting) > TRIANGLE.stacked_blocks:
@@ -62,7 +59,7 @@ _GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 
 
 @use_one_thread
-def qr_triangle(columns: _Matrix, last: _Vector) -> _Matrix:
+def qr_triangle(columns: RealArray, last: RealArray) -> RealArray:
     """Return R of the QR factors of [columns^T last], shape (min(m, n + 1), n + 1)."""
     if len(last) > TRIANGLE.tall_ratio * (len(columns) + 1) and len(columns):
         found = _triangle_by_cholesky(columns, last)
@@ -71,7 +68,7 @@ def qr_triangle(columns: _Matrix, last: _Vector) -> _Matrix:
     return _householder(_copy_rows(columns, last, slice(None)))
 
 
-def _triangle_by_cholesky(columns: _Matrix, last: _Vector) -> _Matrix | None:
+def _triangle_by_cholesky(columns: RealArray, last: RealArray) -> RealArray | None:
     """Return R by Cholesky of preconditioned columns, or None if rows differ too much.
 
     R_1 of a sample of the rows makes the columns of A R_1^-1 nearly orthonormal. R_2 of their Gram
@@ -96,7 +93,7 @@ def _triangle_by_cholesky(columns: _Matrix, last: _Vector) -> _Matrix | None:
     return np.asarray(factor @ sample, dtype=np.float64)
 
 
-def _copy_rows(columns: _Matrix, last: _Vector, rows: Any) -> _Matrix:
+def _copy_rows(columns: RealArray, last: RealArray, rows: Any) -> RealArray:
     """Return a copy of some rows of [columns^T last] in Fortran order."""
     end = last[rows]
     out = np.empty((len(columns) + 1, len(end)))
@@ -106,7 +103,7 @@ def _copy_rows(columns: _Matrix, last: _Vector, rows: Any) -> _Matrix:
 
 
 @use_one_thread
-def _householder(block: _Matrix) -> _Matrix:
+def _householder(block: RealArray) -> RealArray:
     """Return R by reflections, shape (min(m, n), n); overwrites a block in Fortran order."""
     if min(block.shape) == 0:
         return block[:0]

@@ -13,9 +13,9 @@ from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
+from updyn.arrays import BoolArray, IndexArray, RealArray
 from updyn.correlation.clusters import cluster_modes
 from updyn.correlation.shapes import find_moving, mac, orthonormalise
 from updyn.dynamics.affine import AffineSystem, State
@@ -34,8 +34,6 @@ from updyn.updating.problem.session import Record, Session, digest
 from updyn.updating.problem.settings import MODE_PAIRS
 
 __all__ = ["ModalError", "ModalPart", "ModalTarget", "Pairs", "check_any_pair"]
-
-_Real = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,15 +62,15 @@ class ModalTarget:
         Part of the cache key.
     """
 
-    value: _Real
-    shapes: _Real
-    length: _Real
-    loss_factor: _Real
-    rows: NDArray[np.intp]
-    weight: _Real
-    std_frequency: _Real
-    std_loss_factor: _Real
-    std_shapes: _Real
+    value: RealArray
+    shapes: RealArray
+    length: RealArray
+    loss_factor: RealArray
+    rows: IndexArray
+    weight: RealArray
+    std_frequency: RealArray
+    std_loss_factor: RealArray
+    std_shapes: RealArray
     digest: str
 
     @classmethod
@@ -123,7 +121,7 @@ class ModalTarget:
             digest=f"{self.digest}/{at.tolist()}",
         )
 
-    def at_sensors(self, shapes: _Real) -> _Real:
+    def at_sensors(self, shapes: RealArray) -> RealArray:
         """Return shapes of the model at the sensors, with their weights, shape (k, n)."""
         return np.asarray(shapes[self.rows] * self.weight[:, None])
 
@@ -138,12 +136,12 @@ class ModalTarget:
         return len(self.rows) > 1
 
     @property
-    def frequency(self) -> _Real:
+    def frequency(self) -> RealArray:
         """Measured frequencies in Hz, shape (m,)."""
         return np.asarray(np.sqrt(self.value) / (2.0 * np.pi))
 
     @property
-    def clusters(self) -> list[NDArray[np.intp]]:
+    def clusters(self) -> list[IndexArray]:
         """Groups of two or more measured modes with close frequencies, ascending.
 
         A mode that was identified twice is not a cluster: its shapes have one direction.
@@ -172,7 +170,7 @@ def drop_excluded_shapes(modes: ModeSet, noise: ModalNoise) -> ModeSet:
     )
 
 
-def _share_of_rms(modes: ModeSet, level: _Real, length: _Real) -> _Real:
+def _share_of_rms(modes: ModeSet, level: RealArray, length: RealArray) -> RealArray:
     """Return the standard deviations of weighted shapes as shares of their rms; 0 if unknown."""
     if modes.std_shapes is None:
         return np.zeros(modes.shapes.shape)
@@ -190,9 +188,9 @@ class Pairs:
     """
 
     modes: RealModes
-    which: NDArray[np.intp]
-    mac: _Real
-    spans: tuple[NDArray[np.intp], ...]
+    which: IndexArray
+    mac: RealArray
+    spans: tuple[IndexArray, ...]
 
     @classmethod
     def at(
@@ -200,7 +198,7 @@ class Pairs:
         system: AffineSystem,
         state: State,
         unknowns: Unknowns,
-        values: _Real,
+        values: RealArray,
         target: ModalTarget,
         like: float | None = None,
     ) -> Pairs:
@@ -238,9 +236,9 @@ class Pairs:
     def _assign(
         cls,
         modes: RealModes,
-        move: NDArray[np.bool_],
+        move: BoolArray,
         target: ModalTarget,
-        clusters: Sequence[NDArray[np.intp]],
+        clusters: Sequence[IndexArray],
     ) -> Pairs:
         """Return the best pairs, with the measured modes of `clusters` compared by their spans.
 
@@ -277,7 +275,7 @@ class Pairs:
         return cls(modes, which, mac_of_pairs, tuple(spans))
 
 
-def _subspace_mac(shapes: _Real, span: _Real) -> _Real:
+def _subspace_mac(shapes: RealArray, span: RealArray) -> RealArray:
     """Return the MAC of each shape with the best combination of the shapes of a span, (m,)."""
     basis, size, _ = np.linalg.svd(span / np.linalg.norm(span, axis=0), full_matrices=False)
     basis = basis[:, size > MODE_PAIRS.shape_rounding * size[0]]
@@ -349,32 +347,32 @@ class ModalPart:
         viscous = [self.system.terms[at].quantity == "viscous" for at in self.unknowns.at]
         return bool(any(viscous) or not self.unknowns.scales.all())
 
-    def values(self, x: _Real) -> _Real:
+    def values(self, x: RealArray) -> RealArray:
         """Return the unknowns' values at x, shape (n,)."""
         return self.coordinates.to_values(x)
 
-    def state(self, x: _Real) -> State:
+    def state(self, x: RealArray) -> State:
         """Return the state of the compiled model at x."""
         return self.unknowns.state(self.system, self.values(x))
 
-    def key(self, kind: str, x: _Real, *about: object) -> list[object]:
+    def key(self, kind: str, x: RealArray, *about: object) -> list[object]:
         """Return the cache key of an evaluation at x."""
         unknowns = "\n".join(self.coordinates.parameters.names)
         content = digest(("modes", self.name, self.target.digest, str(self.least_mac), unknowns))
         return [kind, content, x, *about]
 
-    def recall(self, kind: str, x: _Real, compute: Callable[[], Record]) -> Record:
+    def recall(self, kind: str, x: RealArray, compute: Callable[[], Record]) -> Record:
         """Return the cached result of an evaluation at x, or compute it."""
         if self.session.cache is None:
             return compute()
         return self.session.recall(self.key(kind, x), compute)
 
-    def pairs(self, x: _Real) -> Pairs:
+    def pairs(self, x: RealArray) -> Pairs:
         """Return the pairs of modes at x."""
         about = self.system, self.state(x), self.unknowns, self.values(x)
         return Pairs.at(*about, self.target, self.least_mac)
 
-    def rows(self, x: _Real, *, shapes: bool = True, derivatives: bool = True) -> ModalRows:
+    def rows(self, x: RealArray, *, shapes: bool = True, derivatives: bool = True) -> ModalRows:
         """Return the residuals at x and their derivatives, which may be zero if not needed."""
 
         def compute(*, derivatives: bool = True) -> Record:
@@ -393,7 +391,7 @@ class ModalPart:
             return {}
         return {"left_out": ", ".join(f"{f:.4g}" for f in frequencies) + " Hz"}
 
-    def _compute_rows(self, x: _Real, *, shapes: bool, derivatives: bool) -> ModalRows:
+    def _compute_rows(self, x: RealArray, *, shapes: bool, derivatives: bool) -> ModalRows:
         pairs = self.pairs(x)
         paired = np.flatnonzero(pairs.mac >= self.least_mac)
         found: list[_ModalResidual] = []
@@ -419,8 +417,8 @@ class ModalPart:
     def _derivatives_of_modes(
         self,
         pairs: Pairs,
-        paired: NDArray[np.intp],
-        x: _Real,
+        paired: IndexArray,
+        x: RealArray,
         *,
         shapes: bool,
         derivatives: bool,
@@ -484,7 +482,9 @@ class ModalPart:
                 k, pairs.modes.shapes[:, pairs.spans[k]], derivatives.span
             )
 
-    def _residuals_of_shape(self, k: int, span: _Real, by_x: _Real) -> Iterator[_ModalResidual]:
+    def _residuals_of_shape(
+        self, k: int, span: RealArray, by_x: RealArray
+    ) -> Iterator[_ModalResidual]:
         """Yield the residuals of a shape; `by_x` are the derivatives of a span at the sensors."""
         target = self.target
         weighted_derivatives, unit = by_x * target.weight[:, None], np.sqrt(len(target.rows))
@@ -508,10 +508,10 @@ class _ModeDerivatives:
     `span` has the shape (s, 0, n) if shapes are not compared.
     """
 
-    value: _Real
-    span: _Real
+    value: RealArray
+    span: RealArray
     loss: _LossFactor | None
-    by_loss: _Real
+    by_loss: RealArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -519,18 +519,18 @@ class _ModalResidual:
     """Residuals of one kind (of `KINDS`) of a mode, as shares; `std` is that of the data or 0."""
 
     kind: str
-    r: _Real
-    J: _Real
-    std: _Real
+    r: RealArray
+    J: RealArray
+    std: RealArray
 
     @classmethod
-    def of(cls, kind: str, r: Any, J: _Real, std: Any = 0.0) -> _ModalResidual:
+    def of(cls, kind: str, r: Any, J: RealArray, std: Any = 0.0) -> _ModalResidual:
         """Return residuals; `r` may be a single number."""
         rows = np.atleast_1d(r)
         return cls(kind, rows, np.atleast_2d(J), np.broadcast_to(std, rows.shape))
 
 
-def check_any_pair(parts: Sequence[ModalPart], x: _Real, *, shapes: bool = True) -> None:
+def check_any_pair(parts: Sequence[ModalPart], x: RealArray, *, shapes: bool = True) -> None:
     """Raise DataError if no measured mode resembles a mode of its model at x."""
     rows = [part.rows(x, shapes=shapes) for part in parts]
     if any(
@@ -562,8 +562,8 @@ class _LossFactor:
     """
 
     factor: float
-    force: _Real
-    own: _Real
+    force: RealArray
+    own: RealArray
     by_eigenvalue: float
     value: float
 
@@ -573,8 +573,8 @@ class _LossFactor:
         system: AffineSystem,
         unknowns: Unknowns,
         state: State,
-        values: _Real,
-        phi: _Real,
+        values: RealArray,
+        phi: RealArray,
         value: float,
     ) -> _LossFactor:
         omega = np.array([np.sqrt(value)])
@@ -590,7 +590,7 @@ class _LossFactor:
         steeper = float((state.factor * state.rate) @ energy) / (2.0 * float(omega[0]))
         return cls(float(by_term @ energy) / value, force, own, steeper, value)
 
-    def derivatives(self, value: _Real, along: _Real, slope: _Real) -> _Real:
+    def derivatives(self, value: RealArray, along: RealArray, slope: RealArray) -> RealArray:
         """Return the derivatives by x, from those of omega^2, force^T phi and the values."""
         energy = self.own * slope + 2.0 * along + self.by_eigenvalue * value
         return np.asarray((energy - self.factor * value) / self.value)
@@ -610,11 +610,11 @@ class ModalError:
         """Kind of its evaluations in the cache key."""
         return _cache_kind(shapes=self.shapes)
 
-    def rows(self, part: ModalPart, x: _Real) -> ModalRows:
+    def rows(self, part: ModalPart, x: RealArray) -> ModalRows:
         """Return the unweighted residuals at x."""
         return part.rows(x, shapes=self.shapes)
 
-    def local(self, part: ModalPart, x: _Real) -> Local:
+    def local(self, part: ModalPart, x: RealArray) -> Local:
         """Return the reduced least-squares problem at x."""
         rows = self.rows(part, x)
         weight = 1.0 / self.noise.std(rows)
@@ -625,13 +625,13 @@ class ModalError:
         square_of_unpaired = 0.5 * self._square_of_unpaired(part, rows)
         return replace(local, cost=local.cost + square_of_unpaired)
 
-    def power(self, part: ModalPart, x: _Real) -> tuple[float, int]:
+    def power(self, part: ModalPart, x: RealArray) -> tuple[float, int]:
         """Return the weighted sum of squares of the paired modes, and its number of residuals."""
         rows = self.rows(part, x)
         number = sum(rows.freedom(kind) for kind in self.noise.added)
         return float(np.sum((rows.r / self.noise.std(rows)) ** 2)), number
 
-    def negative_log_likelihood(self, part: ModalPart, x: _Real) -> float:
+    def negative_log_likelihood(self, part: ModalPart, x: RealArray) -> float:
         """Return the negative log-likelihood at x, up to a constant."""
         rows = part.rows(x, shapes=self.shapes, derivatives=False)
         std = self.noise.std(rows)

@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+
+from updyn.arrays import BoolArray, IndexArray, RealArray
 
 __all__ = ["KINDS", "ModalRows"]
 
-_Real = NDArray[np.float64]
 
 #: Kinds of residuals; `ModalRows.kind` is the index.
 KINDS = ("frequency", "shape", "loss_factor", "scale", "mac")
@@ -39,18 +39,18 @@ class ModalRows:
         MAC of each measured mode with its paired mode of the model.
     """
 
-    r: _Real
-    J: _Real
-    kind: NDArray[np.intp]
-    mode: NDArray[np.intp]
-    std: _Real
-    mac: _Real
+    r: RealArray
+    J: RealArray
+    kind: IndexArray
+    mode: IndexArray
+    std: RealArray
+    mac: RealArray
 
-    def unpaired_modes(self, like: float) -> NDArray[np.intp]:
+    def unpaired_modes(self, like: float) -> IndexArray:
         """Return the measured modes with a MAC below `like`, which have no residuals."""
         return np.flatnonzero(self.mac < like)
 
-    def of(self, kind: str) -> NDArray[np.bool_]:
+    def of(self, kind: str) -> BoolArray:
         """Return which residuals are of a kind, shape (r,)."""
         return np.asarray(self.kind == KINDS.index(kind))
 

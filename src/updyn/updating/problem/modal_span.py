@@ -8,13 +8,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import RealArray
 from updyn.updating.problem.settings import MODE_PAIRS
 
 __all__ = ["SpanProjection"]
-
-_Real = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -26,14 +24,14 @@ class SpanProjection:
     phi^T psi of the nearest combination phi of unit modal mass.
     """
 
-    measured: _Real
-    within: _Real
-    within_by_x: _Real
+    measured: RealArray
+    within: RealArray
+    within_by_x: RealArray
     size: float
-    size_by_x: _Real
+    size_by_x: RealArray
 
     @classmethod
-    def of(cls, measured: _Real, shapes: _Real, derivatives: _Real) -> SpanProjection:
+    def of(cls, measured: RealArray, shapes: RealArray, derivatives: RealArray) -> SpanProjection:
         """Return the projection onto the span of shapes (k, s) with derivatives (s, k, n) by x.
 
         With the pseudo-inverse G of Phi, a = G psi and P = Phi G, P' psi = (1 - P) Phi' a + G^T
@@ -56,18 +54,18 @@ class SpanProjection:
         return cls(measured, within, by_x, square / length, size_by_x)
 
     @property
-    def difference(self) -> _Real:
+    def difference(self) -> RealArray:
         """P psi - psi, shape (k,); its squared length is 1 - MAC."""
         return self.within - self.measured
 
     @property
-    def mac_residual(self) -> tuple[float, _Real]:
+    def mac_residual(self) -> tuple[float, RealArray]:
         """(1 - sqrt(MAC)) / sqrt(MAC) and its derivatives, shape (n,)."""
         root = float(np.linalg.norm(self.within))
         return (1.0 - root) / root, np.asarray(-(self.within @ self.within_by_x) / root**3)
 
 
-def _decompose(shapes: _Real) -> tuple[_Real, _Real, _Real]:
+def _decompose(shapes: RealArray) -> tuple[RealArray, RealArray, RealArray]:
     """Return the singular value decomposition without directions that are rounding error."""
     U, sizes, Vt = np.linalg.svd(shapes, full_matrices=False)
     is_kept = sizes > MODE_PAIRS.span_rounding * sizes.max(initial=0.0)

@@ -7,16 +7,14 @@ from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import ComplexArray, RealArray
 from updyn.updating.problem.modal import ModalError
 from updyn.updating.problem.noise import NoiseModel
 from updyn.updating.problem.problem import FRFPart, Problem
 from updyn.updating.problem.residuals import LineResidual, ResidualSet, noise_weights
 
 __all__ = ["NormalisedDerivatives", "make_normalised_residual"]
-
-_Complex = NDArray[np.complex128]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -28,7 +26,7 @@ class NormalisedDerivatives(LineResidual):
     `weight` is 1 for the values that are used, else 0.
     """
 
-    weight: NDArray[np.float64]
+    weight: RealArray
     name: str = "normalised"
 
     @property
@@ -40,9 +38,7 @@ class NormalisedDerivatives(LineResidual):
         """Return the residual with the weights of a block of lines."""
         return replace(self, weight=self.weight[lines])
 
-    def block(
-        self, part: FRFPart, x: NDArray[np.float64], lines: slice
-    ) -> tuple[_Complex, _Complex]:
+    def block(self, part: FRFPart, x: RealArray, lines: slice) -> tuple[ComplexArray, ComplexArray]:
         """Return zeros and derivatives at a block of lines; `weight` is of the same block."""
         block = part.block(x, lines)
         assert block.dH is not None

@@ -11,8 +11,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import RealArray
 from updyn.updating.problem.settings import OPTIMAL_DESIGN
 
 __all__ = [
@@ -25,8 +25,6 @@ __all__ = [
     "select_greedily",
 ]
 
-_Real = NDArray[np.float64]
-
 
 class DesignScore(ABC):
     """Score of a design by its information; the largest is the best."""
@@ -34,7 +32,7 @@ class DesignScore(ABC):
     __slots__ = ()
 
     @abstractmethod
-    def score(self, information: _Real) -> _Real:
+    def score(self, information: RealArray) -> RealArray:
         """Return the score of each design from its total information, shape (..., n, n)."""
 
 
@@ -48,7 +46,7 @@ class DOptimal(DesignScore):
 
     others: tuple[int, ...] = ()
 
-    def score(self, information: _Real) -> _Real:
+    def score(self, information: RealArray) -> RealArray:
         """Return log det of the information, less that of `others` if there are any."""
         whole = np.linalg.slogdet(information)[1]
         if not self.others:
@@ -62,29 +60,29 @@ class AOptimal(DesignScore):
     """Negative log of the mean variance of the unknowns `wanted`, each over that with all items."""
 
     wanted: list[int]
-    least: _Real
+    least: RealArray
 
     @classmethod
-    def of(cls, information: _Real, wanted: Sequence[int]) -> AOptimal:
+    def of(cls, information: RealArray, wanted: Sequence[int]) -> AOptimal:
         """Return the score relative to the variances with `information`, such as of all items."""
         at = list(wanted)
         return cls(at, _variances(information, at))
 
-    def score(self, information: _Real) -> _Real:
+    def score(self, information: RealArray) -> RealArray:
         """Return the negative logarithm of the mean relative variance."""
         return np.asarray(
             -np.log((_variances(information, self.wanted) / self.least).mean(axis=-1))
         )
 
 
-def _variances(information: _Real, wanted: list[int]) -> _Real:
+def _variances(information: RealArray, wanted: list[int]) -> RealArray:
     """Return the variances of some unknowns, shape (..., n_wanted)."""
     unit = np.broadcast_to(np.eye(information.shape[-1]), information.shape)
     covariance = np.linalg.solve(information, unit)
     return np.asarray(np.einsum("...pp->...p", covariance)[..., wanted])
 
 
-def scale_information(information: _Real) -> tuple[_Real, _Real]:
+def scale_information(information: RealArray) -> tuple[RealArray, RealArray]:
     """Return items, shape (n_items, n, n), scaled by their sum, and the scale, shape (n,).
 
     The diagonal of the sum of the scaled items is 1; rows and columns are divided by the scale.
@@ -93,14 +91,14 @@ def scale_information(information: _Real) -> tuple[_Real, _Real]:
     return information / scale[:, None] / scale, scale
 
 
-def initial_information(n: int) -> _Real:
+def initial_information(n: int) -> RealArray:
     """Return the information of `n` scaled unknowns before the first item, shape (n, n)."""
     return OPTIMAL_DESIGN.initial_information * np.eye(n)
 
 
 def select_greedily(
-    information: _Real, total: _Real, count: int, criterion: DesignScore
-) -> tuple[list[int], _Real]:
+    information: RealArray, total: RealArray, count: int, criterion: DesignScore
+) -> tuple[list[int], RealArray]:
     """Return items selected one by one by the largest score, and `total` with these added.
 
     `information`, shape (n_items, ..., n, n), must be scaled.
@@ -118,7 +116,7 @@ def select_greedily(
 
 
 def exchange_items(
-    information: _Real, total: _Real, chosen: Sequence[int], criterion: DesignScore
+    information: RealArray, total: RealArray, chosen: Sequence[int], criterion: DesignScore
 ) -> list[int]:
     """Exchange selected items for others, the best pair first, while the score increases.
 

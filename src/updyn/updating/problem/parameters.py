@@ -11,8 +11,9 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from updyn.arrays import BoolArray, NumberArray, RealArray
 from updyn.errors import ParameterError, suggest
 from updyn.group import GROUP_QUANTITIES, VALUES
 from updyn.model import Model
@@ -344,22 +345,22 @@ class ParameterSet(Sequence[Parameter]):
         return [p.name for p in self.items]
 
     @property
-    def start(self) -> NDArray[np.float64]:
+    def start(self) -> RealArray:
         """Start values, shape (n,)."""
         return self._column("start")
 
     @property
-    def lower(self) -> NDArray[np.float64]:
+    def lower(self) -> RealArray:
         """Lower bounds, shape (n,)."""
         return self._column("lower")
 
     @property
-    def upper(self) -> NDArray[np.float64]:
+    def upper(self) -> RealArray:
         """Upper bounds, shape (n,)."""
         return self._column("upper")
 
     @property
-    def is_factor(self) -> NDArray[np.bool_]:
+    def is_factor(self) -> BoolArray:
         """Whether each unknown is a positive factor, not a damping value; shape (n,)."""
         return self._column("is_factor")
 
@@ -382,7 +383,7 @@ class ParameterSet(Sequence[Parameter]):
         columns["unit"] = [p.value_unit for p in self.items]
         return pd.DataFrame(columns, index=pd.Index(self.names, name="unknown"))
 
-    def _column(self, attribute: str) -> NDArray[Any]:
+    def _column(self, attribute: str) -> NumberArray:
         """Return an attribute of all unknowns, shape (n,)."""
         return np.array([getattr(p, attribute) for p in self.items])
 
@@ -523,7 +524,7 @@ class ParameterSet(Sequence[Parameter]):
                     change[d.quantity] = change.get(d.quantity, 1.0) * float(value) ** d.power
         return changes
 
-    def _vector(self, values: ArrayLike, what: str) -> NDArray[np.float64]:
+    def _vector(self, values: ArrayLike, what: str) -> RealArray:
         try:
             array = np.asarray(values, dtype=np.float64)
         except (TypeError, ValueError) as error:

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from updyn import sensitivity
+from updyn.arrays import ComplexArray, IndexArray, RealArray
 from updyn.dynamics.affine import AffineSystem, State
 from updyn.dynamics.fields import FieldSolver, LineSolver, split_into_blocks
 from updyn.dynamics.pencil import saves_time
@@ -33,8 +33,6 @@ __all__ = [
     "relative_levels",
 ]
 
-_Vector = NDArray[np.float64]
-_Complex = NDArray[np.complex128]
 
 T = TypeVar("T", bound="tuple[Any, ...]")
 R = TypeVar("R")
@@ -48,9 +46,9 @@ class LineBlock:
     """
 
     lines: slice
-    H: _Complex
-    dH: _Complex | None  # noqa: N815
-    measured: _Complex
+    H: ComplexArray
+    dH: ComplexArray | None  # noqa: N815
+    measured: ComplexArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,9 +65,9 @@ class FRFPart:
     unknowns: Unknowns
     coordinates: Coordinates
     frf: FRF
-    rows: NDArray[np.intp]
-    columns: NDArray[np.intp]
-    sign: NDArray[np.float64]
+    rows: IndexArray
+    columns: IndexArray
+    sign: RealArray
     session: Session = field(default_factory=Session, repr=False)
     name: str = ""
     as_read: bool = True
@@ -130,7 +128,7 @@ class FRFPart:
             return self
         return replace(self, frf=self.frf.select(lines=self.frf.freq[::stride]))
 
-    def without_rounding(self, x: _Vector, share: float) -> FRFPart:
+    def without_rounding(self, x: RealArray, share: float) -> FRFPart:
         """Return the part with exact zeros in channels that are rounding error, in model and data.
 
         Symmetry forbids these responses, below `share` (`relative_levels`) in data and model.
@@ -159,15 +157,15 @@ class FRFPart:
         """Number of lines."""
         return len(self.frf.freq)
 
-    def values(self, x: _Vector) -> _Vector:
+    def values(self, x: RealArray) -> RealArray:
         """Return the unknowns' values at x, shape (n,)."""
         return self.coordinates.to_values(x)
 
-    def gains(self, x: _Vector) -> NDArray[np.float64]:
+    def gains(self, x: RealArray) -> RealArray:
         """Return the calibration factor of each channel at x, shape (n_i, n_j)."""
         return np.ones(self.sign.shape) if self._gains is None else self._gains.factors(x)
 
-    def state(self, x: _Vector) -> State:
+    def state(self, x: RealArray) -> State:
         """Return the state of the compiled model at x."""
         return self.unknowns.state(self.solver.system, self.values(x))
 
@@ -231,7 +229,7 @@ class FRFPart:
             self.session.lines_solved += item[-1].stop - item[-1].start
             yield result
 
-    def key(self, kind: str, x: _Vector, *about: object) -> list[object]:
+    def key(self, kind: str, x: RealArray, *about: object) -> list[object]:
         """Return the cache key of an evaluation at x."""
         if not self._digest:
             frf = self.frf
@@ -241,14 +239,14 @@ class FRFPart:
         return [kind, self._digest[0], x, *about]
 
     def recall(
-        self, kind: str, x: _Vector, compute: Callable[[], Record], *about: object
+        self, kind: str, x: RealArray, compute: Callable[[], Record], *about: object
     ) -> Record:
         """Return the cached result of an evaluation at x with further inputs, or compute it."""
         if self.session.cache is None:
             return compute()
         return self.session.recall(self.key(kind, x, *about), compute)
 
-    def block(self, x: _Vector, lines: slice, *, derivatives: bool = True) -> LineBlock:
+    def block(self, x: RealArray, lines: slice, *, derivatives: bool = True) -> LineBlock:
         """Return the model, times the calibration factors, and the data at a block of lines."""
         freq, rate = self.frf.freq[lines], self.frf.s[lines] ** QUANTITIES[self.frf.quantity]
         H, dH = sensitivity.receptance(
@@ -269,12 +267,12 @@ class FRFPart:
             self._gains.apply(x, H, dH)
         return LineBlock(lines, H, dH, self.frf.values[lines])
 
-    def blocks(self, x: _Vector, *, derivatives: bool = True) -> Iterator[LineBlock]:
+    def blocks(self, x: RealArray, *, derivatives: bool = True) -> Iterator[LineBlock]:
         """Yield model and data by block of lines, in order and in this process."""
         for lines in self.partition():
             yield self.block(x, lines, derivatives=derivatives)
 
-    def responses(self, x: _Vector) -> _Complex:
+    def responses(self, x: RealArray) -> ComplexArray:
         """Return the model's FRF in the measured quantity, with calibration, (n_f, n_i, n_j)."""
 
         def compute() -> Record:
@@ -284,7 +282,7 @@ class FRFPart:
         return self.recall("responses", x, compute)[0]
 
 
-def relative_levels(H: _Complex, frf: FRF) -> NDArray[np.float64]:
+def relative_levels(H: ComplexArray, frf: FRF) -> RealArray:
     """Return the rms of each channel of H relative to the loudest one, shape (n_i, n_j).
 
     Each channel is relative to the rms of its unit. The loudest channel is taken over the data and
@@ -298,7 +296,7 @@ def relative_levels(H: _Complex, frf: FRF) -> NDArray[np.float64]:
     return np.asarray(level / loudest)
 
 
-def _middle_frequency(freq: NDArray[np.float64]) -> float:
+def _middle_frequency(freq: RealArray) -> float:
     """Return the geometric mean of the limits of a band in rad/s."""
     positive = freq[freq > 0]
     if not positive.size:
@@ -306,7 +304,7 @@ def _middle_frequency(freq: NDArray[np.float64]) -> float:
     return float(2.0 * np.pi * np.sqrt(positive.min() * positive.max()))
 
 
-def _block_responses(part: FRFPart, item: tuple[_Vector, slice]) -> _Complex:
+def _block_responses(part: FRFPart, item: tuple[RealArray, slice]) -> ComplexArray:
     x, lines = item
     return part.block(x, lines, derivatives=False).H
 
@@ -408,12 +406,12 @@ class Problem:
             modal.append(one if is_current else replace(one, coordinates=coordinates))
         return Problem(tuple(parts), tuple(modal))
 
-    def with_box(self, box: tuple[_Vector, _Vector]) -> Problem:
+    def with_box(self, box: tuple[RealArray, RealArray]) -> Problem:
         """Return the problem with narrower bounds in x."""
         return self.with_coordinates(replace(self.coordinates, box=box))
 
     def recall(
-        self, kind: str, x: _Vector, compute: Callable[[], Record], *about: object
+        self, kind: str, x: RealArray, compute: Callable[[], Record], *about: object
     ) -> Record:
         """Return the cached result of an evaluation of all parts at x, or compute it."""
         if self.session.cache is None:

@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Generic, Protocol, Self, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from updyn import sensitivity
+from updyn.arrays import ComplexArray, RealArray
 from updyn.errors import DataError, SolverError
 from updyn.frf import FRF, QUANTITIES
 from updyn.linalg.threads import use_one_thread
@@ -44,10 +44,6 @@ __all__ = [
     "reduce_residual",
 ]
 
-_Vector = NDArray[np.float64]
-_Matrix = NDArray[np.float64]
-_Complex = NDArray[np.complex128]
-
 
 class Residual(Protocol):
     """Interface of a residual: its local least-squares problem at x, and its name."""
@@ -56,7 +52,7 @@ class Residual(Protocol):
     def name(self) -> str:
         """Name in the report."""
 
-    def local(self, problem: Problem, x: _Vector) -> Local | None:
+    def local(self, problem: Problem, x: RealArray) -> Local | None:
         """Return the reduced problem at x, or None if the model cannot be solved."""
 
 
@@ -108,7 +104,7 @@ class LineResidual(ABC):
         """Bytes, text or array that distinguishes residuals of one class in a cache."""
         return ""
 
-    def local(self, problem: Problem, x: _Vector) -> Local | None:
+    def local(self, problem: Problem, x: RealArray) -> Local | None:
         """Return the reduced problem at x, or None if the model cannot be solved.
 
         Parameters
@@ -169,7 +165,7 @@ class LineResidual(ABC):
         return part.partition()
 
     @abstractmethod
-    def block(self, part: FRFPart, x: _Vector, lines: slice) -> tuple[_Complex, _Complex]:
+    def block(self, part: FRFPart, x: RealArray, lines: slice) -> tuple[ComplexArray, ComplexArray]:
         """Return the residual and its derivatives at a block of lines.
 
         Parameters
@@ -190,7 +186,7 @@ class LineResidual(ABC):
         """
 
 
-def noise_weights(values: _Complex, variance: _Matrix, frf: FRF) -> _Matrix:
+def noise_weights(values: ComplexArray, variance: RealArray, frf: FRF) -> RealArray:
     """Return weights of measured values from 0 (noise) to 1 (no noise), shape (n_f, n_i, n_j).
 
     sqrt(S / (S + 100 E|dH|^2)) with S = |H_X|^2 - 9 E|dH|^2: a value below the noise has no phase,
@@ -214,7 +210,7 @@ class LogError(LineResidual):
     Exact zeros in model or data have no logarithm and have the weight 0.
     """
 
-    weight: NDArray[np.float64] | None = None
+    weight: RealArray | None = None
     name: str = "log"
 
     @classmethod
@@ -232,7 +228,7 @@ class LogError(LineResidual):
         """Return the residual with the weights of a block of lines."""
         return self if self.weight is None else replace(self, weight=self.weight[lines])
 
-    def block(self, part: FRFPart, x: _Vector, lines: slice) -> tuple[_Complex, _Complex]:
+    def block(self, part: FRFPart, x: RealArray, lines: slice) -> tuple[ComplexArray, ComplexArray]:
         """Return the residual and its derivatives; `weight` is of the same block of lines."""
         block = part.block(x, lines)
         assert block.dH is not None
@@ -253,7 +249,7 @@ class LogError(LineResidual):
 class OutputError(LineResidual):
     """r = (H_A - H_X) / sigma; `weight` is 1 / sigma of the real and of the imaginary part."""
 
-    weight: NDArray[np.float64]
+    weight: RealArray
     name: str = "output-error"
 
     @classmethod
@@ -262,7 +258,7 @@ class OutputError(LineResidual):
         return cls(np.broadcast_to(1.0 / level_by_unit(part.frf), part.frf.values.shape))
 
     @property
-    def cache_key(self) -> NDArray[np.float64]:
+    def cache_key(self) -> RealArray:
         """The weights."""
         return self.weight
 
@@ -270,7 +266,7 @@ class OutputError(LineResidual):
         """Return the residual with the weights of a block of lines."""
         return replace(self, weight=self.weight[lines])
 
-    def block(self, part: FRFPart, x: _Vector, lines: slice) -> tuple[_Complex, _Complex]:
+    def block(self, part: FRFPart, x: RealArray, lines: slice) -> tuple[ComplexArray, ComplexArray]:
         """Return the residual and its derivatives; `weight` is of the same block of lines."""
         block = part.block(x, lines)
         assert block.dH is not None
@@ -292,7 +288,7 @@ class ResidualSet(Generic[E]):
         """Name in the report."""
         return self.errors[0].name if self.errors else ModalError.name
 
-    def local(self, problem: Problem, x: _Vector) -> Local | None:
+    def local(self, problem: Problem, x: RealArray) -> Local | None:
         """Return the reduced problem at x, or None if the model cannot be solved."""
         return _reduce_all(self, problem, x)
 
@@ -324,7 +320,7 @@ class EquationError(LineResidual):
 
     name: str = "equation-error"
 
-    def local(self, problem: Problem, x: _Vector) -> Local | None:
+    def local(self, problem: Problem, x: RealArray) -> Local | None:
         """Return the reduced problem at x, or None if the model cannot be solved."""
         for part in problem.parts:
             self.check(part)
@@ -346,7 +342,7 @@ class EquationError(LineResidual):
                 f"equation error: the 0 Hz line of {quantity} holds no receptance; leave it out"
             )
 
-    def blocks(self, part: FRFPart, x: _Vector) -> Iterator[tuple[_Complex, _Complex]]:
+    def blocks(self, part: FRFPart, x: RealArray) -> Iterator[tuple[ComplexArray, ComplexArray]]:
         """Yield Z_red h_X - e_j, (n_f, n, m), and its derivatives by x, by block of lines."""
         self.check(part)
         return part.map_lines(_evaluate_block, [(self, x, lines) for lines in self.partition(part)])
@@ -355,7 +351,7 @@ class EquationError(LineResidual):
         """Return the blocks of lines."""
         return part.partition(2 * len(part.rows))
 
-    def block(self, part: FRFPart, x: _Vector, lines: slice) -> tuple[_Complex, _Complex]:
+    def block(self, part: FRFPart, x: RealArray, lines: slice) -> tuple[ComplexArray, ComplexArray]:
         """Return the residual and its derivatives at a block of lines."""
         freq, slope = part.frf.freq[lines], part.coordinates.slope(x)
         unit = _drive_points(part)
@@ -373,12 +369,12 @@ class EquationError(LineResidual):
         return weight * (product - unit), derivative * (slope[:, None, None, None] * weight)
 
 
-def _drive_points(part: FRFPart) -> _Matrix:
+def _drive_points(part: FRFPart) -> RealArray:
     """Return the unit forces on the retained DOFs, shape (n_i, n_j)."""
     return np.asarray(part.rows[:, None] == part.columns[None, :], dtype=np.float64)
 
 
-def _unit_weights(part: FRFPart, unit: _Matrix) -> _Matrix:
+def _unit_weights(part: FRFPart, unit: RealArray) -> RealArray:
     """Return the weights of the equation error, shape (n, m); all 1 for data of one unit.
 
     The residual at a rotation is a moment per force. Multiplied by the level of the motion there
@@ -400,7 +396,7 @@ def make_log_error(problem: Problem) -> ResidualSet[LogError]:
     )
 
 
-def add_prior(local: Local, problem: Problem, x: _Vector) -> Local:
+def add_prior(local: Local, problem: Problem, x: RealArray) -> Local:
     """Return the local problem with the priors added as residuals (x - x_0) / std."""
     centre, weight = problem.coordinates.prior
     if not weight.any():
@@ -411,7 +407,7 @@ def add_prior(local: Local, problem: Problem, x: _Vector) -> Local:
     )
 
 
-def reduce_cached(residual: LineResidual, part: FRFPart, x: _Vector) -> Local:
+def reduce_cached(residual: LineResidual, part: FRFPart, x: RealArray) -> Local:
     """Return the reduced problem at x, from the cache if possible."""
 
     def compute() -> Record:
@@ -422,7 +418,7 @@ def reduce_cached(residual: LineResidual, part: FRFPart, x: _Vector) -> Local:
     return Local(float(cost), R, q)
 
 
-def reduce_residual(residual: LineResidual, part: FRFPart, x: _Vector, n: int) -> Local:
+def reduce_residual(residual: LineResidual, part: FRFPart, x: RealArray, n: int) -> Local:
     """Return the reduced problem at x for a residual with n derivatives."""
     items = [(residual.on(part, lines), x, lines) for lines in residual.partition(part)]
     local = reduce_blocks(part.map_lines(_reduce_block, items), n)
@@ -431,7 +427,7 @@ def reduce_residual(residual: LineResidual, part: FRFPart, x: _Vector, n: int) -
     return local
 
 
-def is_cached(residual: LineResidual | ResidualSet[Any], problem: Problem, x: _Vector) -> bool:
+def is_cached(residual: LineResidual | ResidualSet[Any], problem: Problem, x: RealArray) -> bool:
     """Return whether the reduced problem at x is cached."""
     keys = []
     for i, part in enumerate(problem.parts):
@@ -448,7 +444,7 @@ def _cache_kind(residual: LineResidual) -> str:
 
 
 def _reduce_all(
-    residual: LineResidual | ResidualSet[Any], problem: Problem, x: _Vector
+    residual: LineResidual | ResidualSet[Any], problem: Problem, x: RealArray
 ) -> Local | None:
     try:
         found = [reduce_cached(residual.of(i), part, x) for i, part in enumerate(problem.parts)]
@@ -461,20 +457,20 @@ def _reduce_all(
 
 
 def _evaluate_block(
-    part: FRFPart, item: tuple[LineResidual, _Vector, slice]
-) -> tuple[_Complex, _Complex]:
+    part: FRFPart, item: tuple[LineResidual, RealArray, slice]
+) -> tuple[ComplexArray, ComplexArray]:
     residual, x, lines = item
     return residual.block(part, x, lines)
 
 
 @use_one_thread
-def _reduce_block(part: FRFPart, item: tuple[LineResidual, _Vector, slice]) -> _Matrix:
+def _reduce_block(part: FRFPart, item: tuple[LineResidual, RealArray, slice]) -> RealArray:
     r, J = _evaluate_block(part, item)
     # The order of the rows has no effect (eq. 12); this one is that of the memory.
     return qr_triangle(_as_real(J, len(J)), _as_real(r, 1)[0])
 
 
-def _as_real(values: _Complex, n: int) -> _Matrix:
+def _as_real(values: ComplexArray, n: int) -> RealArray:
     """Return complex values as n real rows, with real and imaginary parts alternating."""
     flat = np.ascontiguousarray(values, dtype=np.complex128).reshape(n, values.size // n)
     return flat.view(np.float64)

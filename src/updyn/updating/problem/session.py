@@ -14,8 +14,8 @@ from hashlib import blake2b
 from typing import Any, Protocol, TypeAlias, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import NumberArray
 from updyn.engines import Engine, Serial
 from updyn.updating.problem.settings import EVALUATION
 
@@ -26,7 +26,7 @@ T = TypeVar("T")
 R = TypeVar("R")
 
 #: The result of an evaluation.
-Record: TypeAlias = "tuple[NDArray[Any], ...]"
+Record: TypeAlias = "tuple[NumberArray, ...]"
 
 _SERIAL = Serial()
 

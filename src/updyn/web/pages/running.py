@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
 from nicegui import background_tasks, ui
-from numpy.typing import NDArray
 
+from updyn.arrays import ComplexArray, RealArray
 from updyn.web.charts import SCALES, cost_chart, frf_chart, parameter_chart
 from updyn.web.figure import FigureView
 from updyn.web.looking import ChannelCurve, TestView, compute_curve
@@ -121,7 +120,7 @@ async def _overlay(workspace: Workspace, test: TestView, start: Mapping[str, flo
     await draw()
 
 
-def _as_pair(found: ChannelCurve) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
+def _as_pair(found: ChannelCurve) -> tuple[RealArray, ComplexArray]:
     return found.freq, found.values
 
 

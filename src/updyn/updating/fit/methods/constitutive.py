@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from typing import ClassVar, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import ComplexArray, RealArray
 from updyn.dynamics.affine import AffineSystem, State
 from updyn.dynamics.fields import LineSolver
 from updyn.errors import DataError, OptionError
@@ -31,8 +31,6 @@ __all__ = [
     "constitutive_weights",
 ]
 
-_Complex = NDArray[np.complex128]
-_Vector = NDArray[np.float64]
 
 _NAME = "constitutive"
 _NOTE = (
@@ -81,7 +79,7 @@ class ConstitutiveMethod(Method):
             )
 
     def fit(
-        self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor, x: _Vector
+        self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor, x: RealArray
     ) -> Fit:
         """Fit the unknowns from x; the noise is estimated from the residual, equal everywhere."""
         with monitor.stage(_NAME):
@@ -119,13 +117,13 @@ class ConstitutiveError(LineResidual):
     derivatives.
     """
 
-    slack: _Vector | None
+    slack: RealArray | None
     level: float
-    compliance: _Vector | None = None
+    compliance: RealArray | None = None
     name: str = _NAME
 
     @property
-    def cache_key(self) -> _Vector:
+    def cache_key(self) -> RealArray:
         """Level, slack and compliance."""
         parts = [np.ravel(a) for a in (self.slack, self.compliance) if a is not None]
         return np.concatenate([[self.level], *parts])
@@ -144,7 +142,7 @@ class ConstitutiveError(LineResidual):
         )
 
     @use_one_thread
-    def block(self, part: FRFPart, x: _Vector, lines: slice) -> tuple[_Complex, _Complex]:
+    def block(self, part: FRFPart, x: RealArray, lines: slice) -> tuple[ComplexArray, ComplexArray]:
         """Return residual, shape (n_f, n_i, n_j), and derivatives, shape (n, n_f, n_i, n_j)."""
         system, unknowns, values = part.solver.system, part.unknowns, part.values(x)
         freq, state = part.frf.freq[lines], part.state(x)
@@ -173,8 +171,8 @@ class ConstitutiveError(LineResidual):
 
 
 def adjoint_fields(
-    part: FRFPart, state: State, freq: _Vector, compliance: _Vector | None = None
-) -> tuple[_Complex, _Complex, _Complex, _Complex, _Complex]:
+    part: FRFPart, state: State, freq: RealArray, compliance: RealArray | None = None
+) -> tuple[ComplexArray, ComplexArray, ComplexArray, ComplexArray, ComplexArray]:
     """Return P, U, S, W conj(P) and c: fields of unit forces, in m/N, and their products with W.
 
     P, shape (N, n_f, n_i), is the motion for forces on responses; U, shape (N, n_f, n_j), on
@@ -199,8 +197,8 @@ def adjoint_fields(
 
 
 def _weight_slopes(
-    system: AffineSystem, unknowns: Unknowns, c: _Complex, slopes: _Complex
-) -> _Vector:
+    system: AffineSystem, unknowns: Unknowns, c: ComplexArray, slopes: ComplexArray
+) -> RealArray:
     """Return the derivatives of the drives' weights in W, shape (n_d, n_f)."""
     drive_coefficients = c[unknowns.at]
     elastic = np.array(
@@ -232,15 +230,15 @@ def _make_residual(part: FRFPart, weight: float) -> ConstitutiveError:
     return ConstitutiveError((1.0 - weight) / weight * spread, level)
 
 
-def _diagonal(part: FRFPart, item: tuple[slice]) -> _Vector:
+def _diagonal(part: FRFPart, item: tuple[slice]) -> RealArray:
     x = part.coordinates.start
     S = adjoint_fields(part, part.state(x), part.frf.freq[item[0]])[2]
     return np.asarray(np.einsum("fii->fi", S).real)
 
 
 def constitutive_weights(
-    system: AffineSystem, state: State, omega: NDArray[np.float64]
-) -> tuple[NDArray[np.complex128], NDArray[np.float64]]:
+    system: AffineSystem, state: State, omega: RealArray
+) -> tuple[ComplexArray, RealArray]:
     """Return the coefficients of Z and of W, the energy norm of the error, shapes (n_terms, n_f).
 
     W = sum of w_t A_t with w = |c|^2 over kappa (stiffness), omega^2 mu (mass), omega c (viscous).

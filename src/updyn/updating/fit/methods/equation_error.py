@@ -8,8 +8,8 @@ from functools import partial
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import RealArray
 from updyn.dynamics.reduced_solver import NOT_CONDENSED
 from updyn.errors import SolverError
 from updyn.updating.fit.method import Fit, divide_by_std, residual_std
@@ -51,7 +51,7 @@ class EquationErrorMethod(PublishedMethod):
         problem: Problem,
         noises: Sequence[NoiseModel],
         monitor: Monitor,
-        x: NDArray[np.float64],
+        x: RealArray,
     ) -> Fit:
         """Fit the unknowns from x; the noise is estimated from the residual, equal everywhere."""
         self.check_priors(problem)
@@ -84,8 +84,8 @@ class EquationErrorMethod(PublishedMethod):
 
 
 def _gauss_newton(
-    problem: Problem, x: NDArray[np.float64], monitor: Monitor, max_iterations: int, epsilon: float
-) -> tuple[NDArray[np.float64], str]:
+    problem: Problem, x: RealArray, monitor: Monitor, max_iterations: int, epsilon: float
+) -> tuple[RealArray, str]:
     """Iterate as published: solve eq. (22) for the changes of X, Y and gamma, update, repeat.
 
     Real rows are stacked on imaginary rows, with real unknowns (eqs. 12, 20-22); no step control
@@ -118,7 +118,7 @@ def _gauss_newton(
     return x, "max-iterations"
 
 
-def _plain_step(problem: Problem, x: NDArray[np.float64]) -> Record:
+def _plain_step(problem: Problem, x: RealArray) -> Record:
     """Return cost, R of the Jacobian, change of the values (eq. 22) and ||Z_red H_X - I||_inf."""
     residuals, slopes, error = [], [], 0.0
     for part in problem.parts:

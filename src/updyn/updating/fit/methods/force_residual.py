@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import ComplexArray, RealArray
 from updyn.dynamics.fields import LineSolver
 from updyn.errors import DataError
 from updyn.frf import QUANTITIES
@@ -29,8 +29,6 @@ from updyn.updating.problem.session import Stopped
 
 __all__ = ["ForceResidual", "ForceResidualMethod"]
 
-_Complex = NDArray[np.complex128]
-_Vector = NDArray[np.float64]
 
 _NAME = "force-residual"
 _NOTE = (
@@ -74,7 +72,7 @@ class ForceResidualMethod(PublishedMethod):
         return f"{missing} {Method.describe_obstacle(self, problem)}".strip()
 
     def fit(
-        self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor, x: _Vector
+        self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor, x: RealArray
     ) -> Fit:
         """Fit the unknowns from x; the noise is estimated from the residual, equal everywhere."""
         self.check_priors(problem)
@@ -106,12 +104,12 @@ class ForceResidual(LineResidual):
     sensors and S = P^T C conj(P); the expanded motion is h_A plus the motion due to that force.
     """
 
-    compliance: _Vector
+    compliance: RealArray
     level: float
     name: str = _NAME
 
     @property
-    def cache_key(self) -> _Vector:
+    def cache_key(self) -> RealArray:
         """Compliance and level."""
         return np.append(self.compliance, self.level)
 
@@ -125,7 +123,7 @@ class ForceResidual(LineResidual):
         return part.partition(2 * len(part.rows) + (4 + part.n) * len(part.columns))
 
     @use_one_thread
-    def block(self, part: FRFPart, x: _Vector, lines: slice) -> tuple[_Complex, _Complex]:
+    def block(self, part: FRFPart, x: RealArray, lines: slice) -> tuple[ComplexArray, ComplexArray]:
         """Return residual, shape (n_f, N, n_j), and derivatives, shape (n, n_f, N, n_j)."""
         system, unknowns, freq = part.solver.system, part.unknowns, part.frf.freq[lines]
         state = part.state(x)
@@ -153,7 +151,7 @@ def _check(part: FRFPart) -> None:
         )
 
 
-def _compliance(part: FRFPart) -> _Vector:
+def _compliance(part: FRFPart) -> RealArray:
     """Return 1 for forces, and for moments the square of a length.
 
     At that length the medians of rotational and translational stiffness are equal.

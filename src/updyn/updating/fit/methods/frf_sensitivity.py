@@ -7,9 +7,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import ClassVar
 
-import numpy as np
-from numpy.typing import NDArray
-
+from updyn.arrays import RealArray
 from updyn.updating.fit.method import Fit, Method
 from updyn.updating.fit.methods.least_squares import make_sandwich_fit
 from updyn.updating.fit.methods.linear import (
@@ -95,7 +93,7 @@ class FrfSensitivityMethod(Method):
         problem: Problem,
         noises: Sequence[NoiseModel],
         monitor: Monitor,
-        x: NDArray[np.float64],
+        x: RealArray,
     ) -> Fit:
         """Fit the unknowns from x; weights are equal, standard deviations those of the noise."""
         check_unknowns(problem, self)
@@ -109,6 +107,6 @@ class FrfSensitivityMethod(Method):
             return make_sandwich_fit(problem, residual, x, reason, _NOTE, noises)
 
 
-def _step(problem: Problem, local: Local, x: NDArray[np.float64]) -> NDArray[np.float64]:
+def _step(problem: Problem, local: Local, x: RealArray) -> RealArray:
     """Return the values after a full step, linearised in the stiffness and the loss factor."""
     return linear_step(problem, Amounts(()), local, x)

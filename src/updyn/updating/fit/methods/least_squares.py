@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cholesky, solve_triangular
 
+from updyn.arrays import ComplexArray, RealArray
 from updyn.updating.fit.method import (
     Fit,
     Method,
@@ -81,7 +81,7 @@ class LogMethod(SearchingMethod):
         problem: Problem,
         noises: Sequence[NoiseModel],
         monitor: Monitor,
-        x: NDArray[np.float64],
+        x: RealArray,
     ) -> Fit:
         """Fit the unknowns from x; weights are equal, standard deviations those of the noise."""
         settings = TrustRegion(self.max_iterations, self.tolerance)
@@ -115,7 +115,7 @@ class OutputMethod(Method):
         problem: Problem,
         noises: Sequence[NoiseModel],
         monitor: Monitor,
-        x: NDArray[np.float64],
+        x: RealArray,
     ) -> Fit:
         """Fit the unknowns from x; weights are equal, standard deviations those of the noise."""
         residual = OutputErrorSet(tuple(OutputError.of_data(part) for part in problem.parts))
@@ -154,7 +154,7 @@ class LeastSquares(Method):
         problem: Problem,
         noises: Sequence[NoiseModel],
         monitor: Monitor,
-        x: NDArray[np.float64],
+        x: RealArray,
     ) -> Fit:
         """Fit the unknowns from x; the noise is estimated from the residual, equal everywhere."""
         residual = ResidualSet(tuple(self.residual.of_data(part) for part in problem.parts))
@@ -184,7 +184,7 @@ def _descend(
 def make_sandwich_fit(
     problem: Problem,
     residual: Residual,
-    x: NDArray[np.float64],
+    x: RealArray,
     reason: str,
     note: str = "",
     noises: Sequence[NoiseModel] = (),
@@ -217,7 +217,7 @@ def make_sandwich_fit(
             sigma,
         )
 
-    def difference(part: int, H: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    def difference(part: int, H: ComplexArray) -> ComplexArray:
         misfit = H - problem.parts[part].frf.values
         if residual.name == "log":
             misfit = misfit / np.where(H == 0, 1.0, H)
@@ -239,9 +239,6 @@ def make_sandwich_fit(
     )
 
 
-_Matrix = NDArray[np.float64]
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Sandwich:
     """Covariance of a fit whose fixed weights are not those of the noise.
@@ -250,7 +247,7 @@ class Sandwich:
     part.
     """
 
-    R: _Matrix
+    R: RealArray
     noise: tuple[dict[str, Any], ...]
     note: str = ""
 
@@ -259,7 +256,7 @@ def sandwich(
     problem: Problem,
     residual: LogError | OutputErrorSet,
     local: Local,
-    x: NDArray[np.float64],
+    x: RealArray,
     noises: Sequence[NoiseModel] = (),
 ) -> Sandwich | None:
     """Return the sandwich covariance of a fit, or None if it is singular.
@@ -280,7 +277,7 @@ def _sandwich(
     problem: Problem,
     residual: LogError | OutputErrorSet,
     local: Local,
-    x: NDArray[np.float64],
+    x: RealArray,
     noises: Sequence[NoiseModel],
 ) -> Sandwich | None:
     refitted_noises, weights, spreads, total, loud = [], [], [], 0.0, []

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
+from updyn.arrays import IndexArray, RealArray
 from updyn.errors import OptionError, ParameterError, SolverError
 from updyn.updating.fit.method import Fit, Method, residual_std
 from updyn.updating.fit.methods.settings import LINEAR_STEP
@@ -35,7 +35,6 @@ __all__ = [
     "scaled_solution",
 ]
 
-_Vector = NDArray[np.float64]
 
 #: Quantity that each damping value multiplies.
 _BASES = {"loss_factor": "stiffness", "stiffness_damping": "stiffness", "mass_damping": "mass"}
@@ -68,7 +67,7 @@ class Amounts:
                 pairs.append((sharing[0][0], j))
         return cls(tuple(pairs))
 
-    def transform_jacobian(self, J: NDArray[np.float64], values: _Vector) -> NDArray[np.float64]:
+    def transform_jacobian(self, J: RealArray, values: RealArray) -> RealArray:
         """Return derivatives by the amounts, shape (m, n), from those by the values, same shape."""
         out = J.copy()
         for i, j in self.pairs:
@@ -77,7 +76,7 @@ class Amounts:
             out[:, j] /= values[i]
         return out
 
-    def apply_change(self, values: _Vector, change: _Vector) -> _Vector:
+    def apply_change(self, values: RealArray, change: RealArray) -> RealArray:
         """Return the values after a change of the amounts, both shape (n,)."""
         amounts = values.copy()
         for i, j in self.pairs:
@@ -105,11 +104,11 @@ class PlainIteration:
     def run(
         self,
         problem: Problem,
-        evaluate: Callable[[_Vector], Local],
-        solve: Callable[[Local, _Vector], _Vector],
-        x: _Vector,
+        evaluate: Callable[[RealArray], Local],
+        solve: Callable[[Local, RealArray], RealArray],
+        x: RealArray,
         monitor: Monitor,
-    ) -> tuple[_Vector, str]:
+    ) -> tuple[RealArray, str]:
         """Iterate from x; return the final point, shape (n,), and the reason for the end.
 
         `evaluate` returns the local problem at a point, `solve` the values that solve the linear
@@ -144,12 +143,12 @@ class PlainIteration:
     def next_point(
         self,
         problem: Problem,
-        evaluate: Callable[[_Vector], Local],
-        values: _Vector,
-        wanted: _Vector,
+        evaluate: Callable[[RealArray], Local],
+        values: RealArray,
+        wanted: RealArray,
         current: Local,
         number: int,
-    ) -> tuple[_Vector, Local, float] | None:
+    ) -> tuple[RealArray, Local, float] | None:
         """Return the next point, its local problem, and the share of the step taken, or None.
 
         `values` and `wanted` are the unknowns before the step and after the full step.
@@ -175,8 +174,8 @@ class PlainIteration:
 
 
 def _apply_step(
-    problem: Problem, before: _Vector, values: _Vector, current: Local, number: int
-) -> _Vector:
+    problem: Problem, before: RealArray, values: RealArray, current: Local, number: int
+) -> RealArray:
     """Return x after a step to given values; refuse factors that are not positive."""
     parameters = problem.coordinates.parameters
     size = condition(current.R)
@@ -195,7 +194,7 @@ def _apply_step(
 
 
 def describe_negative(
-    parameters: ParameterSet, before: _Vector, after: _Vector, negative: NDArray[np.intp]
+    parameters: ParameterSet, before: RealArray, after: RealArray, negative: IndexArray
 ) -> str:
     """Return the beginning of a sentence on the factors that a step makes negative."""
     worst = int(negative[np.argmin(after[negative] / before[negative])])
@@ -206,7 +205,7 @@ def describe_negative(
     return text
 
 
-def _is_rounding(problem: Problem, x: _Vector, values: _Vector) -> bool:
+def _is_rounding(problem: Problem, x: RealArray, values: RealArray) -> bool:
     return bool(np.abs(x - problem.coordinates.to_x(values)).max() <= TRUST_REGION.step_rounding)
 
 
@@ -220,21 +219,21 @@ def describe_unmeasured(problem: Problem) -> str:
     return f"{missing} of {n} DOFs were not measured"
 
 
-def linear_step(problem: Problem, amounts: Amounts, local: Local, x: _Vector) -> _Vector:
+def linear_step(problem: Problem, amounts: Amounts, local: Local, x: RealArray) -> RealArray:
     """Return the values, shape (n,), that minimise the residual linearised at x in the amounts."""
     values = problem.coordinates.to_values(x)
     J = amounts.transform_jacobian(local.R / problem.coordinates.slope(x), values)
     return amounts.apply_change(values, scaled_solution(J, -local.q))
 
 
-def scaled_solution(A: NDArray[np.float64], b: _Vector) -> _Vector:
+def scaled_solution(A: RealArray, b: RealArray) -> RealArray:
     """Solve A x = b by least squares with columns of unit length, independent of units."""
     norms = np.linalg.norm(A, axis=0)
     scale = np.where(norms > 0.0, norms, 1.0)
     return basic_solution(A / scale, b) / scale
 
 
-def basic_solution(A: NDArray[np.float64], b: _Vector) -> _Vector:
+def basic_solution(A: RealArray, b: RealArray) -> RealArray:
     """Solve A x = b by least squares with pivoted QR; the basic solution if A is rank-deficient.
 
     It takes the condensed equation error to the paper's result in its five iterations from both
@@ -250,7 +249,7 @@ def basic_solution(A: NDArray[np.float64], b: _Vector) -> _Vector:
     return out * weight
 
 
-def linearise(problem: Problem, residual: LineResidual | ResidualSet[Any], x: _Vector) -> Local:
+def linearise(problem: Problem, residual: LineResidual | ResidualSet[Any], x: RealArray) -> Local:
     """Return the reduced problem of all tests at x; SolverError if it cannot be solved there."""
     return join_locals(
         [reduce_cached(residual.of(i), part, x) for i, part in enumerate(problem.parts)], problem.n
@@ -278,7 +277,7 @@ def check_unknowns(problem: Problem, method: Method, *, priors: bool = False) ->
 def make_unweighted_fit(
     problem: Problem,
     residual: LineResidual | ResidualSet[Any],
-    x: _Vector,
+    x: RealArray,
     reason: str,
     kind: str,
     note: str,

@@ -9,8 +9,8 @@ from itertools import chain
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import RealArray
 from updyn.correlation.modes import BY_FREQUENCY
 from updyn.errors import SolverError
 from updyn.modal.settings import MODE_DERIVATIVE
@@ -55,7 +55,6 @@ from updyn.updating.problem.session import Stopped
 
 __all__ = ["MaximumLikelihood"]
 
-_Vector = NDArray[np.float64]
 
 _UNSETTLED_CAUSE = (
     "The weights of the noise and the estimate do not converge together: the misfit is so large"
@@ -101,7 +100,7 @@ class MaximumLikelihood(SearchingMethod):
             return self.tries.run(rough, noises, monitor)
 
     def fit(
-        self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor, x: _Vector
+        self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor, x: RealArray
     ) -> Fit:
         """Fit the unknowns from x, weighted by the noise."""
         with monitor.stage(self.name):
@@ -170,7 +169,7 @@ class MaximumLikelihood(SearchingMethod):
         self,
         problem: Problem,
         noises: Sequence[NoiseModel],
-        x: _Vector,
+        x: RealArray,
         fixed_unknown: int | None = None,
         valley_start: Answer | None = None,
     ) -> Answer | None:
@@ -195,7 +194,7 @@ class MaximumLikelihood(SearchingMethod):
         noises: Sequence[NoiseModel],
         monitor: Monitor,
         at: Answer,
-        points: Sequence[_Vector],
+        points: Sequence[RealArray],
     ) -> list[Answer]:
         """Return candidates for other answers that fit equally well, ends of valleys last."""
         if self._has_data_fault(models.rough, monitor, at):
@@ -328,19 +327,21 @@ class MaximumLikelihood(SearchingMethod):
             return has_noise_residual(problem, answer)
         return True
 
-    def _find_starting_points(self, models: Models, monitor: Monitor, at: Answer) -> list[_Vector]:
+    def _find_starting_points(
+        self, models: Models, monitor: Monitor, at: Answer
+    ) -> list[RealArray]:
         """Return points away from an answer from which other answers may be reached."""
         if monitor.stopped:
             return []
 
-        def negative_log_likelihood(x: _Vector) -> float:
+        def negative_log_likelihood(x: RealArray) -> float:
             try:
                 return _evaluate_point(models, x, at)
             except SolverError:
                 return np.inf
 
         problem = models.exact
-        points: list[_Vector] = []
+        points: list[RealArray] = []
         with suppress(Stopped):
             most = 2 * len(monitor.history)  # no more work than the fit took
             further = find_promising_points(models, at, negative_log_likelihood, most)
@@ -360,7 +361,7 @@ class MaximumLikelihood(SearchingMethod):
         self,
         models: Models,
         noises: Sequence[NoiseModel],
-        points: Sequence[_Vector],
+        points: Sequence[RealArray],
         monitor: Monitor,
         at: Answer,
         most: int | None = None,
@@ -400,7 +401,7 @@ class MaximumLikelihood(SearchingMethod):
             return [], []
         settings = self._further_descent(FURTHER_DESCENTS.valley_steps)
 
-        def refit(x: _Vector, fixed_unknown: int) -> Answer | None:
+        def refit(x: RealArray, fixed_unknown: int) -> Answer | None:
             with suppress(SolverError):
                 problem, x = _descend_with_weights(models, x, monitor, settings, at, fixed_unknown)
                 known, residual = _weigh(problem, noises, x)
@@ -432,7 +433,7 @@ class MaximumLikelihood(SearchingMethod):
         self,
         problem: Problem,
         noises: Sequence[NoiseModel],
-        x: _Vector,
+        x: RealArray,
         monitor: Monitor,
     ) -> Answer:
         """Return the end of the descent from x, with weights renewed until it no longer moves."""
@@ -488,7 +489,7 @@ class MaximumLikelihood(SearchingMethod):
     def _make_fit(
         self,
         problem: Problem,
-        x: NDArray[np.float64],
+        x: RealArray,
         noises: Sequence[NoiseModel],
         residual: OutputErrorSet,
         reason: str,
@@ -516,12 +517,12 @@ class MaximumLikelihood(SearchingMethod):
 
 def _descend_with_weights(
     models: Models,
-    x: _Vector,
+    x: RealArray,
     monitor: Monitor,
     settings: TrustRegion,
     at: Answer,
     fixed_unknown: int | None = None,
-) -> tuple[Problem, _Vector]:
+) -> tuple[Problem, RealArray]:
     """Return the end of a descent with the weights of answer `at`, and the model there.
 
     If the model is accurate only near the start, the descent continues in the model of its end,
@@ -549,7 +550,7 @@ def _descend_with_weights(
     return problem, x
 
 
-def _evaluate_point(models: Models, x: _Vector, at: Answer) -> float:
+def _evaluate_point(models: Models, x: RealArray, at: Answer) -> float:
     """Return minus the log-likelihood at a point; inf if a descent would lead back to the answer.
 
     The model is refined only while that improves the likelihood of the point.
@@ -591,7 +592,7 @@ class _Information:
 
 
 def _information_of_frfs(
-    problem: Problem, x: _Vector, noises: Sequence[NoiseModel], residual: OutputErrorSet
+    problem: Problem, x: RealArray, noises: Sequence[NoiseModel], residual: OutputErrorSet
 ) -> _Information | None:
     """Return the information from FRFs; None without FRFs."""
     if not problem.parts:
@@ -620,7 +621,7 @@ def _information_of_frfs(
 
 
 def _information_of_modes(
-    problem: Problem, x: _Vector, residual: OutputErrorSet
+    problem: Problem, x: RealArray, residual: OutputErrorSet
 ) -> _Information | None:
     """Return the information from modes; None without modes."""
     if not problem.modal:
@@ -693,7 +694,7 @@ def _modal_note(records: Sequence[Mapping[str, Any]], missing: Sequence[str]) ->
 
 
 def _negative_log_likelihood(
-    problem: Problem, noises: Sequence[NoiseModel], residual: OutputErrorSet, x: _Vector
+    problem: Problem, noises: Sequence[NoiseModel], residual: OutputErrorSet, x: RealArray
 ) -> float:
     """Return minus the log-likelihood of the data and the priors at x, except for a constant."""
     total = 0.0
@@ -706,7 +707,7 @@ def _negative_log_likelihood(
 
 
 def _weigh(
-    problem: Problem, noises: Sequence[NoiseModel], x: NDArray[np.float64]
+    problem: Problem, noises: Sequence[NoiseModel], x: RealArray
 ) -> tuple[Sequence[NoiseModel], OutputErrorSet]:
     """Return the noise models refitted to the residual at x, and the residual weighted by them."""
     fitted, errors = [], []
@@ -721,7 +722,7 @@ def _weigh(
     return fitted, replace(of_frfs, modal=_weigh_modes(problem, x))
 
 
-def _weigh_modes(problem: Problem, x: _Vector) -> tuple[ModalError, ...]:
+def _weigh_modes(problem: Problem, x: RealArray) -> tuple[ModalError, ...]:
     """Return the modal residuals, weighted by the known and estimated noise."""
     found = [ModalError(part.noise) for part in problem.modal]
     return tuple(
@@ -730,7 +731,7 @@ def _weigh_modes(problem: Problem, x: _Vector) -> tuple[ModalError, ...]:
     )
 
 
-def _refit_modes(problem: Problem, of_frfs: OutputErrorSet, x: _Vector) -> tuple[ModalError, ...]:
+def _refit_modes(problem: Problem, of_frfs: OutputErrorSet, x: RealArray) -> tuple[ModalError, ...]:
     """Return the modal residuals weighted by standard deviations estimated after the fit."""
     found = [ModalError(part.noise) for part in problem.modal]
     if all(error.noise.size_known for error in found):

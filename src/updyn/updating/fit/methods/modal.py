@@ -8,8 +8,8 @@ from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import RealArray
 from updyn.errors import OptionError, ParameterError, suggest
 from updyn.group import GROUP_QUANTITIES
 from updyn.modal import ModeSet, identify_modes
@@ -27,7 +27,6 @@ from updyn.updating.problem.session import Stopped
 
 __all__ = ["ADVICE", "ModalMethod"]
 
-_Vector = NDArray[np.float64]
 
 ADVICE = (
     "Modes show stiffness and mass against each other: hold one, or give a prior; use more modes,"
@@ -97,7 +96,7 @@ class ModalMethod(Method):
                 )
 
     def fit(
-        self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor, x: _Vector
+        self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor, x: RealArray
     ) -> Fit:
         """Fit the unknowns from x; the noise of the modes is estimated from the residual.
 
@@ -204,7 +203,7 @@ class ModalMethod(Method):
         return modes.select(range(min(self.n_modes or len(modes), len(modes))))
 
 
-def _spread(problem: Problem, error: ModalError, x: _Vector, local: Local | None = None) -> float:
+def _spread(problem: Problem, error: ModalError, x: RealArray, local: Local | None = None) -> float:
     """Return the standard deviation of a frequency, or the assumed one for few residuals."""
     squares, count = 0.0, 0
     for part in problem.modal:
@@ -215,7 +214,7 @@ def _spread(problem: Problem, error: ModalError, x: _Vector, local: Local | None
     return float(np.sqrt(squares / (count - problem.n)))
 
 
-def _records(problem: Problem, error: ModalError, x: _Vector) -> tuple[Mapping[str, Any], ...]:
+def _records(problem: Problem, error: ModalError, x: RealArray) -> tuple[Mapping[str, Any], ...]:
     """Return residuals (nan away from all modes) and omitted modes for each test."""
     by_part = [(part, error.rows(part, x)) for part in problem.modal]
     frequency_residuals = np.concatenate([one.r[one.of("frequency")] for _, one in by_part])

@@ -5,9 +5,7 @@ from __future__ import annotations
 from functools import partial
 from typing import Any, ClassVar
 
-import numpy as np
-from numpy.typing import NDArray
-
+from updyn.arrays import RealArray
 from updyn.errors import OptionError, suggest
 from updyn.updating.fit.method import Method, descend_to_scale
 from updyn.updating.fit.methods.linear import Amounts, PlainIteration, linear_step, linearise
@@ -20,8 +18,6 @@ __all__ = ["GUARDED", "PublishedMethod"]
 
 #: Solver with bounds, a trust region and priors, common to these methods.
 GUARDED = "trust-region"
-
-_Vector = NDArray[np.float64]
 
 
 class PublishedMethod(Method):
@@ -68,9 +64,9 @@ class PublishedMethod(Method):
         self,
         problem: Problem,
         residual: LineResidual | ResidualSet[Any],
-        x: _Vector,
+        x: RealArray,
         monitor: Monitor,
-    ) -> tuple[_Vector, str]:
+    ) -> tuple[RealArray, str]:
         """Minimise a residual from x; return the end, shape (n,), and the reason for it.
 
         The published iteration linearises the residual in the amounts (`Amounts`). Raises

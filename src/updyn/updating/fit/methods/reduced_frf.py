@@ -8,8 +8,8 @@ from functools import partial
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import IndexArray, RealArray
 from updyn.dynamics.affine import AffineSystem, Term
 from updyn.dynamics.fields import LineSolver
 from updyn.errors import SolverError
@@ -34,7 +34,6 @@ from updyn.updating.problem.residuals import EquationError
 
 __all__ = ["ReducedFrfMethod", "reduce_independently"]
 
-_Vector = NDArray[np.float64]
 
 _NAME = "reduced-frf"
 _NOTE = (
@@ -90,7 +89,7 @@ class ReducedFrfMethod(Method):
         return f"{text} {Method.describe_obstacle(self, problem)}".strip()
 
     def fit(
-        self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor, x: _Vector
+        self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor, x: RealArray
     ) -> Fit:
         """Fit the unknowns from x; the noise is estimated from the residual, equal everywhere."""
         check_unknowns(problem, self)
@@ -132,7 +131,7 @@ class _ReducedEquationError(EquationError):
         return f"frequency={self.frequency!r}"
 
 
-def reduce_independently(part: FRFPart, x: _Vector, frequency: float) -> FRFPart:
+def reduce_independently(part: FRFPart, x: RealArray, frequency: float) -> FRFPart:
     """Return the part on a model of the measured DOFs alone: every matrix A becomes T^T A T.
 
     T is computed for the unknowns x at `frequency`, in Hz. Raises SolverError if the undamped
@@ -170,7 +169,7 @@ def reduce_independently(part: FRFPart, x: _Vector, frequency: float) -> FRFPart
     )
 
 
-def _errors(part: FRFPart, frequency: float) -> _Vector:
+def _errors(part: FRFPart, frequency: float) -> RealArray:
     """Return the relative error of the reduced FRFs at the start, as the median of each line."""
     x = part.coordinates.start
     exact = part.responses(x)
@@ -179,7 +178,7 @@ def _errors(part: FRFPart, frequency: float) -> _Vector:
     return np.asarray(np.median(np.abs(reduced - exact) / size, axis=(1, 2)))
 
 
-def _describe_error(freq: _Vector, errors: _Vector) -> str:
+def _describe_error(freq: RealArray, errors: RealArray) -> str:
     """Return the error of the reduced FRFs, and up to which line it is small, as text."""
     text = (
         "and the transformation that replaces them is not exact: at the start of the fit, the FRFs"
@@ -193,16 +192,14 @@ def _describe_error(freq: _Vector, errors: _Vector) -> str:
     return f"{text}, and by less than 10 % only up to {freq[wrong[0] - 1]:.4g} Hz."
 
 
-def _project_term(
-    term: Term, T: NDArray[np.float64], row_index: NDArray[np.intp], entries: NDArray[np.intp]
-) -> Term:
+def _project_term(term: Term, T: RealArray, row_index: IndexArray, entries: IndexArray) -> Term:
     part = np.ascontiguousarray(T[term.row_index])
     A = np.ascontiguousarray(part.T @ (term.local @ part))
     A = 0.5 * (A + A.T)
     return replace(term, rows=row_index, local=A, slots=entries, data=A.ravel())
 
 
-def _step_in_turn(problem: Problem, amounts: Amounts, local: Local, x: _Vector) -> _Vector:
+def _step_in_turn(problem: Problem, amounts: Amounts, local: Local, x: RealArray) -> RealArray:
     """Return the values, shape (n,), after separate steps for stiffness, mass and damping."""
     parameters = problem.coordinates.parameters
     values = problem.coordinates.to_values(x)

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import ComplexArray, RealArray
 from updyn.errors import DataError
 from updyn.frf import QUANTITIES
 from updyn.linalg.threads import use_one_thread
@@ -33,8 +33,6 @@ __all__ = [
     "ResponseFunctionMethod",
 ]
 
-_Complex = NDArray[np.complex128]
-_Vector = NDArray[np.float64]
 
 _NOTE = (
     "Both sides of its equation contain the measured FRFs, so noise biases the estimate; the"
@@ -86,7 +84,7 @@ class ResponseFunctionMethod(PublishedMethod):
         return f"{missing} {Method.describe_obstacle(self, problem)}".strip()
 
     def fit(
-        self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor, x: _Vector
+        self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor, x: RealArray
     ) -> Fit:
         """Fit the unknowns from x; the noise is estimated from the residual, equal everywhere."""
         self.check_priors(problem)
@@ -142,7 +140,7 @@ class ResponseEquation(LineResidual):
             )
 
     @use_one_thread
-    def block(self, part: FRFPart, x: _Vector, lines: slice) -> tuple[_Complex, _Complex]:
+    def block(self, part: FRFPart, x: RealArray, lines: slice) -> tuple[ComplexArray, ComplexArray]:
         """Return residual, shape (n_f, n_i, n_j), and derivatives, shape (n, n_f, n_i, n_j)."""
         solver, system, values = part.solver, part.solver.system, part.values(x)
         freq, omega, state = (

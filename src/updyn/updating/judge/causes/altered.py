@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import ComplexArray, RealArray
 from updyn.dynamics.affine import AffineSystem
 from updyn.dynamics.fields import FieldSolver
 from updyn.frf import FRF
@@ -25,9 +25,6 @@ __all__ = [
     "replace_system",
 ]
 
-_Real = NDArray[np.float64]
-_Complex = NDArray[np.complex128]
-
 
 class Alteration(ABC):
     """A change of a model of a given size, such as an added element."""
@@ -40,7 +37,7 @@ class Alteration(ABC):
         return repr(self)
 
     @abstractmethod
-    def block(self, part: FRFPart, x: _Real, lines: slice, *, derivatives: bool) -> LineBlock:
+    def block(self, part: FRFPart, x: RealArray, lines: slice, *, derivatives: bool) -> LineBlock:
         """Return the altered model and the data of a part at a block of lines."""
 
 
@@ -53,7 +50,7 @@ class SystemAlteration(Alteration):
     def alter_part(self, part: FRFPart) -> FRFPart:
         """Return a part with the altered model."""
 
-    def block(self, part: FRFPart, x: _Real, lines: slice, *, derivatives: bool) -> LineBlock:
+    def block(self, part: FRFPart, x: RealArray, lines: slice, *, derivatives: bool) -> LineBlock:
         """Return the altered model and the data of a part at a block of lines."""
         return self.alter_part(part).block(x, lines, derivatives=derivatives)
 
@@ -78,12 +75,12 @@ class AlteredPart(FRFPart):
         """The part with the unaltered model."""
         return FRFPart(*_list_field_values(self))
 
-    def block(self, x: _Real, lines: slice, *, derivatives: bool = True) -> LineBlock:
+    def block(self, x: RealArray, lines: slice, *, derivatives: bool = True) -> LineBlock:
         """Return the altered model and the data at a block of lines."""
         assert self.alteration is not None
         return self.alteration.block(self.unaltered_part, x, lines, derivatives=derivatives)
 
-    def key(self, kind: str, x: _Real, *about: object) -> list[object]:
+    def key(self, kind: str, x: RealArray, *about: object) -> list[object]:
         """Return the cache key of an evaluation at x, including the alteration."""
         assert self.alteration is not None
         # Not super(): with slots, the dataclass decorator creates a new class that super() does not
@@ -91,12 +88,12 @@ class AlteredPart(FRFPart):
         return [*FRFPart.key(self, kind, x, *about), self.alteration.cache_key]
 
 
-def compute_log_ratio(part: FRFPart, alteration: Alteration, x: _Real) -> _Complex:
+def compute_log_ratio(part: FRFPart, alteration: Alteration, x: RealArray) -> ComplexArray:
     """Return ln H of the altered model over H, shape (n_f, n_i, n_j); 0 where either is 0."""
     return divide_logs(AlteredPart.of(part, alteration).responses(x), part.responses(x))
 
 
-def divide_logs(a: _Complex, b: _Complex) -> _Complex:
+def divide_logs(a: ComplexArray, b: ComplexArray) -> ComplexArray:
     """Return ln(a / b), 0 where either is zero."""
     usable = (a != 0.0) & (b != 0.0)
     return np.asarray(np.log(np.where(usable, a, 1.0) / np.where(usable, b, 1.0)))

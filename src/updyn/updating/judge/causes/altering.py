@@ -6,9 +6,7 @@ from abc import abstractmethod
 from dataclasses import dataclass, field
 from typing import ClassVar
 
-import numpy as np
-from numpy.typing import NDArray
-
+from updyn.arrays import RealArray
 from updyn.frf import FRF
 from updyn.updating.judge.causes.altered import Alteration, AlteredPart, compute_log_ratio
 from updyn.updating.judge.causes.evidence import Evidence
@@ -49,6 +47,6 @@ class AlteringFault(IrreparableFault):
             evidence.frf, compute_log_ratio(evidence.part, self.alteration, evidence.x)
         )
 
-    def correct_part(self, part: FRFPart, x: NDArray[np.float64]) -> FRFPart:
+    def correct_part(self, part: FRFPart, x: RealArray) -> FRFPart:
         """Return the part with the altered model."""
         return AlteredPart.of(part, self.alteration) if self.is_plausible() else part

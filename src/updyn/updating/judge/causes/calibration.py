@@ -6,8 +6,8 @@ from collections.abc import Iterable
 from typing import ClassVar, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import ComplexArray
 from updyn.frf import FRF
 from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.fault import Fault, find_channels, list_channels, multiply_channels
@@ -36,7 +36,7 @@ class Calibration(Fault):
         """Return the data divided by the factor."""
         return multiply_channels(frf, self.channels, np.full(len(frf.freq), -self.value))
 
-    def slope(self, evidence: Evidence) -> NDArray[np.complex128]:
+    def slope(self, evidence: Evidence) -> ComplexArray:
         """Return 1 at the channels."""
         frf = evidence.frf
         return find_channels(self.channels, frf).broadcast(np.ones(len(frf.freq)), frf.values.shape)

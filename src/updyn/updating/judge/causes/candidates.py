@@ -6,9 +6,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from typing import TypeAlias
 
-import numpy as np
-from numpy.typing import NDArray
-
+from updyn.arrays import RealArray
 from updyn.errors import SolverError
 from updyn.updating.judge.causes.catalogue import CAUSES
 from updyn.updating.judge.causes.fault import Fault
@@ -24,15 +22,14 @@ from updyn.updating.problem.problem import FRFPart
 
 __all__ = ["FaultStart", "has_small_residual", "select_candidates"]
 
-_Real = NDArray[np.float64]
 #: A fault and the starting point of its fit.
-FaultStart: TypeAlias = "tuple[Fault, _Real]"
+FaultStart: TypeAlias = "tuple[Fault, RealArray]"
 
 
 def select_candidates(
     part: FRFPart,
     without: Trial,
-    start: _Real,
+    start: RealArray,
     stated: Sequence[Finding],
     models: Sequence[CompiledVariant] = (),
 ) -> list[FaultStart]:
@@ -51,7 +48,7 @@ def select_candidates(
 
 
 def _try_variants(
-    part: FRFPart, models: Sequence[CompiledVariant], without: Trial, start: _Real
+    part: FRFPart, models: Sequence[CompiledVariant], without: Trial, start: RealArray
 ) -> Iterator[Trial]:
     """Yield the trials of the most promising variants of the model."""
     for fault in select_variants(part, models, without, start):
@@ -74,7 +71,7 @@ def _list_rivals_of_variant(
 
 
 def _select_for_model(
-    part: FRFPart, without: Trial, start: _Real, stated: Sequence[Finding]
+    part: FRFPart, without: Trial, start: RealArray, stated: Sequence[Finding]
 ) -> list[FaultStart]:
     """Return the faults worth a full fit with the given model, the likeliest first."""
     if has_small_residual(without):
@@ -103,7 +100,7 @@ def _select_by_gain(part: FRFPart, without: Trial, stated: Sequence[Finding]) ->
     return _select_best_trials(ends, without)
 
 
-def _score_at_points(part: FRFPart, points: Sequence[_Real]) -> list[ScoredFault]:
+def _score_at_points(part: FRFPart, points: Sequence[RealArray]) -> list[ScoredFault]:
     """Return the most promising faults of several points, in the order in which they are tried."""
     by_point = [score_faults(part, x) for x in points]
     found = [one for one in by_point[0] if one.fault.affects_all_data]

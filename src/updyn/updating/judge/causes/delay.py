@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import ClassVar, Self
 
-import numpy as np
-from numpy.typing import NDArray
-
+from updyn.arrays import ComplexArray
 from updyn.frf import FRF
 from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.fault import Fault, find_channels, list_channels, multiply_channels
@@ -37,7 +35,7 @@ class Delay(Fault):
         """Return the data with the phase corrected."""
         return multiply_channels(frf, self.channels, frf.s * self.value)
 
-    def slope(self, evidence: Evidence) -> NDArray[np.complex128]:
+    def slope(self, evidence: Evidence) -> ComplexArray:
         """Return -i omega at the channels."""
         frf = evidence.frf
         return find_channels(self.channels, frf).broadcast(-frf.s, frf.values.shape)

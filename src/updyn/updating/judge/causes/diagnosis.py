@@ -8,8 +8,8 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import ComplexArray, RealArray
 from updyn.errors import SolverError
 from updyn.frf import FRF
 from updyn.updating.judge.causes.candidates import FaultStart, has_small_residual, select_candidates
@@ -54,10 +54,8 @@ from updyn.updating.problem.problem import FRFPart
 
 __all__ = ["find_causes", "find_obstacle", "is_far_from_start", "weight_by_noise"]
 
-_Real = NDArray[np.float64]
 
-
-def is_far_from_start(part: FRFPart, x: _Real) -> bool:
+def is_far_from_start(part: FRFPart, x: RealArray) -> bool:
     """Return whether the unknowns moved farther from their start than models are usually off.
 
     The data may then be explained and still be wrong by a common factor.
@@ -82,7 +80,9 @@ def find_obstacle(part: FRFPart, noise: NoiseModel) -> str:
     return ""
 
 
-def find_causes(part: FRFPart, noise: NoiseModel, points: Sequence[_Real] = ()) -> list[Finding]:
+def find_causes(
+    part: FRFPart, noise: NoiseModel, points: Sequence[RealArray] = ()
+) -> list[Finding]:
     """Return the faults of one test: those visible in the data alone, then the others by odds.
 
     `points` are ends of fits, used in addition to the start of the unknowns. With insufficient data
@@ -131,7 +131,7 @@ class _Explanation:
     findings: tuple[Finding, ...]
     part: FRFPart
     trial_models: TrialModels
-    end: _Real | None
+    end: RealArray | None
 
     def fit_remaining(self, frf: FRF) -> Trial | None:
         """Return a fit to the corrected data with the weights of `frf`; None without a solution."""
@@ -206,13 +206,13 @@ def _explain_data(
     part: FRFPart,
     whole: FRFPart,
     trial_models: TrialModels,
-    points: Sequence[_Real],
+    points: Sequence[RealArray],
     stated: Sequence[Finding],
     noise: NoiseModel,
 ) -> _Explanation:
     """Return the faults that model and data show together; their sizes are fitted to all lines."""
     findings: list[Finding] = []
-    end: _Real | None = None
+    end: RealArray | None = None
     variants = list_variants(part)
     for _ in range(CAUSE_SEARCH.most_faults):
         known = points if end is None else [end]
@@ -239,7 +239,7 @@ def _explain_data(
 
 
 def _correct_whole_part(
-    whole: FRFPart, trial_models: TrialModels, fault: Fault, x: _Real
+    whole: FRFPart, trial_models: TrialModels, fault: Fault, x: RealArray
 ) -> FRFPart:
     """Return the part with all lines, corrected for a fault if possible."""
     if fault.repair_text:
@@ -289,7 +289,7 @@ def _mean_square_error(part: FRFPart, trial: Trial, noise: NoiseModel) -> float:
     return float(np.mean(np.abs(frf.values - H) ** 2 / variance))
 
 
-def _evaluate_corrected(part: FRFPart, trial: Trial) -> tuple[NDArray[np.complex128], FRF]:
+def _evaluate_corrected(part: FRFPart, trial: Trial) -> tuple[ComplexArray, FRF]:
     """Return model and data at the end of a trial, corrected for its fault."""
     corrected = part if trial.fault is None else trial.fault.correct_part(part, trial.x)
     return corrected.responses(trial.x), corrected.frf
@@ -308,7 +308,7 @@ def _find_likeliest(
     part: FRFPart,
     trial_models: TrialModels,
     variants: Sequence[CompiledVariant],
-    points: Sequence[_Real],
+    points: Sequence[RealArray],
     stated: Sequence[Finding],
     noise: NoiseModel,
 ) -> list[RankedFault]:
@@ -359,7 +359,7 @@ def _put_special_cases_first(likely: Sequence[RankedFault]) -> list[RankedFault]
     return sorted(likely, key=lambda one: one.fault.key not in special)
 
 
-def _find_imitation(part: FRFPart, found: RankedFault) -> list[_Real]:
+def _find_imitation(part: FRFPart, found: RankedFault) -> list[RealArray]:
     """Return the point at which the unknowns imitate a fault; empty if the fault has no size."""
     if not found.fault.has_free_size:
         return []

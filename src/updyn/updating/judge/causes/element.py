@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from updyn import sensitivity
+from updyn.arrays import ComplexArray, IndexArray, RealArray
 from updyn.frf import FRF, QUANTITIES
 from updyn.updating.judge.causes.altered import Alteration, replace_channels
 from updyn.updating.judge.causes.labels import list_unsigned_labels
@@ -22,8 +22,6 @@ from updyn.updating.problem.problem import FRFPart, LineBlock
 
 __all__ = ["AddedElement", "MeasuredDofs", "Receptances"]
 
-_Real = NDArray[np.float64]
-_Complex = NDArray[np.complex128]
 
 #: Power of s in the dynamic stiffness of an element.
 _POWERS = {"stiffness": 0, "viscous": 1, "mass": 2}
@@ -44,15 +42,15 @@ class AddedElement(Alteration):
     loss: float = 0.0
 
     @property
-    def incidence(self) -> _Real:
+    def incidence(self) -> RealArray:
         """Incidence vectors over the labels, shape (len(labels), k)."""
         return np.array([[1.0], [-1.0]]) if self.between else np.eye(len(self.labels))
 
-    def unit_stiffness(self, s: _Complex) -> _Complex:
+    def unit_stiffness(self, s: ComplexArray) -> ComplexArray:
         """Return the dynamic stiffness of an element of size 1, shape (n_f,)."""
         return np.asarray((1.0 + 1j * self.loss) * s ** _POWERS[self.quantity])
 
-    def block(self, part: FRFPart, x: _Real, lines: slice, *, derivatives: bool) -> LineBlock:
+    def block(self, part: FRFPart, x: RealArray, lines: slice, *, derivatives: bool) -> LineBlock:
         """Return the model with the element and the data of a part at a block of lines."""
         frf, s = part.frf, part.frf.s[lines]
         dofs = part.solver.system.dofs.match(list(self.labels)).index
@@ -81,7 +79,7 @@ class AddedElement(Alteration):
             gains.apply(x, altered, dH)
         return LineBlock(lines, altered, dH, frf.values[lines])
 
-    def _effective_stiffness(self, own_receptance: _Complex, s: _Complex) -> _Complex:
+    def _effective_stiffness(self, own_receptance: ComplexArray, s: ComplexArray) -> ComplexArray:
         """Return (1 / D + U^T H U)^-1, shape (n_f, k, k)."""
         D = (self.value * self.unit_stiffness(s))[:, None, None]
         return np.asarray(
@@ -97,8 +95,8 @@ class MeasuredDofs:
     """Unsigned DOFs without duplicates; positions of responses and references in them."""
 
     labels: list[str]
-    rows: NDArray[np.intp]
-    columns: NDArray[np.intp]
+    rows: IndexArray
+    columns: IndexArray
 
     @classmethod
     def of(cls, frf: FRF) -> Self:
@@ -122,23 +120,23 @@ class Receptances:
     """Receptances between all measured DOFs, shape (n_f, m, m) in m/N; `s` is in 1/s."""
 
     dofs: MeasuredDofs
-    H: _Complex
-    s: _Complex
+    H: ComplexArray
+    s: ComplexArray
 
     @classmethod
-    def of(cls, part: FRFPart, x: _Real) -> Self:
+    def of(cls, part: FRFPart, x: RealArray) -> Self:
         """Return the receptances of the model of a part at x."""
         dofs = MeasuredDofs.of(part.frf)
         square = replace_channels(part, dofs.labels, dofs.labels, "receptance")
         return cls(dofs, square.responses(x), square.frf.s)
 
-    def log_change(self, element: AddedElement) -> _Complex:
+    def log_change(self, element: AddedElement) -> ComplexArray:
         """Return ln(H' / H) at the channels, shape (n_f, n_i, n_j); 0 where either is 0."""
         H, added = self._response_and_reduction(element)
         usable = (H != 0.0) & (added != H)
         return np.asarray(np.log1p(-np.where(usable, added, 0.0) / np.where(usable, H, 1.0)))
 
-    def slope(self, element: AddedElement) -> _Complex:
+    def slope(self, element: AddedElement) -> ComplexArray:
         """Return the derivative of ln H' by the size of the element, shape (n_f, n_i, n_j)."""
         U, at = element.incidence, self.dofs.find_positions(element.labels)
         left, right = self._cross_receptances(at, U)
@@ -153,11 +151,11 @@ class Receptances:
         altered = H - added
         return np.asarray(by_size / np.where(altered == 0.0, 1.0, altered))
 
-    def _cross_receptances(self, at: list[int], U: _Real) -> tuple[_Complex, _Complex]:
+    def _cross_receptances(self, at: list[int], U: RealArray) -> tuple[ComplexArray, ComplexArray]:
         rows, columns = self.dofs.rows, self.dofs.columns
         return self.H[:, rows][:, :, at] @ U, U.T @ self.H[:, at][:, :, columns]
 
-    def _response_and_reduction(self, element: AddedElement) -> tuple[_Complex, _Complex]:
+    def _response_and_reduction(self, element: AddedElement) -> tuple[ComplexArray, ComplexArray]:
         """Return H and H - H' at the channels."""
         U, at = element.incidence, self.dofs.find_positions(element.labels)
         left, right = self._cross_receptances(at, U)

@@ -8,8 +8,8 @@ from functools import cached_property
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
+from updyn.arrays import BoolArray, ComplexArray, IndexArray, RealArray
 from updyn.dofs import DofSet
 from updyn.dynamics.affine import State
 from updyn.frf import FRF, QUANTITIES
@@ -33,11 +33,8 @@ __all__ = [
     "stack_real_imag",
 ]
 
-_Real = NDArray[np.float64]
-_Complex = NDArray[np.complex128]
 
-
-def compute_spread(part: FRFPart) -> _Real:
+def compute_spread(part: FRFPart) -> RealArray:
     """Return the standard deviations of the unknowns about their start, as x, shape (n,)."""
     parameters = part.coordinates.parameters
     usual = np.where(parameters.is_factor, CAUSE_MISFIT.factor_std, CAUSE_MISFIT.loss_std)
@@ -50,7 +47,7 @@ class HeldQuantity(Parameter):
     """A quantity of the model that is not an unknown of the update but may be slightly wrong."""
 
 
-def find_held(part: FRFPart) -> NDArray[np.bool_]:
+def find_held(part: FRFPart) -> BoolArray:
     """Return which of the unknowns are held stiffnesses and masses, shape (n,)."""
     parameters = part.coordinates.parameters
     return np.array(
@@ -58,7 +55,7 @@ def find_held(part: FRFPart) -> NDArray[np.bool_]:
     )
 
 
-def scale_stiffness(part: FRFPart, x: _Real, group: str, log_factor: float) -> State:
+def scale_stiffness(part: FRFPart, x: RealArray, group: str, log_factor: float) -> State:
     """Return the model at x with exp(log_factor) times the stiffness of a group."""
     state, terms = part.state(x), part.solver.system.terms
     is_scaled = [term.group == group and term.quantity == "stiffness" for term in terms]
@@ -71,8 +68,8 @@ class _ModelResponses:
 
     labels: list[str]
     references: list[str]
-    H: _Complex
-    slopes: _Complex
+    H: ComplexArray
+    slopes: ComplexArray
 
     def add_responses(self, more: _ModelResponses) -> _ModelResponses:
         """Return these and further responses to the same references."""
@@ -91,7 +88,7 @@ class _ModelResponses:
         slopes = np.concatenate([self.slopes, more.slopes], axis=axis + 1)
         return _ModelResponses(labels, references, H, slopes)
 
-    def find_indices(self, frf: FRF) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    def find_indices(self, frf: FRF) -> tuple[IndexArray, IndexArray]:
         """Return the indices of the responses and the references of data."""
         rows = [self.labels.index(label) for label in list_response_labels(frf)]
         columns = [self.references.index(label) for label in list_unsigned_labels(frf.references)]
@@ -103,8 +100,8 @@ class Evidence:
     """Model and data of one test at a point, on few lines; the data need a known variance."""
 
     part: FRFPart
-    x: _Real
-    _ratio_cache: dict[tuple[str, float], _Complex] = field(
+    x: RealArray
+    _ratio_cache: dict[tuple[str, float], ComplexArray] = field(
         default_factory=dict, init=False, repr=False
     )
 
@@ -148,22 +145,22 @@ class Evidence:
         measured, labels = self._measured_responses, list_labels(iter_force_places(self.part))
         return measured.add_references(self._compute_responses(measured.labels, labels))
 
-    def model_response(self, frf: FRF) -> _Complex:
+    def model_response(self, frf: FRF) -> ComplexArray:
         """Return the model's H at the channels of data, shape (n_f, n_i, n_j)."""
         return self._own_response if self._has_channels_of(frf) else self._select_response(frf)
 
     @cached_property
-    def _own_response(self) -> _Complex:
+    def _own_response(self) -> ComplexArray:
         """The model's H at the channels of its data."""
         return self._select_response(self.frf)
 
-    def _select_response(self, frf: FRF) -> _Complex:
+    def _select_response(self, frf: FRF) -> ComplexArray:
         known = self._find_responses(frf)
         rows, columns = known.find_indices(frf)
         sign = frf.responses.signs[:, None].astype(float) * frf.references.signs
         return np.asarray(known.H[:, rows][:, :, columns] * sign)
 
-    def model_slopes(self, frf: FRF) -> _Complex:
+    def model_slopes(self, frf: FRF) -> ComplexArray:
         """Return d H / d x at the channels of data, shape (n, n_f, n_i, n_j)."""
         known = self._find_responses(frf)
         rows, columns = known.find_indices(frf)
@@ -182,7 +179,7 @@ class Evidence:
         return known
 
     @cached_property
-    def slope_by_frequency(self) -> _Complex:
+    def slope_by_frequency(self) -> ComplexArray:
         """Slope d ln H / d f of the model, in 1/Hz, shape (n_f, n_i, n_j)."""
         moving = self.frf.freq[self.frf.freq > 0.0]
         # A line of 0 Hz is moved slightly, because a mobility is zero there and has no logarithm.
@@ -194,12 +191,12 @@ class Evidence:
         width = 2.0 * CAUSE_MISFIT.frequency_step * freq
         return np.asarray(divide_logs(high, low) / width[:, None, None])
 
-    def log_ratio_with_decay(self, rate: float) -> _Complex:
+    def log_ratio_with_decay(self, rate: float) -> ComplexArray:
         """Return the model's ln H(i omega + rate) / H(i omega), shape (n_f, n_i, n_j)."""
         windowed = replace(self.frf, decay=self.frf.decay + rate)
         return self._log_ratio_on_lines("damped", rate, windowed)
 
-    def log_ratio_with_scaled_axis(self, log_factor: float) -> _Complex:
+    def log_ratio_with_scaled_axis(self, log_factor: float) -> ComplexArray:
         """Return the model's ln A(exp(log_factor) f) / A(f), shape (n_f, n_i, n_j).
 
         A is the accelerance. The ratio is also that of a model with exp(-2 log_factor) times all
@@ -209,7 +206,7 @@ class Evidence:
         power = QUANTITIES["accelerance"] - QUANTITIES[self.frf.quantity]
         return self._log_ratio_on_lines("stretched", log_factor, scaled) + power * log_factor
 
-    def _log_ratio_on_lines(self, kind: str, value: float, other_lines: FRF) -> _Complex:
+    def _log_ratio_on_lines(self, kind: str, value: float, other_lines: FRF) -> ComplexArray:
         """Return the model's ln H on other lines over H, from the cache if known."""
         known = self._ratio_cache.get((kind, value))
         if known is None:
@@ -217,7 +214,7 @@ class Evidence:
             known = self._ratio_cache[kind, value] = divide_logs(H, self.model_response(self.frf))
         return known
 
-    def log_ratio_on_suspension(self, frequency: float) -> _Complex:
+    def log_ratio_on_suspension(self, frequency: float) -> ComplexArray:
         """Return the model's ln H on a suspension over H, shape (n_f, n_i, n_j); `frequency` in Hz.
 
         K + (2 pi frequency)^2 (1 + i eta) M replaces K, with eta the loss factor of soft supports.
@@ -230,7 +227,7 @@ class Evidence:
             "lifted", frequency, lambda: _compute_receptance(part, state, lift)
         )
 
-    def log_ratio_with_stiffness(self, group: str, log_factor: float) -> _Complex:
+    def log_ratio_with_stiffness(self, group: str, log_factor: float) -> ComplexArray:
         """Return the model's ln H with exp(log_factor) times a group's stiffness over H."""
         state = scale_stiffness(self.part, self.x, group, log_factor)
         return self._recall_log_ratio(
@@ -238,8 +235,8 @@ class Evidence:
         )
 
     def _recall_log_ratio(
-        self, kind: str, value: float, compute_altered: Callable[[], _Complex]
-    ) -> _Complex:
+        self, kind: str, value: float, compute_altered: Callable[[], ComplexArray]
+    ) -> ComplexArray:
         """Return ln H of an altered model over H, from the records of the session if known."""
         part = self.part
 
@@ -250,7 +247,7 @@ class Evidence:
         return ratio
 
     @cached_property
-    def drive_point_response(self) -> _Complex:
+    def drive_point_response(self) -> ComplexArray:
         """Drive-point receptance of the model at each response times omega^2, shape (n_f, n_i)."""
         labels = list_response_labels(self.frf)
         H = replace_channels(self.part, labels, labels, "accelerance").responses(self.x)
@@ -262,27 +259,27 @@ class Evidence:
         return Receptances.of(self.part, self.x)
 
     @property
-    def slopes_by_unknown(self) -> _Complex:
+    def slopes_by_unknown(self) -> ComplexArray:
         """Slopes d ln H / d x of the model, shape (n, n_f, n_i, n_j)."""
         return self._measured_responses.slopes
 
     @cached_property
-    def slopes_by_rate(self) -> dict[str, _Complex]:
+    def slopes_by_rate(self) -> dict[str, ComplexArray]:
         """Slopes d ln H / d c for the Rayleigh coefficients c that are not unknowns, by name."""
         return compute_rayleigh_slopes(self.part, self.x, list_fixed_coefficients(self.part))
 
     @cached_property
-    def spread(self) -> _Real:
+    def spread(self) -> RealArray:
         """Standard deviations of the unknowns about their start, as x, shape (n,)."""
         return compute_spread(self.part)
 
     @cached_property
-    def offset_to_start(self) -> _Real:
+    def offset_to_start(self) -> RealArray:
         """Difference of the start of the unknowns from x, in units of their spread, shape (n,)."""
         return np.asarray((self.part.coordinates.start - self.x) / self.spread)
 
     @cached_property
-    def weight(self) -> _Real:
+    def weight(self) -> RealArray:
         """Weight of each value, from 0 to 1, shape (n_f, n_i, n_j)."""
         return compute_log_misfit(self.model_response(self.frf), self.frf)[1]
 
@@ -297,7 +294,7 @@ class Evidence:
         too_few = clear < CAUSE_SEARCH.least_lines
         return frozenset(one for one, few in zip(labels, too_few, strict=True) if few)
 
-    def misfit(self, frf: FRF) -> _Real:
+    def misfit(self, frf: FRF) -> RealArray:
         """Return the misfit of data on the same lines, real parts above imaginary parts."""
         return stack_real_imag(compute_log_misfit(self.model_response(frf), frf)[0])
 
@@ -307,7 +304,7 @@ class Evidence:
         e = self.misfit(self.frf)
         return float(np.sqrt(2.0 * e @ e / e.size)) + CAUSE_MISFIT.perfect_rms
 
-    def project_out_unknowns(self, frf: FRF, b: _Real) -> _Real:
+    def project_out_unknowns(self, frf: FRF, b: RealArray) -> RealArray:
         """Return the residual after all unknowns have adapted, to first order.
 
         `b`, shape (2 m + n,) or (2 m + n, k), is a change of the misfit in units of `rms_misfit`,
@@ -342,12 +339,12 @@ class Evidence:
         return np.asarray(b - adapted)
 
     @cached_property
-    def jacobian(self) -> _Real:
+    def jacobian(self) -> RealArray:
         """Changes of the misfit by the unknowns, to first order, shape (2 m, n)."""
         slopes = self._measured_responses.slopes
         return np.stack([stack_real_imag(self.weight * one) for one in slopes], axis=1)
 
-    def imitate_change(self, change: _Complex) -> _Real:
+    def imitate_change(self, change: ComplexArray) -> RealArray:
         """Return the point, to first order, at which the unknowns imitate a change of ln H."""
         wanted = stack_real_imag(self.weight * change)
         step = np.linalg.lstsq(
@@ -356,46 +353,48 @@ class Evidence:
         return np.asarray(np.clip(self.x + self.spread * step, *self.part.coordinates.bounds))
 
     @cached_property
-    def normal_matrix(self) -> _Real:
+    def normal_matrix(self) -> RealArray:
         """Inner products of `jacobian`, shape (n, n)."""
         return np.asarray(self.jacobian.T @ self.jacobian)
 
     @cached_property
-    def _jacobian_with_prior(self) -> _Real:
+    def _jacobian_with_prior(self) -> RealArray:
         """Changes of the misfit by the unknowns, above their prior, shape (2 m + n, n)."""
         return np.vstack([self.jacobian / self.rms_misfit, np.diag(1.0 / self.spread)])
 
     @cached_property
-    def _orthonormal_basis(self) -> _Real:
+    def _orthonormal_basis(self) -> RealArray:
         # The prior on every unknown makes the columns independent.
         return np.linalg.qr(self._jacobian_with_prior)[0]
 
     @cached_property
-    def _normal_with_prior(self) -> _Real:
+    def _normal_with_prior(self) -> RealArray:
         return np.asarray(self._jacobian_with_prior.T @ self._jacobian_with_prior)
 
 
-def _find_differing_dofs(one: DofSet, other: DofSet) -> NDArray[np.bool_]:
+def _find_differing_dofs(one: DofSet, other: DofSet) -> BoolArray:
     """Return which DOFs of two sets of the same length differ, shape (n,)."""
     return np.asarray(
         (one.nodes != other.nodes) | (one.axes != other.axes) | (one.signs != other.signs)
     )
 
 
-def _project_out(A: _Real, b: _Real) -> _Real:
+def _project_out(A: RealArray, b: RealArray) -> RealArray:
     """Return the component of b orthogonal to the columns of A, which are independent."""
     Q = np.linalg.qr(A)[0]
     return np.asarray(b - Q @ (Q.T @ b))
 
 
-def _solve_block(part: FRFPart, item: tuple[_Real, slice]) -> tuple[_Complex, _Complex]:
+def _solve_block(part: FRFPart, item: tuple[RealArray, slice]) -> tuple[ComplexArray, ComplexArray]:
     """Return H and its derivatives at a block of lines."""
     block = part.block(*item)
     assert block.dH is not None
     return block.H, block.dH
 
 
-def _compute_receptance(part: FRFPart, state: State, lift: _Complex | None = None) -> _Complex:
+def _compute_receptance(
+    part: FRFPart, state: State, lift: ComplexArray | None = None
+) -> ComplexArray:
     """Return the receptance of the channels; `lift` is added to the coefficients of the terms."""
     freq = part.frf.freq
     columns, place = np.unique(part.columns, return_inverse=True)
@@ -406,6 +405,6 @@ def _compute_receptance(part: FRFPart, state: State, lift: _Complex | None = Non
     return np.asarray(part.solver.at(U, part.rows).transpose(1, 0, 2))
 
 
-def stack_real_imag(values: _Complex) -> _Real:
+def stack_real_imag(values: ComplexArray) -> RealArray:
     """Return real parts above imaginary parts, shape (2 m,)."""
     return np.concatenate([values.real.ravel(), values.imag.ravel()])

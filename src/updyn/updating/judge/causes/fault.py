@@ -10,6 +10,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from updyn.arrays import BoolArray, ComplexArray, IndexArray, RealArray
 from updyn.dofs import Dof, DofSet
 from updyn.errors import DataError, OptionError, in_all, suggest
 from updyn.frf import FRF
@@ -32,7 +33,6 @@ __all__ = [
     "remove_channels",
 ]
 
-_Real = NDArray[np.float64]
 _Complex = NDArray[np.complexfloating[Any, Any]]
 
 #: Prefix of the label of a reference in the text of a fault.
@@ -43,19 +43,17 @@ FORCE = "force "
 class ChannelIndices:
     """Channels whose response is in `rows` or whose reference is in `columns`."""
 
-    rows: NDArray[np.intp]
-    columns: NDArray[np.intp]
+    rows: IndexArray
+    columns: IndexArray
 
-    def channel_mask(self, frf: FRF) -> NDArray[np.bool_]:
+    def channel_mask(self, frf: FRF) -> BoolArray:
         """Return which channels of the data belong to the place, shape (n_i, n_j)."""
         found = np.zeros(frf.values.shape[1:], dtype=np.bool_)
         found[self.rows] = True
         found[:, self.columns] = True
         return found
 
-    def broadcast(
-        self, over_lines: _Complex | _Real, shape: tuple[int, ...]
-    ) -> NDArray[np.complex128]:
+    def broadcast(self, over_lines: _Complex | RealArray, shape: tuple[int, ...]) -> ComplexArray:
         """Return values over the lines at the channels, else 0, shape (n_f, n_i, n_j)."""
         out = np.zeros(shape, dtype=np.complex128)
         out[:, self.rows] += over_lines[:, None, None]
@@ -95,7 +93,7 @@ def list_sides(frf: FRF) -> list[tuple[DofSet, list[str]]]:
     return [(frf.responses, list_response_labels(frf)), (frf.references, forces)]
 
 
-def multiply_channels(frf: FRF, channels: Sequence[str], log_factor: _Complex | _Real) -> FRF:
+def multiply_channels(frf: FRF, channels: Sequence[str], log_factor: _Complex | RealArray) -> FRF:
     """Return the data with channels multiplied by exp(log_factor), given over the lines."""
     factor = np.exp(find_channels(channels, frf).broadcast(log_factor, frf.values.shape))
     variance = frf.variance
@@ -274,25 +272,25 @@ class Fault(ABC):
         """Return the fault with its best size at a point that was fitted to the other channels."""
         return self
 
-    def fit_all_data(self, part: FRFPart, x: _Real) -> Self:
+    def fit_all_data(self, part: FRFPart, x: RealArray) -> Self:
         """Return the fault estimated from all data of a part; itself if it is not adaptive."""
         return self
 
-    def add_model_figures(self, part: FRFPart, x: _Real) -> Self:
+    def add_model_figures(self, part: FRFPart, x: RealArray) -> Self:
         """Return the fault with figures of the model at x for its statement; x ends a trial."""
         return self
 
-    def correct_part(self, part: FRFPart, x: _Real) -> FRFPart:
+    def correct_part(self, part: FRFPart, x: RealArray) -> FRFPart:
         """Return the part corrected for the fault; by default with the data corrected at x."""
         return part.with_data(self.repair_with_model(Evidence(part, x)))
 
-    def prepare_next_search(self, part: FRFPart, x: _Real) -> FRFPart:
+    def prepare_next_search(self, part: FRFPart, x: RealArray) -> FRFPart:
         """Return the part for the search of further faults, with the model of the given part."""
         if self.alters_model:
             return part.with_data(self.repair_with_model(Evidence(part, x)))
         return self.correct_part(part, x)
 
-    def choose_start(self, part: FRFPart, x: _Real) -> _Real:
+    def choose_start(self, part: FRFPart, x: RealArray) -> RealArray:
         """Return the starting point of a fit that takes account of the fault."""
         return x
 

@@ -7,8 +7,8 @@ from dataclasses import replace
 from typing import ClassVar, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import ComplexArray
 from updyn.frf import FRF
 from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.fault import Fault
@@ -36,7 +36,7 @@ class FrequencyScale(Fault):
         factor = np.exp(self.value)
         return replace(frf, freq=frf.freq * factor, decay=frf.decay * factor)
 
-    def slope(self, evidence: Evidence) -> NDArray[np.complex128]:
+    def slope(self, evidence: Evidence) -> ComplexArray:
         """Return d ln H / d ln f."""
         return evidence.frf.freq[:, None, None] * evidence.slope_by_frequency
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from updyn.updating.judge.causes.evidence import Evidence, stack_real_imag
 from updyn.updating.judge.causes.fault import Fault
@@ -13,8 +12,6 @@ from updyn.updating.judge.causes.misfit import count_values
 from updyn.updating.judge.causes.settings import CAUSE_MISFIT
 
 __all__ = ["compare_band_halves"]
-
-_Real = NDArray[np.float64]
 
 
 def compare_band_halves(evidence: Evidence, fault: Fault, correlation: float) -> float:

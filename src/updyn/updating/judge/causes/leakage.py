@@ -8,16 +8,14 @@ from typing import ClassVar
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import NDArray
 
+from updyn.arrays import RealArray
 from updyn.frf import FRF
 from updyn.updating.judge.causes.settings import CAUSE_ODDS, CUT_RECORD
 from updyn.updating.judge.causes.shown import DataFault, Detection
 from updyn.updating.problem.noise import level_by_unit
 
 __all__ = ["Leakage"]
-
-_Real = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +66,7 @@ class Leakage(DataFault):
         )
 
 
-def _compute_impulse_power(frf: FRF) -> _Real:
+def _compute_impulse_power(frf: FRF) -> RealArray:
     """Return the mean square of the impulse responses, tapered by a Hann window, shape (n_f,)."""
     n = len(frf.freq)
     H = (frf.values / level_by_unit(frf)).reshape(n, -1)
@@ -76,7 +74,7 @@ def _compute_impulse_power(frf: FRF) -> _Real:
     return np.asarray(np.mean(np.abs(h) ** 2, axis=1))
 
 
-def _measure_edges(power: _Real, n: int) -> tuple[_Real, int]:
+def _measure_edges(power: RealArray, n: int) -> tuple[RealArray, int]:
     """Return the drop of the log power beyond the decay at each sample, and the first sample."""
     mean = np.log(sliding_window_view(power, n).mean(axis=1) + 1e-12 * power.max())
     blurred = CUT_RECORD.blurred_samples
@@ -88,7 +86,7 @@ def _measure_edges(power: _Real, n: int) -> tuple[_Real, int]:
     return before - after - decay * (n + 2 * blurred) / n, first
 
 
-def _find_end(power: _Real, near: int, n: int) -> int:
+def _find_end(power: RealArray, near: int, n: int) -> int:
     """Return the sample of an edge, at which the taper leaves half of the amplitude."""
     last = near - CUT_RECORD.blurred_samples
     before = power[last - n : last].mean()

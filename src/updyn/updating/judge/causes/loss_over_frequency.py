@@ -9,8 +9,8 @@ from dataclasses import dataclass, fields, replace
 from typing import Any, ClassVar, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import ComplexArray, NumberArray, RealArray
 from updyn.dynamics.affine import AffineSystem, State, Term
 from updyn.group import LossTable
 from updyn.updating.judge.causes.altered import AlteredPart, SystemAlteration, replace_system
@@ -26,8 +26,6 @@ from updyn.updating.problem.problem import FRFPart
 
 __all__ = ["LossOverFrequency", "LossPowerLaw"]
 
-_Real = NDArray[np.float64]
-_Complex = NDArray[np.complex128]
 
 #: Number of variants: with a constant storage modulus and without.
 _VARIANTS = 2
@@ -64,11 +62,11 @@ class LossPowerLaw(SystemAlteration):
         is_affected = not self.groups or term.group in self.groups
         return is_affected and term.quantity == "stiffness" and term.table is None
 
-    def loss_ratio(self, freq: _Real) -> _Real:
+    def loss_ratio(self, freq: RealArray) -> RealArray:
         """Return the factors at some lines; at 0 Hz that of the next line, shape (n,)."""
         return np.asarray(np.exp(self.exponent * _log_frequency_ratio(freq, self.mid_frequency)))
 
-    def storage_change(self, freq: _Real) -> _Real:
+    def storage_change(self, freq: RealArray) -> RealArray:
         """Return the change of the storage modulus in units of loss factor times stiffness.
 
         The storage modulus of (i f)^p is cot(pi p / 2) times its loss modulus (Bagley & Torvik, J.
@@ -81,11 +79,11 @@ class LossPowerLaw(SystemAlteration):
             return np.asarray(2.0 / np.pi * log)
         return np.asarray(np.expm1(p * log) / np.tan(0.5 * np.pi * p))
 
-    def complex_modulus(self, freq: _Real) -> _Complex:
+    def complex_modulus(self, freq: RealArray) -> ComplexArray:
         """Return the complex modulus due to the loss factor, over loss factor times stiffness."""
         return self.storage_change(freq) + 1j * self.loss_ratio(freq)
 
-    def slope(self, freq: _Real) -> _Complex:
+    def slope(self, freq: RealArray) -> ComplexArray:
         """Return the derivative of `complex_modulus` by the exponent, shape (n,)."""
         low, high = (
             replace(self, exponent=self.exponent + step).complex_modulus(freq)
@@ -106,7 +104,7 @@ class CausalSystem(AffineSystem):
         """Return a system with the loss tables of a power law and its storage moduli."""
         return cls(**_field_values(system), loss_power=loss_power, varying=tuple(varying))
 
-    def coefficients(self, state: State, omega: _Real) -> _Complex:
+    def coefficients(self, state: State, omega: RealArray) -> ComplexArray:
         """Return c_t at i omega + decay, shape (n_terms, n_lines); `omega` in rad/s."""
         out = AffineSystem(**_field_values(self)).coefficients(state, omega)
         at = np.array(self.varying)
@@ -115,10 +113,10 @@ class CausalSystem(AffineSystem):
         out[at] += amount * self.loss_power.storage_change(omega / (2.0 * np.pi))
         return out
 
-    def relative(self, at: Iterable[int], omega: _Real) -> NDArray[Any]:
+    def relative(self, at: Iterable[int], omega: RealArray) -> NumberArray:
         """Return the derivatives of c_t by the loss factor over i factor, shape (n_terms, n_f)."""
         chosen = list(at)
-        out: NDArray[Any] = AffineSystem(**_field_values(self)).relative(chosen, omega)
+        out: NumberArray = AffineSystem(**_field_values(self)).relative(chosen, omega)
         assert self.loss_power is not None
         for t in chosen:
             if self.varying[t]:
@@ -173,10 +171,10 @@ class LossOverFrequency(AlteringFault):
         """The variation of the loss factors."""
         return LossPowerLaw(self.groups, self.value, self.mid_frequency, self.causal)
 
-    def slope(self, evidence: Evidence) -> _Complex:
+    def slope(self, evidence: Evidence) -> ComplexArray:
         """Return the derivative of the model's ln H by the exponent."""
         freq, law = evidence.frf.freq, self.alteration
-        modulus: _Complex | complex = 1j
+        modulus: ComplexArray | complex = 1j
         if isinstance(evidence.part, AlteredPart):
             earlier = evidence.part.alteration
             if isinstance(earlier, LossPowerLaw):
@@ -188,7 +186,7 @@ class LossOverFrequency(AlteringFault):
                 total += float(evidence.x[i]) * evidence.slopes_by_unknown[i]
         return np.asarray(total * (law.slope(freq) / modulus)[:, None, None])
 
-    def add_model_figures(self, part: FRFPart, x: _Real) -> Self:
+    def add_model_figures(self, part: FRFPart, x: RealArray) -> Self:
         """Return the fault with the lines of a part and the loss factor of its model at a point."""
         state, terms = part.state(x), part.solver.system.terms
         losses = {
@@ -258,7 +256,7 @@ class LossOverFrequency(AlteringFault):
         )
 
     @property
-    def _table_lines(self) -> _Real:
+    def _table_lines(self) -> RealArray:
         """Frequencies of few digits, from below the lines to the next one above.
 
         A search uses some of the lines only; the highest line of the data may not be among them.
@@ -271,7 +269,7 @@ class LossOverFrequency(AlteringFault):
         return _round_to_table(freq)
 
 
-def _round_to_table(values: _Real) -> _Real:
+def _round_to_table(values: RealArray) -> RealArray:
     """Return values with the digits of the table."""
     return np.array([float(f"{one:.{LOSS_EXPONENT.table_digits}g}") for one in values])
 
@@ -316,7 +314,7 @@ def _has_loss_table(system: AffineSystem, group: str) -> bool:
     return system.terms[system.find(group, "loss_factor")].table is not None
 
 
-def _log_frequency_ratio(freq: _Real, mid_frequency: float) -> _Real:
+def _log_frequency_ratio(freq: RealArray, mid_frequency: float) -> RealArray:
     """Return ln(f / middle), shape (n,); at 0 Hz that of the next line."""
     moving = freq[freq > 0.0]
     lowest = moving.min() if moving.size else mid_frequency

@@ -6,8 +6,8 @@ from collections.abc import Iterable
 from typing import ClassVar, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import ComplexArray
 from updyn.frf import FRF
 from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.fault import Fault, find_channels, list_channels, multiply_channels
@@ -38,7 +38,7 @@ class LowPass(Fault):
         """Return the data without the filter."""
         return multiply_channels(frf, self.channels, np.log1p(frf.s * self.value))
 
-    def slope(self, evidence: Evidence) -> NDArray[np.complex128]:
+    def slope(self, evidence: Evidence) -> ComplexArray:
         """Return -i omega / (1 + i omega value) at the channels."""
         frf = evidence.frf
         s = frf.s

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import BoolArray, ComplexArray, RealArray
 from updyn.errors import OptionError
 from updyn.frf import FRF
 from updyn.updating.judge.causes.settings import CAUSE_ODDS, DATA_FAULT, MAINS_HUM
@@ -17,8 +17,6 @@ from updyn.updating.judge.settings import SIGNIFICANCE
 
 __all__ = ["MainsHum"]
 
-_Real = NDArray[np.float64]
-_Complex = NDArray[np.complex128]
 
 #: Mains frequencies in Hz.
 _FREQUENCIES = (50.0, 60.0)
@@ -51,9 +49,7 @@ class MainsHum(DataFault):
         yield from sorted(found, key=lambda one: -one.log_odds)[:1]
 
     @classmethod
-    def _detect_at(
-        cls, frf: FRF, frequency: float, is_multiple: NDArray[np.bool_]
-    ) -> Iterable[Detection]:
+    def _detect_at(cls, frf: FRF, frequency: float, is_multiple: BoolArray) -> Iterable[Detection]:
         found = _Neighbours.of(frf, is_multiple)
         # A mains line has to exceed the largest outlier of all other lines.
         height = np.median(found.deviation_ratio, axis=1)
@@ -117,7 +113,7 @@ class MainsHum(DataFault):
         )
 
 
-def _find_mains_lines(freq: _Real, frequency: float, share: float = 0.5) -> NDArray[np.bool_]:
+def _find_mains_lines(freq: RealArray, frequency: float, share: float = 0.5) -> BoolArray:
     """Return the lines next to multiples of a frequency, within a share of the spacing."""
     order = np.round(freq / frequency)
     distance = np.abs(freq - order * frequency) / np.gradient(freq)
@@ -134,12 +130,12 @@ class _Neighbours:
     2nd ed. 2012, chapter 7, without the transient).
     """
 
-    deviation_ratio: _Real
-    pole_ratio: _Real
-    bandwidth: _Real
+    deviation_ratio: RealArray
+    pole_ratio: RealArray
+    bandwidth: RealArray
 
     @classmethod
-    def of(cls, frf: FRF, is_multiple: NDArray[np.bool_]) -> _Neighbours:
+    def of(cls, frf: FRF, is_multiple: BoolArray) -> _Neighbours:
         n = len(frf.freq)
         flat = frf.values.reshape(n, -1)
         least = 1e-12 * np.abs(flat).max() + np.finfo(float).tiny
@@ -177,7 +173,7 @@ class _Neighbours:
         return cls(deviation_ratio, pole_ratio, bandwidth)
 
 
-def _fit_basis(basis: _Real, values: _Complex, least: float) -> tuple[_Real, _Real]:
+def _fit_basis(basis: RealArray, values: ComplexArray, least: float) -> tuple[RealArray, RealArray]:
     """Return the weights for each coefficient, and the standard deviation of the residual."""
     Q, R = np.linalg.qr(basis)
     residual = values - Q @ (Q.T @ values)

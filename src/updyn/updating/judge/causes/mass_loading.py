@@ -6,8 +6,8 @@ from collections.abc import Iterable
 from typing import ClassVar, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import ComplexArray
 from updyn.errors import DataError
 from updyn.frf import FRF
 from updyn.updating.judge.causes.evidence import Evidence
@@ -53,7 +53,7 @@ class MassLoading(IrreparableFault):
             " (updyn.sensor_masses), or use dummy masses"
         )
 
-    def slope(self, evidence: Evidence) -> NDArray[np.complex128]:
+    def slope(self, evidence: Evidence) -> ComplexArray:
         """Return omega^2 H_ii / (1 - omega^2 m H_ii)."""
         a = evidence.drive_point_response
         return np.broadcast_to((a / (1.0 - self.value * a))[:, :, None], evidence.frf.values.shape)

@@ -6,8 +6,8 @@ from dataclasses import dataclass, fields, replace
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import BoolArray, ComplexArray, RealArray
 from updyn.frf import FRF
 from updyn.settings import ROUNDING
 from updyn.updating.judge.causes.settings import CAUSE_MISFIT
@@ -15,8 +15,6 @@ from updyn.updating.judge.settings import SIGNIFICANCE
 from updyn.updating.problem.noise import level_by_unit
 
 __all__ = ["WeightedData", "add_perfect_fit", "compute_log_misfit", "count_values", "remove_weight"]
-
-_Complex = NDArray[np.complex128]
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
@@ -34,7 +32,7 @@ class WeightedData(FRF):
         object.__setattr__(self, "relative_noise", relative_noise)
 
     @classmethod
-    def near_response(cls, H: _Complex, frf: FRF, variance: NDArray[np.float64]) -> Self:
+    def near_response(cls, H: ComplexArray, frf: FRF, variance: RealArray) -> Self:
         """Return the data with the variance of their noise, near the response H of a model."""
         level = np.abs(H)
         is_seen = level > ROUNDING.receptance_share * level.max()
@@ -43,7 +41,7 @@ class WeightedData(FRF):
         return cls.of(frf, variance, float(exact))
 
     @classmethod
-    def of(cls, frf: FRF, variance: NDArray[np.float64], relative_noise: float) -> Self:
+    def of(cls, frf: FRF, variance: RealArray, relative_noise: float) -> Self:
         """Return the data with the variance of their noise."""
         field_values = {one.name: getattr(frf, one.name) for one in fields(FRF)}
         field_values["variance"] = variance
@@ -54,11 +52,11 @@ class WeightedData(FRF):
         return _rebuild, (type(self), field_values)
 
     @property
-    def misfit_scale(self) -> NDArray[np.float64]:
+    def misfit_scale(self) -> RealArray:
         """Misfit of an error of 1 in each value."""
         return self.relative_noise / _compute_deviation(self)
 
-    def misfit(self, H: _Complex) -> tuple[_Complex, NDArray[np.float64]]:
+    def misfit(self, H: ComplexArray) -> tuple[ComplexArray, RealArray]:
         """Return w (H_X / H_A - 1) and w, as `compute_log_misfit`."""
         scale, size = self.misfit_scale, np.abs(H)
         unit = np.where(size > 0.0, H.conj(), 1.0) / np.where(size > 0.0, size, 1.0)
@@ -69,7 +67,7 @@ def _rebuild(cls: type[WeightedData], field_values: dict[str, Any]) -> WeightedD
     return cls(**field_values)
 
 
-def compute_log_misfit(H: _Complex, frf: FRF) -> tuple[_Complex, NDArray[np.float64]]:
+def compute_log_misfit(H: ComplexArray, frf: FRF) -> tuple[ComplexArray, RealArray]:
     """Return w ln(H_X / H_A) and w, both shape (n_f, n_i, n_j); by likelihood for `WeightedData`.
 
     Unlike the residual of a fit, it includes values that are above the noise in the model only or
@@ -102,14 +100,14 @@ def add_perfect_fit(mean_square: float) -> float:
     return mean_square + CAUSE_MISFIT.perfect_rms**2
 
 
-def remove_weight(frf: FRF, mask: NDArray[np.bool_]) -> FRF:
+def remove_weight(frf: FRF, mask: BoolArray) -> FRF:
     """Return the data in which some values have no weight; the mask may omit the lines."""
     assert frf.variance is not None
     large = CAUSE_MISFIT.weightless_variance * float(np.abs(frf.values).max()) ** 2
     return replace(frf, variance=np.where(mask, large, frf.variance))
 
 
-def _compute_deviation(frf: FRF) -> NDArray[np.float64]:
+def _compute_deviation(frf: FRF) -> RealArray:
     """Return the standard deviation of the noise of each value."""
     assert frf.variance is not None
     resolution = CAUSE_MISFIT.sensor_resolution * level_by_unit(frf)

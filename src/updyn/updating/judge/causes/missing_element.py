@@ -7,9 +7,7 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import ClassVar, Self
 
-import numpy as np
-from numpy.typing import NDArray
-
+from updyn.arrays import ComplexArray
 from updyn.frf import FRF
 from updyn.updating.judge.causes.altering import AlteringFault
 from updyn.updating.judge.causes.element import AddedElement, MeasuredDofs
@@ -69,7 +67,7 @@ class MissingElement(AlteringFault):
         """The element that the model lacks."""
         return AddedElement(self.quantity, self.channels, self.between, self.value, self.loss)
 
-    def slope(self, evidence: Evidence) -> NDArray[np.complex128]:
+    def slope(self, evidence: Evidence) -> ComplexArray:
         """Return the derivative of the model's ln H by the size of the element."""
         return evidence.receptances.slope(self.alteration)
 

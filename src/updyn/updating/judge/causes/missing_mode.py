@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from typing import ClassVar, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import ComplexArray, RealArray
 from updyn.dofs import Dof
 from updyn.errors import DataError, OptionError, in_all
 from updyn.frf import FRF, QUANTITIES
@@ -20,9 +20,6 @@ from updyn.updating.judge.causes.settings import MISSING_MODE
 from updyn.updating.problem.problem import FRFPart
 
 __all__ = ["MissingMode"]
-
-_Real = NDArray[np.float64]
-_Complex = NDArray[np.complex128]
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,12 +94,12 @@ class MissingMode(Fault):
         shape = s[0] * np.outer(u[:, 0], vh[0])
         return replace(frf, values=frf.values - self.pole_factor(frf)[:, None, None] * shape)
 
-    def pole_factor(self, frf: FRF) -> _Complex:
+    def pole_factor(self, frf: FRF) -> ComplexArray:
         """Return s^k / (1 + i eta + s^2), s = i omega / omega_0, shape (n_f,)."""
         s = frf.s / (2.0 * np.pi * self.value)
         return np.asarray(s ** QUANTITIES[frf.quantity] / (1.0 + 1j * self.loss + s**2))
 
-    def fit_all_data(self, part: FRFPart, x: _Real) -> Self:
+    def fit_all_data(self, part: FRFPart, x: RealArray) -> Self:
         """Return the mode with its shape, fitted to all data together with the unknowns."""
         frf = part.frf
         evidence = Evidence(part, x)
@@ -118,7 +115,7 @@ class MissingMode(Fault):
     def _shape_pole(self, frf: FRF) -> Pole:
         """Return the pole for the channels of data."""
         known = dict(self.shape)
-        parts: list[_Complex] = []
+        parts: list[ComplexArray] = []
         for dofs, labels in list_sides(frf):
             missing = [label for label in labels if label not in known]
             if missing:
@@ -218,9 +215,9 @@ def _parse_entry(text: str) -> tuple[str, complex]:
 class _LocalResidual:
     """Data minus model near a frequency; `weight` is 1 over the level of both, 0 for noise."""
 
-    freq: _Real
-    values: _Complex
-    weight: _Real
+    freq: RealArray
+    values: ComplexArray
+    weight: RealArray
     frf: FRF
 
     @classmethod
@@ -236,13 +233,13 @@ class _LocalResidual:
         clear = compute_log_misfit(H, near_lines)[1] / np.maximum(level, np.finfo(float).tiny)
         return cls(near_lines.freq, near_lines.values - H, clear, near_lines)
 
-    def _basis(self, mode: MissingMode) -> _Complex:
+    def _basis(self, mode: MissingMode) -> ComplexArray:
         """Return the mode and a constant receptance by channel, weighted, (n_i, n_j, n, 2)."""
         flat = (self.frf.s / (2.0 * np.pi * mode.value)) ** QUANTITIES[self.frf.quantity]
         both = np.stack([mode.pole_factor(self.frf), flat], axis=-1)
         return np.asarray(self.weight.transpose(1, 2, 0)[..., None] * both)
 
-    def _fit_mode(self, mode: MissingMode) -> tuple[_Complex, _Complex, _Complex]:
+    def _fit_mode(self, mode: MissingMode) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
         A = self._basis(mode)
         b = (self.weight * self.values).transpose(1, 2, 0)
         Q, R = np.linalg.qr(A)
@@ -263,7 +260,7 @@ class _LocalResidual:
             shares.append(float(a.sum() ** 2 / (len(a) * max(float(a @ a), 1e-300))))
         return min(shares)
 
-    def residues(self, mode: MissingMode) -> _Complex:
+    def residues(self, mode: MissingMode) -> ComplexArray:
         """Return the residue of each channel, shape (n_i, n_j)."""
         R, q, _ = self._fit_mode(mode)
         last = q[..., 1] / np.where(R[..., 1, 1] == 0, 1.0, R[..., 1, 1])

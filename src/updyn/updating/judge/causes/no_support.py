@@ -7,8 +7,8 @@ from dataclasses import replace
 from typing import ClassVar, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import ComplexArray, RealArray
 from updyn.frf import FRF
 from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.fault import IrreparableFault, divide_data
@@ -49,7 +49,7 @@ class NoSupport(IrreparableFault):
             " or make its stiffness an unknown with a wide prior."
         )
 
-    def slope(self, evidence: Evidence) -> NDArray[np.complex128]:
+    def slope(self, evidence: Evidence) -> ComplexArray:
         """Return the derivative of the model's ln H by the logarithm of the stiffness."""
         low, high = (
             evidence.log_ratio_with_stiffness(self.channels[0], self.value + step)
@@ -63,7 +63,7 @@ class NoSupport(IrreparableFault):
             evidence.frf, evidence.log_ratio_with_stiffness(self.channels[0], self.value)
         )
 
-    def correct_part(self, part: FRFPart, x: NDArray[np.float64]) -> FRFPart:
+    def correct_part(self, part: FRFPart, x: RealArray) -> FRFPart:
         """Return the part with this stiffness as an unknown with a wide prior."""
         items, at = list(part.coordinates.parameters), self._stiffness_index(part)
         items[at] = replace(
@@ -72,7 +72,7 @@ class NoSupport(IrreparableFault):
         wide = replace(part.coordinates, parameters=ParameterSet(tuple(items)))
         return replace(part, coordinates=wide)
 
-    def choose_start(self, part: FRFPart, x: NDArray[np.float64]) -> NDArray[np.float64]:
+    def choose_start(self, part: FRFPart, x: RealArray) -> RealArray:
         """Return x with the stiffness at its share."""
         return part.coordinates.with_coordinate(
             x, self._stiffness_index(part), max(self.value, np.log(SUPPORT_FAULT.least_share))

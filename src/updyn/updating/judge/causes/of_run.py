@@ -6,9 +6,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
-import numpy as np
-from numpy.typing import NDArray
-
+from updyn.arrays import RealArray
 from updyn.errors import SolverError
 from updyn.updating.fit.monitor import CAUSES, Monitor
 from updyn.updating.judge.assessment import Judgement
@@ -104,5 +102,5 @@ class CauseSearch:
         adequacy = found.adequacy[i]
         noisy = adequacy is not None and adequacy.outcome in ("noise", "exact", "untested")
         predicted = claim_validated([found.correlation[i]]).holds is not False
-        x: NDArray[np.float64] = found.fit.x
+        x: RealArray = found.fit.x
         return noisy and predicted and not is_far_from_start(part, x)

@@ -6,9 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from updyn.arrays import RealArray
 from updyn.dynamics.affine import AffineSystem
 from updyn.dynamics.fields import LineSolver
 from updyn.updating.judge.causes.reduced import TrialModels, choose_trial_models
@@ -52,6 +50,6 @@ class CompiledVariant:
         # The terms equal those of the unchanged model, so the unknowns remain valid.
         return replace(part, solver=self.variant_part.solver, variants=self.variant_part.variants)
 
-    def prepare_part(self, part: FRFPart, points: Sequence[NDArray[np.float64]]) -> FRFPart:
+    def prepare_part(self, part: FRFPart, points: Sequence[RealArray]) -> FRFPart:
         """Return a part of the same model with the variant, valid at some points."""
         return self.trial_models.prepare_part(self.replace_model(part), points)

@@ -7,8 +7,8 @@ from dataclasses import replace
 from typing import ClassVar, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import BoolArray, ComplexArray
 from updyn.frf import FRF, QUANTITIES
 from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.fault import (
@@ -87,7 +87,7 @@ class OtherTest(Fault):
             if len(others) == 1:
                 yield replace(self, channels=(others[0],), value=-self.value)
 
-    def slope(self, evidence: Evidence) -> NDArray[np.complex128]:
+    def slope(self, evidence: Evidence) -> ComplexArray:
         """Return d ln A / d ln f at the channels, with A the accelerance."""
         frf = evidence.frf
         power = QUANTITIES["accelerance"] - QUANTITIES[frf.quantity]
@@ -102,7 +102,7 @@ class OtherTest(Fault):
             evidence.log_ratio_with_scaled_axis(self.value) * self._channel_mask(evidence.frf),
         )
 
-    def _channel_mask(self, frf: FRF) -> NDArray[np.bool_]:
+    def _channel_mask(self, frf: FRF) -> BoolArray:
         """Return which channels are of the other test, shape (n_i, n_j)."""
         return find_channels(self.channels, frf).channel_mask(frf)
 

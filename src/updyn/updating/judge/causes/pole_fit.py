@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.optimize
-from numpy.typing import NDArray
 
+from updyn.arrays import ComplexArray, RealArray
 from updyn.frf import FRF, QUANTITIES
 from updyn.updating.judge.causes.evidence import Evidence, compute_spread
 from updyn.updating.judge.causes.misfit import compute_log_misfit
@@ -15,9 +15,6 @@ from updyn.updating.judge.causes.settings import CAUSE_MISFIT, MISSING_MODE
 from updyn.updating.problem.problem import FRFPart
 
 __all__ = ["Pole", "fit_pole"]
-
-_Real = NDArray[np.float64]
-_Complex = NDArray[np.complex128]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -29,15 +26,15 @@ class Pole:
 
     frequency: float
     loss: float
-    a: _Complex
-    b: _Complex
+    a: ComplexArray
+    b: ComplexArray
 
-    def frequency_factor(self, frf: FRF) -> _Complex:
+    def frequency_factor(self, frf: FRF) -> ComplexArray:
         """Return its factor over the lines of data, shape (n_f,)."""
         share = (frf.s / (2.0 * np.pi * self.frequency)) ** 2
         return np.asarray(frf.s ** QUANTITIES[frf.quantity] / (1.0 + 1j * self.loss + share))
 
-    def contribution(self, frf: FRF) -> _Complex:
+    def contribution(self, frf: FRF) -> ComplexArray:
         """Return its contribution to the FRFs at the lines of data, shape (n_f, n_i, n_j)."""
         return np.asarray(self.frequency_factor(frf)[:, None, None] * np.outer(self.a, self.b))
 
@@ -53,7 +50,7 @@ class _PoleProblem:
     The weight of a line is the number of lines that it represents, `count` of shape (n_f,).
     """
 
-    def __init__(self, part: FRFPart, x: _Real, pole: Pole, count: _Real) -> None:
+    def __init__(self, part: FRFPart, x: RealArray, pole: Pole, count: RealArray) -> None:
         self.part, self.n, self.n_i = part, part.n, len(pole.a)
         self.line_weight = np.sqrt(count)[:, None, None]
         self.start_pole, self.size = pole, float(np.abs(pole.a).max())
@@ -61,15 +58,15 @@ class _PoleProblem:
         e = self._misfit(x, pole)[0]
         unit = float(np.sqrt(np.mean(np.abs(e) ** 2))) + CAUSE_MISFIT.perfect_rms
         self.prior_weight = unit / compute_spread(part)
-        self._last_evaluation: tuple[_Real, _Real, _Real] | None = None
+        self._last_evaluation: tuple[RealArray, RealArray, RealArray] | None = None
 
-    def pack_variables(self, x: _Real, pole: Pole) -> _Real:
+    def pack_variables(self, x: RealArray, pole: Pole) -> RealArray:
         """Return the variables of a point, with a in units of its largest entry."""
         a = pole.a / self.size
         pole_variables = [0.0, 0.0, *a.real, *a.imag, *pole.b.real, *pole.b.imag]
         return np.concatenate([x, pole_variables])
 
-    def unpack_variables(self, z: _Real) -> tuple[_Real, Pole]:
+    def unpack_variables(self, z: RealArray) -> tuple[RealArray, Pole]:
         """Return x and the pole of a point."""
         x, (f, eta), rest = z[: self.n], z[self.n : self.n + 2], z[self.n + 2 :]
         a, b = rest[: 2 * self.n_i], rest[2 * self.n_i :]
@@ -77,27 +74,27 @@ class _PoleProblem:
         at_responses = self.size * _join_complex(a)
         return x, Pole(float(frequency), float(loss), at_responses, _join_complex(b))
 
-    def bounds(self) -> tuple[_Real, _Real]:
+    def bounds(self) -> tuple[RealArray, RealArray]:
         """Return the bounds of all variables."""
         lower, upper = self.part.coordinates.bounds
         free = np.full(2 * (self.n_i + len(self.start_pole.b)), np.inf)
         moves = np.array([MISSING_MODE.frequency_move, MISSING_MODE.loss_move])
         return np.concatenate([lower, -moves, -free]), np.concatenate([upper, moves, free])
 
-    def residual(self, z: _Real) -> _Real:
+    def residual(self, z: RealArray) -> RealArray:
         return self._evaluate(z)[1]
 
-    def slopes(self, z: _Real) -> _Real:
+    def slopes(self, z: RealArray) -> RealArray:
         return self._evaluate(z)[2]
 
-    def _misfit(self, x: _Real, pole: Pole) -> tuple[_Complex, _Real, Evidence]:
+    def _misfit(self, x: RealArray, pole: Pole) -> tuple[ComplexArray, RealArray, Evidence]:
         evidence = Evidence(self.part, x)
         frf = self.part.frf
         return *compute_log_misfit(
             evidence.model_response(frf) + pole.contribution(frf), frf
         ), evidence
 
-    def _evaluate(self, z: _Real) -> tuple[_Real, _Real, _Real]:
+    def _evaluate(self, z: RealArray) -> tuple[RealArray, RealArray, RealArray]:
         if self._last_evaluation is not None and np.array_equal(self._last_evaluation[0], z):
             return self._last_evaluation
         x, pole = self.unpack_variables(z)
@@ -117,7 +114,7 @@ class _PoleProblem:
         self._last_evaluation = z.copy(), residual, np.vstack([J.real.T, J.imag.T, priors])
         return self._last_evaluation
 
-    def _derive_by_pole(self, pole: Pole, frf: FRF, T: _Complex) -> list[_Complex]:
+    def _derive_by_pole(self, pole: Pole, frf: FRF, T: ComplexArray) -> list[ComplexArray]:
         """Return the derivatives of the pole's contribution by its own variables."""
         share = (frf.s / (2.0 * np.pi * pole.frequency)) ** 2
         below = (1.0 + 1j * pole.loss + share)[:, None, None]
@@ -130,13 +127,13 @@ class _PoleProblem:
         return out
 
 
-def _join_complex(parts: _Real) -> _Complex:
+def _join_complex(parts: RealArray) -> ComplexArray:
     """Return complex numbers from their real parts, then their imaginary parts."""
     real, imaginary = np.split(parts, 2)
     return np.asarray(real + 1j * imaginary, dtype=np.complex128)
 
 
-def fit_pole(part: FRFPart, x: _Real, pole: Pole) -> Pole:
+def fit_pole(part: FRFPart, x: RealArray, pole: Pole) -> Pole:
     """Return the pole that explains the data best in addition to the model, with all unknowns free.
 
     The fit starts at `x` and `pole`; some lines represent the others until the last steps.
@@ -152,7 +149,7 @@ def fit_pole(part: FRFPart, x: _Real, pole: Pole) -> Pole:
     return _fit_from(part, x, pole, last, np.ones(len(freq)))[1].normalise()
 
 
-def _count_represented_lines(freq: _Real, pole: Pole) -> _Real:
+def _count_represented_lines(freq: RealArray, pole: Pole) -> RealArray:
     """Return the number of lines that each line represents, 0 for omitted lines, shape (n_f,)."""
     is_near = np.abs(freq / pole.frequency - 1.0) <= MISSING_MODE.near_bandwidths * pole.loss
     count = np.zeros(len(freq))
@@ -163,7 +160,9 @@ def _count_represented_lines(freq: _Real, pole: Pole) -> _Real:
     return count
 
 
-def _fit_from(part: FRFPart, x: _Real, pole: Pole, most: int, count: _Real) -> tuple[_Real, Pole]:
+def _fit_from(
+    part: FRFPart, x: RealArray, pole: Pole, most: int, count: RealArray
+) -> tuple[RealArray, Pole]:
     """Return the end of a fit of model and pole after at most `most` evaluations."""
     problem = _PoleProblem(part, x, pole, count)
     bounds = problem.bounds()

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from contextlib import suppress
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import RealArray
 from updyn.errors import ModelError, SolverError
 from updyn.settings import VARIANTS
 from updyn.updating.judge.causes.evidence import Evidence
@@ -20,8 +20,6 @@ from updyn.updating.problem.problem import FRFPart
 
 __all__ = ["estimate_gain", "list_variants", "select_variants"]
 
-_Real = NDArray[np.float64]
-
 
 def list_variants(part: FRFPart) -> list[CompiledVariant]:
     """Return the variants of the whole model of a part; empty for a large model."""
@@ -31,7 +29,7 @@ def list_variants(part: FRFPart) -> list[CompiledVariant]:
 
 
 def select_variants(
-    part: FRFPart, variants: Sequence[CompiledVariant], without: Trial, start: _Real
+    part: FRFPart, variants: Sequence[CompiledVariant], without: Trial, start: RealArray
 ) -> list[WrongAxes]:
     """Return the variants worth a fit from the start, the most promising first.
 
@@ -52,12 +50,12 @@ def select_variants(
     return [fault for gain, fault in found[: CAUSE_CANDIDATES.most_variants] if gain > least]
 
 
-def estimate_gain(part: FRFPart, fault: WrongAxes, x: _Real) -> float:
+def estimate_gain(part: FRFPart, fault: WrongAxes, x: RealArray) -> float:
     """Return the logarithm of the odds of a variant at a point, to first order."""
     return _compare_parts(part, fault.correct_part(part, x), fault, x)
 
 
-def _compare_parts(part: FRFPart, variant_part: FRFPart, fault: WrongAxes, x: _Real) -> float:
+def _compare_parts(part: FRFPart, variant_part: FRFPart, fault: WrongAxes, x: RealArray) -> float:
     cost, variant_cost = (
         fit_first_order(Evidence(one, x), None)[0] for one in (part, variant_part)
     )

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import ClassVar, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import ComplexArray
 from updyn.updating.judge.causes.altering import AlteringFault
 from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.fault import Fault
@@ -22,8 +22,6 @@ from updyn.updating.problem.problem import FRFPart
 
 __all__ = ["ProportionalDamping"]
 
-_Real = NDArray[np.float64]
-_Complex = NDArray[np.complex128]
 
 #: Units of the Rayleigh coefficients.
 _UNITS = {"stiffness_damping": "s", "mass_damping": "1/s"}
@@ -48,7 +46,7 @@ class ProportionalDamping(AlteringFault):
         for name in evidence.slopes_by_rate:
             yield cls((name,))
 
-    def slope(self, evidence: Evidence) -> _Complex:
+    def slope(self, evidence: Evidence) -> ComplexArray:
         """Return the derivative of the model's ln H by the coefficient."""
         (name,) = self.channels
         if not self.value and name in evidence.slopes_by_rate:

@@ -14,6 +14,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from updyn.arrays import BoolArray, NumberArray, RealArray
 from updyn.frf import FRF
 from updyn.updating.judge.causes.evidence import (
     Evidence,
@@ -26,7 +27,6 @@ from updyn.updating.judge.causes.settings import HELD_QUANTITIES
 
 __all__ = ["QuadraticMisfit", "QuadraticOutcome"]
 
-_Real = NDArray[np.float64]
 _Complex = NDArray[np.complexfloating[Any, Any]]
 
 
@@ -60,12 +60,12 @@ class QuadraticMisfit:
         Number of real values.
     """
 
-    normal_matrix: _Real
-    gradient: _Real
+    normal_matrix: RealArray
+    gradient: RealArray
     squared_misfit: float
-    offset: _Real
-    spread: _Real
-    is_held: NDArray[np.bool_]
+    offset: RealArray
+    spread: RealArray
+    is_held: BoolArray
     n_values: int
 
     @classmethod
@@ -134,13 +134,13 @@ class QuadraticMisfit:
         occam = 0.5 * (_log_volume(each * curves) - _log_volume(each * others))
         return QuadraticOutcome(mean_square, fitted - occam)
 
-    def _mean_square(self, step: _Real) -> float:
+    def _mean_square(self, step: RealArray) -> float:
         squared_misfit = (
             self.squared_misfit - 2.0 * self.gradient @ step + step @ self.normal_matrix @ step
         )
         return 2.0 * max(float(squared_misfit), 0.0) / self.n_values
 
 
-def _log_volume(curves: NDArray[Any]) -> float:
+def _log_volume(curves: NumberArray) -> float:
     """Return ln det(1 + A) from the eigenvalues of A; negative ones are rounding and count as 0."""
     return float(np.log1p(np.maximum(curves, 0.0)).sum())

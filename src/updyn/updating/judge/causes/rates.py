@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from updyn import sensitivity
+from updyn.arrays import ComplexArray, RealArray
 from updyn.dynamics.affine import AffineSystem
 from updyn.sensitivity import Unknowns
 from updyn.updating.judge.causes.altered import AlteredPart, SystemAlteration, replace_system
@@ -24,8 +24,6 @@ __all__ = [
     "list_fixed_coefficients",
 ]
 
-_Real = NDArray[np.float64]
-_Complex = NDArray[np.complex128]
 
 #: Name for all groups.
 ALL = "all"
@@ -83,7 +81,9 @@ def list_fixed_coefficients(part: FRFPart) -> list[str]:
     return found
 
 
-def compute_rayleigh_slopes(part: FRFPart, x: _Real, names: Sequence[str]) -> dict[str, _Complex]:
+def compute_rayleigh_slopes(
+    part: FRFPart, x: RealArray, names: Sequence[str]
+) -> dict[str, ComplexArray]:
     """Return d ln H / d c by Rayleigh coefficients c, by name, shape (n_f, n_i, n_j).
 
     A name is ``"floors.mass_damping"``, or ``"all.mass_damping"`` for the sum over all groups.

@@ -7,17 +7,14 @@ from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import ComplexArray, RealArray
 from updyn.frf import FRF
 from updyn.updating.judge.causes.settings import CAUSE_ODDS, CAUSE_SEARCH, CHANNEL_FAULT, DATA_FAULT
 from updyn.updating.judge.causes.shown import DataFault, Detection
 from updyn.updating.judge.causes.square import CollocatedFrfs
 
 __all__ = ["Reciprocity"]
-
-_Real = NDArray[np.float64]
-_Complex = NDArray[np.complex128]
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,9 +81,9 @@ class Reciprocity(DataFault):
 class _Difference:
     """ln(H_ab / H_ba) at the lines with both above the noise, its noise, and the lines in Hz."""
 
-    log_ratio: _Complex
-    noise: _Real
-    freq: _Real
+    log_ratio: ComplexArray
+    noise: RealArray
+    freq: RealArray
 
     @classmethod
     def of(cls, square: CollocatedFrfs, a: int, b: int) -> _Difference:

@@ -12,8 +12,8 @@ from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import RealArray
 from updyn.dynamics.fields import FieldSolver
 from updyn.dynamics.reduction import Reduction, VectorsPerState
 from updyn.frf import QUANTITIES
@@ -30,13 +30,11 @@ from updyn.updating.problem.problem import FRFPart
 
 __all__ = ["ReducedModels", "TrialModels", "WholeModel", "choose_trial_models"]
 
-_Real = NDArray[np.float64]
-
 
 class TrialModels(Protocol):
     """Source of the models for trials."""
 
-    def prepare_part(self, part: FRFPart, points: Sequence[_Real]) -> FRFPart:
+    def prepare_part(self, part: FRFPart, points: Sequence[RealArray]) -> FRFPart:
         """Return the part with a model that is valid at some points."""
 
 
@@ -44,7 +42,7 @@ class TrialModels(Protocol):
 class WholeModel:
     """The model itself."""
 
-    def prepare_part(self, part: FRFPart, points: Sequence[_Real]) -> FRFPart:
+    def prepare_part(self, part: FRFPart, points: Sequence[RealArray]) -> FRFPart:
         """Return the part itself."""
         return part
 
@@ -55,8 +53,8 @@ class ReducedModels:
 
     part: FRFPart
     _reduction: Reduction = field(init=False)
-    _certified: list[_Real] = field(default_factory=list, init=False)
-    _error: _Real = field(init=False)
+    _certified: list[RealArray] = field(default_factory=list, init=False)
+    _error: RealArray = field(init=False)
     _supports: ModelSupports = field(init=False)
     _solver: FieldSolver = field(init=False)
 
@@ -94,7 +92,7 @@ class ReducedModels:
         self._supports = ModelSupports.of(part.solver.system)
         self._solver = self._make_solver("reduced, causes")
 
-    def prepare_part(self, part: FRFPart, points: Sequence[_Real]) -> FRFPart:
+    def prepare_part(self, part: FRFPart, points: Sequence[RealArray]) -> FRFPart:
         """Return the part with the reduced model, enriched at points without a certificate.
 
         The error of the reduced model is added to the variance of the data of `part`.
@@ -109,7 +107,7 @@ class ReducedModels:
             frf = replace(frf, variance=frf.variance + (factor * self._error) ** 2)
         return replace(part, solver=self._solver, frf=frf)
 
-    def _enrich(self, x: _Real) -> None:
+    def _enrich(self, x: RealArray) -> None:
         certificate = self._reduction.certify(self.part.state(x), self.part.frf.freq)
         self._error = np.maximum(self._error, certificate.errors)
         self._certified.append(x)
@@ -120,7 +118,7 @@ class ReducedModels:
         return SolverWithSupports.from_solver(self._reduction.solver(label), self._supports)
 
 
-def _scatter_starts(part: FRFPart, number: int, seed: int) -> list[_Real]:
+def _scatter_starts(part: FRFPart, number: int, seed: int) -> list[RealArray]:
     """Return the start, and points about it within the spread of the unknowns."""
     coordinates = part.coordinates
     factor, spread = coordinates.parameters.is_factor, compute_spread(part)

@@ -7,16 +7,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import ComplexArray, RealArray
 from updyn.dofs import DIRECTIONS, Dof
 from updyn.updating.judge.causes.rigid_motion import RigidMotion, RowMask, pseudo_inverse
 from updyn.updating.judge.causes.settings import CAUSE_MISFIT, CAUSE_ODDS, CHANNEL_FAULT, RIGID_BODY
 
 __all__ = ["Explanation", "explain_sensors"]
-
-_Real = NDArray[np.float64]
-_Complex = NDArray[np.complex128]
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,7 +96,7 @@ def _try_places(sensor: _Sensor, dof: Dof) -> Iterator[Explanation]:
             yield Explanation(words, text and text + there, float(deviations[best]))
 
 
-def _try_turns(sensor: _Sensor, dof: Dof, own: _Complex) -> Iterator[Explanation]:
+def _try_turns(sensor: _Sensor, dof: Dof, own: ComplexArray) -> Iterator[Explanation]:
     """Yield the best turn towards each other direction of the node.
 
     If that is measured, too, both turn together if this explains both.
@@ -141,10 +138,10 @@ class _Sensor:
 
     motion: RigidMotion
     rows: RowMask
-    values: _Complex
-    std: _Real
-    amplitudes: _Complex
-    determined: _Real
+    values: ComplexArray
+    std: RealArray
+    amplitudes: ComplexArray
+    determined: RealArray
 
     @classmethod
     def of(cls, motion: RigidMotion, rows: RowMask, i: int) -> _Sensor:
@@ -168,15 +165,15 @@ class _Sensor:
         known = lacking <= CAUSE_MISFIT.dependent_share * np.linalg.norm(R, axis=1)
         return [dof for dof, one in zip(dofs, known, strict=True) if one]
 
-    def predict(self, dofs: Sequence[Dof]) -> _Complex:
+    def predict(self, dofs: Sequence[Dof]) -> ComplexArray:
         """Return the motion of DOFs by that of the other sensors, shape (k, m)."""
         return np.asarray(self.motion.rigid.at(dofs) @ self.amplitudes)
 
-    def compare(self, values: _Complex) -> Any:
+    def compare(self, values: ComplexArray) -> Any:
         """Return the largest deviation from values of shape (..., m), shape (...)."""
         return np.max(np.abs(self.values - values) / self.std, axis=-1)
 
-    def fit_gain(self, own: _Complex) -> float:
+    def fit_gain(self, own: ComplexArray) -> float:
         """Return the real factor of its motion that best explains the values."""
         weight = 1.0 / self.std**2
         power = max(float(np.sum(weight * np.abs(own) ** 2)), np.finfo(float).tiny)

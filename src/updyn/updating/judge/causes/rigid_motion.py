@@ -8,8 +8,8 @@ from itertools import combinations
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import BoolArray, ComplexArray, RealArray
 from updyn.dofs import Dof
 from updyn.frf import FRF
 from updyn.updating.judge.causes.labels import list_unsigned_labels
@@ -19,9 +19,7 @@ from updyn.updating.problem.noise.neighbours import estimate_scatter
 
 __all__ = ["RigidMotion", "RowMask", "pseudo_inverse"]
 
-_Real = NDArray[np.float64]
-_Complex = NDArray[np.complex128]
-RowMask: TypeAlias = NDArray[np.bool_]
+RowMask: TypeAlias = BoolArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,12 +55,12 @@ class RigidMotion:
     data: FRF
     rigid: RigidShapes
     sensors: tuple[Dof, ...]
-    shapes: _Real
-    around: _Real
-    values: _Complex
-    noise: _Real
-    remainder: _Complex
-    white: _Real
+    shapes: RealArray
+    around: RealArray
+    values: ComplexArray
+    noise: RealArray
+    remainder: ComplexArray
+    white: RealArray
 
     @classmethod
     def of(cls, frf: FRF, rigid: RigidShapes) -> RigidMotion | None:
@@ -95,14 +93,14 @@ class RigidMotion:
         values, white = fitted[0] * sign, variance.mean(axis=0)
         return cls(data, rigid, at, R, rigid.around(at), values, noise, curved, white)
 
-    def deviations(self, rows: RowMask) -> _Real:
+    def deviations(self, rows: RowMask) -> RealArray:
         """Return the largest deviation of each sensor in standard deviations, shape (n,).
 
         Only the part that the other `rows` do not share; 0 for a sensor without comparison.
         """
         return self._compare(rows)[0]
 
-    def _compare(self, rows: RowMask) -> tuple[_Real, float]:
+    def _compare(self, rows: RowMask) -> tuple[RealArray, float]:
         """Return the deviations, and the sum of squares for the worst reference."""
         out, found = np.zeros(len(self.sensors)), np.zeros(int(rows.sum()))
         power = 0.0
@@ -165,7 +163,7 @@ class RigidMotion:
         motion = self.shapes[i] @ pseudo_inverse(R) @ self.values[rows]
         return float(np.max(np.abs(self.values[i] - motion) / level))
 
-    def _level(self, rows: RowMask) -> _Real:
+    def _level(self, rows: RowMask) -> RealArray:
         """Return the rms over those of some sensors with the same unit, shape (n, m)."""
         turning = np.array([dof.direction.startswith("R") for dof in self.sensors])
         level = np.zeros(self.values.shape)
@@ -183,7 +181,7 @@ class RigidMotion:
         )
         return float(np.sqrt(np.max(power)))
 
-    def standard_deviation(self, rows: RowMask) -> _Real:
+    def standard_deviation(self, rows: RowMask) -> RealArray:
         """Return the standard deviation of the values if the sensors are sound, shape (n, m)."""
         level = self._level(rows)
         local = np.zeros(level.shape)
@@ -194,7 +192,7 @@ class RigidMotion:
         usual = (RIGID_BODY.sensor_std * local) ** 2 + (RIGID_BODY.position_std * level) ** 2
         return np.sqrt(usual + self.noise + self._measure_elastic(rows))
 
-    def _measure_elastic(self, rows: RowMask) -> _Real:
+    def _measure_elastic(self, rows: RowMask) -> RealArray:
         """Return the mean square of the remainder that is neither rigid nor noise, shape (n, m)."""
         level, n = self._level(rows), len(self.remainder)
         out = np.zeros(level.shape)
@@ -206,19 +204,19 @@ class RigidMotion:
         return np.maximum(out - self.white, 0.0)
 
 
-def pseudo_inverse(R: NDArray[np.float64]) -> NDArray[np.float64]:
+def pseudo_inverse(R: RealArray) -> RealArray:
     """Return the pseudo-inverse of rigid-body shapes at sensors, shape (r, n)."""
     U, s, Vt = _decompose(R)
     return np.asarray((Vt.T / s) @ U.T)
 
 
-def _outside(R: _Real) -> _Real:
+def _outside(R: RealArray) -> RealArray:
     """Return the projection onto the complement of the columns of R, shape (n, n)."""
     U = _decompose(R)[0]
     return np.asarray(np.eye(len(R)) - U @ U.T)
 
 
-def _decompose(R: _Real) -> tuple[_Real, _Real, _Real]:
+def _decompose(R: RealArray) -> tuple[RealArray, RealArray, RealArray]:
     """Return the singular value decomposition without zero singular values."""
     U, s, Vt = np.linalg.svd(R, full_matrices=False)
     kept = s > CAUSE_MISFIT.dependent_share * s.max(initial=0.0)

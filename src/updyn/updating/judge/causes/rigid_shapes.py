@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
+from updyn.arrays import RealArray
 from updyn.dofs import DIRECTIONS, Dof
 from updyn.dynamics import eigen
 from updyn.dynamics.affine import AffineSystem
@@ -32,7 +32,7 @@ class RigidShapes:
     """Rigid-body shapes (N, r) of a model, from its geometry; lowest elastic frequency in Hz."""
 
     part: FRFPart
-    shapes: NDArray[np.float64]
+    shapes: RealArray
     elastic: float
 
     @classmethod
@@ -53,7 +53,7 @@ class RigidShapes:
                 return cls(part, shapes[:, rigid], elastic)
         return None
 
-    def at(self, dofs: Iterable[Dof]) -> NDArray[np.float64]:
+    def at(self, dofs: Iterable[Dof]) -> RealArray:
         """Return the shapes at unsigned DOFs, shape (n, r)."""
         match = self.part.solver.system.dofs.match(dofs)
         return np.asarray(self.shapes[match.index] * match.sign[:, None])
@@ -64,7 +64,7 @@ class RigidShapes:
         same = (dofs.nodes == dof.node) & (dofs.axes == DIRECTIONS.index(dof.direction))
         return bool(same.any())
 
-    def around(self, dofs: Sequence[Dof]) -> NDArray[np.float64]:
+    def around(self, dofs: Sequence[Dof]) -> RealArray:
         """Return the shapes in three directions at the nodes of DOFs, shape (n, 3, r).
 
         0 for directions that the model lacks; directions of rotations for rotations.
@@ -83,7 +83,7 @@ class RigidShapes:
         return [place for own, place in pairs if abs(own) == dof]
 
 
-def _lowest(system: AffineSystem, factor: NDArray[np.float64]) -> Record:
+def _lowest(system: AffineSystem, factor: RealArray) -> Record:
     """Return the lowest eigenvalues in 1/s2, exactly 0 for rigid-body modes, and the shapes."""
     K, M = (_sum(system, quantity, factor) for quantity in ("stiffness", "mass"))
     value, shapes = eigen.real_pairs(K, M, min(_MOST + 1, eigen.mass_rank(M)))
@@ -93,7 +93,7 @@ def _lowest(system: AffineSystem, factor: NDArray[np.float64]) -> Record:
     return np.where(np.abs(energy) <= rounding, 0.0, np.maximum(value, 0.0)), shapes
 
 
-def _sum(system: AffineSystem, quantity: str, factor: NDArray[np.float64]) -> sp.csr_matrix:
+def _sum(system: AffineSystem, quantity: str, factor: RealArray) -> sp.csr_matrix:
     """Return the matrix of all terms of a quantity, each times its factor."""
     own = np.array([term.quantity == quantity for term in system.terms])
     pattern = (system.real_values(factor * own), system.indices, system.indptr)

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import ComplexArray, RealArray
 from updyn.updating.judge.causes.element import AddedElement
 from updyn.updating.judge.causes.evidence import Evidence, stack_real_imag
 from updyn.updating.judge.causes.misfit import compute_log_misfit
@@ -16,8 +16,6 @@ from updyn.updating.judge.causes.settings import MISSING_ELEMENT
 
 __all__ = ["select_elements"]
 
-_Real = NDArray[np.float64]
-_Complex = NDArray[np.complex128]
 
 _TINY = float(np.finfo(np.float64).tiny)
 
@@ -50,7 +48,7 @@ class _Misfit:
     """The weighted misfit at a point, from which changes of the model are subtracted."""
 
     evidence: Evidence
-    e: _Complex
+    e: ComplexArray
 
     @classmethod
     def at(cls, evidence: Evidence) -> Self:
@@ -59,7 +57,7 @@ class _Misfit:
             evidence, compute_log_misfit(evidence.model_response(evidence.frf), evidence.frf)[0]
         )
 
-    def _project_changes(self, changes: Sequence[_Complex], prior: _Real) -> _Real:
+    def _project_changes(self, changes: Sequence[ComplexArray], prior: RealArray) -> RealArray:
         """Return the parts of weighted changes that unknowns cannot imitate, shape (2 m + n, k)."""
         columns = [
             np.concatenate([stack_real_imag(one) / self.evidence.rms_misfit, prior])
@@ -67,16 +65,16 @@ class _Misfit:
         ]
         return self.evidence.project_out_unknowns(self.evidence.frf, np.stack(columns, axis=1))
 
-    def residual(self, change: _Complex | float = 0.0) -> _Real:
+    def residual(self, change: ComplexArray | float = 0.0) -> RealArray:
         """Return the residual with a weighted change of the model, after all unknowns adapted."""
         return self._project_changes([self.e - change], self.evidence.offset_to_start)[:, 0]
 
-    def _slopes(self, elements: Sequence[AddedElement]) -> _Real:
+    def _slopes(self, elements: Sequence[AddedElement]) -> RealArray:
         weight, R = self.evidence.weight, self.evidence.receptances
         zeros = np.zeros(len(self.evidence.offset_to_start))
         return self._project_changes([weight * R.slope(one) for one in elements], zeros)
 
-    def compute_gains(self, elements: Sequence[AddedElement], units: Sequence[float]) -> _Real:
+    def compute_gains(self, elements: Sequence[AddedElement], units: Sequence[float]) -> RealArray:
         """Return the decrease of the sum of squares by each element, to first order from size 0."""
         D = self._slopes([replace(one, value=0.0) for one in elements]) * np.asarray(units)
         along = np.maximum(self.residual() @ D, 0.0)

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import ComplexArray, IndexArray, RealArray
 from updyn.frf import FRF
 from updyn.updating.judge.causes.misfit import remove_weight
 from updyn.updating.problem.noise.neighbours import estimate_scatter
@@ -25,12 +25,12 @@ class CollocatedFrfs:
     """
 
     labels: tuple[str, ...]
-    rows: NDArray[np.intp]
-    columns: NDArray[np.intp]
-    values: NDArray[np.complex128]
-    noise: NDArray[np.float64]
-    freq: NDArray[np.float64]
-    s: NDArray[np.complex128]
+    rows: IndexArray
+    columns: IndexArray
+    values: ComplexArray
+    noise: RealArray
+    freq: RealArray
+    s: ComplexArray
     quantity: str
 
     @classmethod

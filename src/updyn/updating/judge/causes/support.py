@@ -6,8 +6,8 @@ from collections.abc import Iterable
 from typing import ClassVar, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import ComplexArray
 from updyn.frf import FRF
 from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.fault import IrreparableFault, divide_data
@@ -55,7 +55,7 @@ class Suspension(IrreparableFault):
             " again."
         )
 
-    def slope(self, evidence: Evidence) -> NDArray[np.complex128]:
+    def slope(self, evidence: Evidence) -> ComplexArray:
         """Return the derivative of the model's ln H by the frequency of the suspension."""
         low, high = (
             evidence.log_ratio_on_suspension(self.value * f)

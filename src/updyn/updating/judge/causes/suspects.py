@@ -6,8 +6,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import RealArray
 from updyn.errors import SolverError
 from updyn.updating.judge.causes.catalogue import CAUSES
 from updyn.updating.judge.causes.evidence import Evidence, find_held
@@ -20,8 +20,6 @@ from updyn.updating.problem.problem import FRFPart
 
 __all__ = ["ScoredFault", "score_faults", "select_likeliest"]
 
-_Real = NDArray[np.float64]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ScoredFault:
@@ -31,12 +29,12 @@ class ScoredFault:
     """
 
     fault: Fault
-    x: _Real
+    x: RealArray
     gain: float
     log_evidence: float
 
 
-def score_faults(part: FRFPart, x: _Real, *, promising: bool = False) -> list[ScoredFault]:
+def score_faults(part: FRFPart, x: RealArray, *, promising: bool = False) -> list[ScoredFault]:
     """Return the faults with their expected gain at a point, the best first.
 
     If `promising`, the residual there is nearly noise, and the evidence is meaningful. Raises

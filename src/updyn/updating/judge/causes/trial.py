@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import ComplexArray, RealArray
 from updyn.errors import SolverError
 from updyn.sensitivity import Unknowns
 from updyn.updating.fit.method import descend, serial_correlation
@@ -38,8 +38,6 @@ __all__ = [
     "run_trial",
 ]
 
-_Real = NDArray[np.float64]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trial:
@@ -51,7 +49,7 @@ class Trial:
     """
 
     fault: Fault | None
-    x: _Real
+    x: RealArray
     mean_square: float
     squared_distance: float
     correlation: float
@@ -121,7 +119,7 @@ def limit_correlation(correlation: float) -> float:
 def run_trial(
     part: FRFPart,
     fault: Fault | None,
-    points: Sequence[_Real],
+    points: Sequence[RealArray],
     *,
     is_short: bool = False,
     rival: Trial | None = None,
@@ -143,7 +141,7 @@ def run_trial(
 
 
 def _fit_with_fault(
-    part: FRFPart, fault: Fault | None, x: _Real, rounds: int, steps: int, rival: Trial | None
+    part: FRFPart, fault: Fault | None, x: RealArray, rounds: int, steps: int, rival: Trial | None
 ) -> Trial | None:
     """Return the end of a fit that alternates between the unknowns and the size of a fault."""
     holds = bool(find_held(part).any())
@@ -184,8 +182,8 @@ def _fit_with_fault(
 
 
 def _choose_start(
-    part: FRFPart, fault: Fault | None, x: _Real, steps: int
-) -> tuple[Fault | None, _Real]:
+    part: FRFPart, fault: Fault | None, x: RealArray, steps: int
+) -> tuple[Fault | None, RealArray]:
     """Return the fault and the starting point of a fit."""
     if fault is None:
         return None, x
@@ -196,7 +194,7 @@ def _choose_start(
     return fault, x
 
 
-def _estimate_size(part: FRFPart, corrected: FRFPart, fault: Fault, x: _Real) -> Fault:
+def _estimate_size(part: FRFPart, corrected: FRFPart, fault: Fault, x: RealArray) -> Fault:
     """Return the fault with its size from the data at x, either original or corrected for it."""
     if fault.is_adaptive:
         return fault.adapt_to(Evidence(part, x))
@@ -221,7 +219,7 @@ def _has_converged(fault: Fault | None, better: Fault | None) -> bool:
 
 
 def _approximate_misfit(
-    corrected: FRFPart, fault: Fault | None, x: _Real
+    corrected: FRFPart, fault: Fault | None, x: RealArray
 ) -> QuadraticMisfit | None:
     """Return the misfit near the end of a trial, to second order, with a free size of the fault."""
     try:
@@ -235,7 +233,7 @@ def _approximate_misfit(
         return None
 
 
-def _descend(part: FRFPart, x: _Real, steps: int) -> tuple[_Real, float, float, float]:
+def _descend(part: FRFPart, x: RealArray, steps: int) -> tuple[RealArray, float, float, float]:
     """Return x at the least log error, its mean square, the squared distance, the correlation."""
     problem = _add_priors(part)
     residual = _make_residual(part)
@@ -267,11 +265,11 @@ def _make_residual(part: FRFPart) -> LineResidual:
     return LogError.of_noisy_data(part)
 
 
-def _compute_misfit(part: FRFPart, x: _Real) -> NDArray[np.complex128]:
+def _compute_misfit(part: FRFPart, x: RealArray) -> ComplexArray:
     return compute_log_misfit(part.responses(x), part.frf)[0]
 
 
-def _mean_square(part: FRFPart, x: _Real) -> float:
+def _mean_square(part: FRFPart, x: RealArray) -> float:
     return float(np.mean(np.abs(_compute_misfit(part, x)) ** 2))
 
 
@@ -284,7 +282,7 @@ def _add_priors(part: FRFPart) -> Problem:
     return Problem.of([replace(part, coordinates=held)])
 
 
-def raise_loss_factors(part: FRFPart, x: _Real) -> _Real:
+def raise_loss_factors(part: FRFPart, x: RealArray) -> RealArray:
     """Return x with loss factors of at least 0.1, so that resonances overlap."""
     is_factor = part.coordinates.parameters.is_factor
     return np.clip(
@@ -293,7 +291,7 @@ def raise_loss_factors(part: FRFPart, x: _Real) -> _Real:
     )
 
 
-def fit_robustly(part: FRFPart, x: _Real) -> _Real:
+def fit_robustly(part: FRFPart, x: RealArray) -> RealArray:
     """Return the end of a fit with less weight on channels that disagree with the others.
 
     The weight of the log error of a channel is 1 / (1 + s^2 / s_0^2), with s its rms and s_0 the
@@ -311,7 +309,7 @@ def fit_robustly(part: FRFPart, x: _Real) -> _Real:
     return x
 
 
-def free_held_quantities(part: FRFPart) -> tuple[FRFPart, _Real]:
+def free_held_quantities(part: FRFPart) -> tuple[FRFPart, RealArray]:
     """Return the part with held quantities as further unknowns, and their start, as x.
 
     Held quantities are slightly wrong; their errors must not be taken for a fault of the data.
@@ -338,7 +336,7 @@ def free_held_quantities(part: FRFPart) -> tuple[FRFPart, _Real]:
     return whole, coordinates.start[len(parameters) :]
 
 
-def adapt_losses(part: FRFPart, x: _Real) -> FRFPart:
+def adapt_losses(part: FRFPart, x: RealArray) -> FRFPart:
     """Return the part with prior deviations of held loss factors not below their distances at x.
 
     A held loss factor is often only a guess, or 0. The deviation with the largest prior density of

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import ComplexArray, RealArray
 from updyn.dofs import DIRECTIONS, Dof, DofSet
 from updyn.errors import OptionError
 from updyn.frf import FRF
@@ -19,9 +19,6 @@ from updyn.updating.judge.settings import SIGNIFICANCE
 from updyn.updating.problem.problem import FRFPart
 
 __all__ = ["TurnedSensor", "list_rotation_axes"]
-
-_Real = NDArray[np.float64]
-_Complex = NDArray[np.complex128]
 
 
 class TurnedSensor(Fault):
@@ -63,7 +60,7 @@ class TurnedSensor(Fault):
             self, value=_find_best_angle(_ChannelRotation.of(self.channels, evidence.frf), evidence)
         )
 
-    def fit_all_data(self, part: FRFPart, x: _Real) -> Self:
+    def fit_all_data(self, part: FRFPart, x: RealArray) -> Self:
         """Return the fault with the best-fitting angle for all data of a part."""
         return self.adapt_to(Evidence(part, x))
 
@@ -83,7 +80,7 @@ class TurnedSensor(Fault):
             parts["coherence"] = np.where(mixed, worst[:, :, :, None], 1.0).min(axis=2)
         return replace(frf, **parts)
 
-    def slope(self, evidence: Evidence) -> _Complex:
+    def slope(self, evidence: Evidence) -> ComplexArray:
         """Return d ln(measured) / d angle, from the model, shape (n_f, n_i, n_j)."""
         frf, H = evidence.frf, evidence.model_response(evidence.frf)
         assert frf.variance is not None
@@ -156,15 +153,15 @@ def list_rotation_axes(dofs: DofSet) -> list[Dof]:
 class _DofRotation:
     """Rotations of responses or references; `generator` is d (measured) / d angle."""
 
-    generator: _Real
+    generator: RealArray
 
     @property
-    def basis(self) -> _Real:
+    def basis(self) -> RealArray:
         """Parts of a rotation for the factors 1, sin and cos of the angle, shape (3, n, n)."""
         square = self.generator @ self.generator
         return np.stack([np.eye(len(square)) + square, self.generator, -square])
 
-    def rotation(self, angle: float) -> _Real:
+    def rotation(self, angle: float) -> RealArray:
         """Return the matrix from true to measured values, by Rodrigues' formula."""
         return np.tensordot(np.array([1.0, np.sin(angle), np.cos(angle)]), self.basis, axes=1)
 
@@ -187,7 +184,7 @@ class _ChannelRotation:
         )
 
 
-def _make_generator(axes: Iterable[str], dofs: DofSet, role: str) -> _Real:
+def _make_generator(axes: Iterable[str], dofs: DofSet, role: str) -> RealArray:
     """Return the derivative of measured values by the angle, shape (n, n)."""
     G = np.zeros((len(dofs), len(dofs)))
     place = {(dof.node, dof.direction): i for i, dof in enumerate(dofs)}

@@ -7,8 +7,8 @@ from dataclasses import replace
 from typing import ClassVar, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import ComplexArray, RealArray
 from updyn.frf import FRF
 from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.fault import Fault, divide_data
@@ -44,7 +44,7 @@ class WindowDamping(Fault):
         """Return the data with their decay, with which a model is evaluated for comparison."""
         return replace(frf, decay=frf.decay + self.value)
 
-    def slope(self, evidence: Evidence) -> NDArray[np.complex128]:
+    def slope(self, evidence: Evidence) -> ComplexArray:
         """Return d ln H / d (i omega)."""
         return evidence.slope_by_frequency / (2j * np.pi)
 
@@ -52,7 +52,7 @@ class WindowDamping(Fault):
         """Return the data divided by the model's H(i omega + value) / H(i omega)."""
         return divide_data(evidence.frf, evidence.log_ratio_with_decay(self.value))
 
-    def correct_part(self, part: FRFPart, x: NDArray[np.float64]) -> FRFPart:
+    def correct_part(self, part: FRFPart, x: RealArray) -> FRFPart:
         """Return the part whose model is evaluated with the decay of the data."""
         return part.with_data(self.repair(part.frf)) if self.is_plausible() else part
 

@@ -5,9 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import ClassVar
 
-import numpy as np
-from numpy.typing import NDArray
-
+from updyn.arrays import RealArray
 from updyn.updating.judge.causes.fault import IrreparableFault, divide_odds
 from updyn.updating.judge.causes.other_model import CompiledVariant
 from updyn.updating.problem.problem import FRFPart
@@ -36,13 +34,13 @@ class WrongAxes(IrreparableFault):
         """Prior odds that the axes of these groups are wrong."""
         return divide_odds(self.odds, self.n_places)
 
-    def correct_part(self, part: FRFPart, x: NDArray[np.float64]) -> FRFPart:
+    def correct_part(self, part: FRFPart, x: RealArray) -> FRFPart:
         """Return the part with the other model."""
         return (
             part if self.compiled_variant is None else self.compiled_variant.prepare_part(part, [x])
         )
 
-    def prepare_next_search(self, part: FRFPart, x: NDArray[np.float64]) -> FRFPart:
+    def prepare_next_search(self, part: FRFPart, x: RealArray) -> FRFPart:
         """Return the part with the other model."""
         return self.correct_part(part, x)
 

@@ -6,15 +6,12 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import ComplexArray, RealArray
 from updyn.frf import FRF
 from updyn.updating.problem.noise.known import NoiseModel, WrappedNoise
 
 __all__ = ["Approximate"]
-
-_Real = NDArray[np.float64]
-_Complex = NDArray[np.complex128]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -26,27 +23,27 @@ class Approximate(WrappedNoise):
     """
 
     base: NoiseModel
-    share: NDArray[np.float64]
+    share: RealArray
 
     @property
     def scale_known(self) -> bool:
         """Whether the variance of the noise is known absolutely."""
         return self.base.scale_known
 
-    def initial_variance(self, frf: FRF) -> _Real:
+    def initial_variance(self, frf: FRF) -> RealArray:
         """Return E|dH|^2 of noise and model error before a fit, shape (n_f, n_i, n_j)."""
         level = np.abs(frf.values).max(axis=(1, 2), keepdims=True)
         return np.asarray(self.base.initial_variance(frf) + (self.share * level) ** 2)
 
-    def variance(self, H: _Complex, frf: FRF) -> _Real:
+    def variance(self, H: ComplexArray, frf: FRF) -> RealArray:
         """Return E|dH|^2 of the noise, shape (n_f, n_i, n_j)."""
         return self.base.variance(H, frf)
 
-    def negative_log_likelihood(self, H: _Complex, frf: FRF) -> float:
+    def negative_log_likelihood(self, H: ComplexArray, frf: FRF) -> float:
         """Return the negative log-likelihood under the noise, up to a constant."""
         return self.base.negative_log_likelihood(H, frf)
 
-    def refit(self, H: _Complex, frf: FRF, n_parameters: int) -> Approximate:
+    def refit(self, H: ComplexArray, frf: FRF, n_parameters: int) -> Approximate:
         """Return the model with its noise refitted to the residual frf - H."""
         return replace(self, base=self.base.refit(H, frf, n_parameters))
 

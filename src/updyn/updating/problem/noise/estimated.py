@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import BoolArray, ComplexArray, NumberArray, RealArray
 from updyn.frf import FRF
 from updyn.updating.problem.noise.known import (
     ASSUMED,
@@ -27,7 +27,6 @@ __all__ = [
     "ratio_range",
 ]
 
-_Real = NDArray[np.float64]
 #: Pairs of response label and noise floor.
 Floors: TypeAlias = "tuple[tuple[str, float], ...]"
 
@@ -60,15 +59,15 @@ class Estimated(NoiseModel):
             tails=tails, common_floor=common_floor, own_floors=find_own_floors(frf, common_floor)
         )
 
-    def initial_variance(self, frf: FRF) -> _Real:
+    def initial_variance(self, frf: FRF) -> RealArray:
         """Return the square of the floor of neighbouring lines, shape (n_f, n_i, n_j)."""
         return _squared_floors(self.common_floor, self.own_floors, frf)
 
-    def variance(self, H: NDArray[np.complex128], frf: FRF) -> NDArray[np.float64]:
+    def variance(self, H: ComplexArray, frf: FRF) -> RealArray:
         """Return E|dH|^2, shape (n_f, n_i, n_j)."""
         return two_part_variance(self.relative, self.floor, H, level_by_unit(frf))
 
-    def refit(self, H: NDArray[np.complex128], frf: FRF, n_parameters: int) -> Estimated | Assumed:
+    def refit(self, H: ComplexArray, frf: FRF, n_parameters: int) -> Estimated | Assumed:
         """Return the model estimated from frf - H, or `Assumed` without degrees of freedom."""
         residual = _NoiseResidual.of(H, frf)
         freedom = 2 * residual.n_values - n_parameters
@@ -93,13 +92,13 @@ class _NoiseResidual:
     Values that are zero in model and data, as by symmetry, carry no information on the noise.
     """
 
-    size: _Real
-    level: _Real
-    squared: _Real
-    is_nonzero: NDArray[np.bool_]
+    size: RealArray
+    level: RealArray
+    squared: RealArray
+    is_nonzero: BoolArray
 
     @classmethod
-    def of(cls, H: NDArray[np.complex128], frf: FRF) -> _NoiseResidual:
+    def of(cls, H: ComplexArray, frf: FRF) -> _NoiseResidual:
         level = np.broadcast_to(level_by_unit(frf), H.shape)
         is_nonzero = np.maximum(np.abs(H), np.abs(frf.values)) > NOISE_LIMITS.least_noise * level
         return cls(np.abs(H), level, np.abs(frf.values - H) ** 2, is_nonzero)
@@ -145,7 +144,7 @@ def _log_range() -> tuple[float, float]:
     return float(np.log(NOISE_LIMITS.least_noise)), 0.0
 
 
-def ratio_range(size: _Real, level: _Real) -> tuple[float, float]:
+def ratio_range(size: RealArray, level: RealArray) -> tuple[float, float]:
     """Return the range of log(relative / floor) in which the two can be distinguished."""
     over = np.log(size[size > 0.0] / level[size > 0.0])
     if over.size == 0:
@@ -153,7 +152,9 @@ def ratio_range(size: _Real, level: _Real) -> tuple[float, float]:
     return -float(over.max()), -float(over.min())
 
 
-def fit_two_numbers(size: _Real, level: _Real, squared: _Real, tails: float) -> tuple[float, float]:
+def fit_two_numbers(
+    size: RealArray, level: RealArray, squared: RealArray, tails: float
+) -> tuple[float, float]:
     """Return the relative noise and floor of maximum likelihood; relative noise is at most 1.
 
     `size` is |H| of the model, `level` that to which the floor is relative. At a given ratio of the
@@ -168,7 +169,7 @@ def fit_two_numbers(size: _Real, level: _Real, squared: _Real, tails: float) -> 
     found = _fit_gaussian(size, level, squared)
     if np.isfinite(tails):
 
-        def cost(logs: NDArray[Any]) -> float:
+        def cost(logs: NumberArray) -> float:
             v = _variance(logs, size, level)
             return float(np.mean(_student_cost(squared, v, tails)))
 
@@ -185,13 +186,13 @@ def fit_two_numbers(size: _Real, level: _Real, squared: _Real, tails: float) -> 
     return float(a), float(b)
 
 
-def _variance(logs: NDArray[Any], size: _Real, level: _Real) -> _Real:
+def _variance(logs: NumberArray, size: RealArray, level: RealArray) -> RealArray:
     """Return the variance for the logarithms of relative noise and floor."""
     a, b = np.exp(np.clip(logs, *_log_range()))
     return np.asarray((a * size) ** 2 + (b * level) ** 2)
 
 
-def _student_cost(squared: _Real, variance: _Real, tails: float) -> _Real:
+def _student_cost(squared: RealArray, variance: RealArray, tails: float) -> RealArray:
     """Return the negative logarithm of Student's density of each value, up to a constant."""
     far = np.log1p(2.0 / tails * squared / variance)
     return np.asarray(np.log(variance) + (0.5 * tails + 1.0) * far)
@@ -245,7 +246,7 @@ def find_own_floors(frf: FRF, common: float) -> Floors:
 
 
 def _estimate_own_floor(
-    size: _Real, level: _Real, squared: _Real, common: float
+    size: RealArray, level: RealArray, squared: RealArray, common: float
 ) -> tuple[float, float]:
     """Return the floor of a response and its mean gain in log-likelihood per value."""
     from scipy.optimize import minimize_scalar
@@ -261,18 +262,18 @@ def _estimate_own_floor(
     return floor, float(best.fun) - cost(np.log(relative), floor)
 
 
-def _squared_floors(common_floor: float, own_floors: Floors, frf: FRF) -> _Real:
+def _squared_floors(common_floor: float, own_floors: Floors, frf: FRF) -> RealArray:
     """Return the squared floors of the responses, shape (n_f, n_i, n_j)."""
     known = dict(own_floors)
     floors = np.array([known.get(label, common_floor) for label in frf.responses.labels])
     return two_part_variance(0.0, floors[:, None], frf.values, level_by_unit(frf))
 
 
-def _fit_gaussian(size: _Real, level: _Real, squared: _Real) -> _Real:
+def _fit_gaussian(size: RealArray, level: RealArray, squared: RealArray) -> RealArray:
     """Return relative noise and floor of maximum Gaussian likelihood, shape (2,)."""
     from scipy.optimize import minimize_scalar
 
-    def scale(log_ratio: float) -> tuple[_Real, float]:
+    def scale(log_ratio: float) -> tuple[RealArray, float]:
         shape = (np.exp(log_ratio) * size) ** 2 + level**2
         return shape, max(float(np.mean(squared / shape)), NOISE_LIMITS.least_noise**2)
 
@@ -305,8 +306,8 @@ class EstimatedByChannel(NoiseModel):
     """
 
     tails: float = np.inf
-    relative: _Real | None = None
-    floor: _Real | None = None
+    relative: RealArray | None = None
+    floor: RealArray | None = None
     names: tuple[str, ...] = ()
     held: bool = False
     common_floor: float = 0.0
@@ -322,18 +323,18 @@ class EstimatedByChannel(NoiseModel):
             tails=tails, common_floor=common_floor, own_floors=find_own_floors(frf, common_floor)
         )
 
-    def initial_variance(self, frf: FRF) -> _Real:
+    def initial_variance(self, frf: FRF) -> RealArray:
         """Return the square of the floor of neighbouring lines, shape (n_f, n_i, n_j)."""
         return _squared_floors(self.common_floor, self.own_floors, frf)
 
-    def variance(self, H: NDArray[np.complex128], frf: FRF) -> _Real:
+    def variance(self, H: ComplexArray, frf: FRF) -> RealArray:
         """Return E|dH|^2, shape (n_f, n_i, n_j)."""
         if self.relative is None or self.floor is None:
             return Stated(**ASSUMED).variance(H, frf)
         return two_part_variance(self.relative[:, None], self.floor[:, None], H, level_by_unit(frf))
 
     def refit(
-        self, H: NDArray[np.complex128], frf: FRF, n_parameters: int
+        self, H: ComplexArray, frf: FRF, n_parameters: int
     ) -> EstimatedByChannel | Estimated | Assumed:
         """Return the model estimated by response, or with common numbers if values are few."""
         if self.held:

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import BoolArray, ComplexArray, IndexArray, RealArray
 from updyn.dofs import DofSet
 from updyn.errors import OptionError
 from updyn.frf import FRF
@@ -29,9 +29,6 @@ __all__ = [
     "two_part_variance",
     "unit_kinds",
 ]
-
-_Real = NDArray[np.float64]
-_Complex = NDArray[np.complex128]
 
 
 #: Noise that is assumed if neither the user nor the data give its size.
@@ -100,7 +97,7 @@ class NoiseModel(ABC):
         return False
 
     @abstractmethod
-    def variance(self, H: _Complex, frf: FRF) -> _Real:
+    def variance(self, H: ComplexArray, frf: FRF) -> RealArray:
         """Return E|dH|^2 in squared units of the data, shape (n_f, n_i, n_j).
 
         Parameters
@@ -111,11 +108,11 @@ class NoiseModel(ABC):
             The data.
         """
 
-    def initial_variance(self, frf: FRF) -> _Real:
+    def initial_variance(self, frf: FRF) -> RealArray:
         """Return E|dH|^2 as far as it is known before a fit, shape (n_f, n_i, n_j)."""
         return self.variance(frf.values, frf)
 
-    def negative_log_likelihood(self, H: _Complex, frf: FRF) -> float:
+    def negative_log_likelihood(self, H: ComplexArray, frf: FRF) -> float:
         """Return the negative log-likelihood of the data, up to a constant.
 
         If the variance is known only up to a factor, the factor is estimated from the residual.
@@ -138,7 +135,7 @@ class NoiseModel(ABC):
         typical = max(float(np.mean(power)), NOISE_LIMITS.least_noise)
         return float(np.sum(np.log(v)) + v.size * np.log(typical))
 
-    def refit(self, H: _Complex, frf: FRF, n_parameters: int) -> NoiseModel:
+    def refit(self, H: ComplexArray, frf: FRF, n_parameters: int) -> NoiseModel:
         """Return the noise model refitted to the residual frf - H; itself if nothing is estimated.
 
         Parameters
@@ -183,24 +180,24 @@ class WrappedNoise(NoiseModel):
         """Whether the base model gives less weight to outliers."""
         return self.base.heavy_tails
 
-    def initial_variance(self, frf: FRF) -> _Real:
+    def initial_variance(self, frf: FRF) -> RealArray:
         """Return the base model's E|dH|^2 before a fit, shape (n_f, n_i, n_j)."""
         return self.base.initial_variance(frf)
 
 
-def level_by_unit(frf: FRF) -> _Real:
+def level_by_unit(frf: FRF) -> RealArray:
     """Return the rms of |H_X| over all data of the same unit, shape (1, n_i, n_j)."""
     squared = np.mean(np.abs(frf.values) ** 2, axis=0)
     return level_of_units(squared, frf.responses, frf.references)[None]
 
 
-def unit_kinds(responses: DofSet, references: DofSet) -> NDArray[np.intp]:
+def unit_kinds(responses: DofSet, references: DofSet) -> IndexArray:
     """Return a number for each channel, equal for channels of one unit, shape (n_i, n_j)."""
     rows, columns = responses.axes >= 3, references.axes >= 3
     return np.asarray(2 * rows[:, None] + columns[None, :], dtype=np.intp)
 
 
-def level_of_units(squared: _Real, responses: DofSet, references: DofSet) -> _Real:
+def level_of_units(squared: RealArray, responses: DofSet, references: DofSet) -> RealArray:
     """Return the rms, above 0, over all channels of one unit for the mean squares, (n_i, n_j)."""
     kind = unit_kinds(responses, references)
     level = np.zeros(kind.shape)
@@ -210,8 +207,8 @@ def level_of_units(squared: _Real, responses: DofSet, references: DofSet) -> _Re
 
 
 def two_part_variance(
-    relative: float | _Real, floor: float | _Real, H: _Complex, level: _Real
-) -> _Real:
+    relative: float | RealArray, floor: float | RealArray, H: ComplexArray, level: RealArray
+) -> RealArray:
     """Return (relative |H|)^2 + (floor level)^2, shape (n_f, n_i, n_j)."""
     floor = np.maximum(floor, NOISE_LIMITS.least_noise)
     return np.asarray((relative * np.abs(H)) ** 2 + (floor * level) ** 2)
@@ -229,7 +226,7 @@ class Stated(NoiseModel):
     kind: ClassVar[str] = "stated"
     source: ClassVar[str] = "stated"
 
-    def variance(self, H: NDArray[np.complex128], frf: FRF) -> NDArray[np.float64]:
+    def variance(self, H: ComplexArray, frf: FRF) -> RealArray:
         """Return E|dH|^2, shape (n_f, n_i, n_j)."""
         return two_part_variance(self.relative, self.floor, H, level_by_unit(frf))
 
@@ -271,7 +268,7 @@ class Variance(NoiseModel):
             )
         return cls()
 
-    def variance(self, H: NDArray[np.complex128], frf: FRF) -> NDArray[np.float64]:
+    def variance(self, H: ComplexArray, frf: FRF) -> RealArray:
         """Return E|dH|^2, shape (n_f, n_i, n_j)."""
         assert frf.variance is not None
         return np.maximum(frf.variance, (1e-9 * level_by_unit(frf)) ** 2)
@@ -289,7 +286,7 @@ class Coherence(NoiseModel):
     """
 
     scale_known: bool
-    freq: NDArray[np.float64] | None = None
+    freq: RealArray | None = None
     smoothed: SmoothVariance | None = None
     kind: ClassVar[str] = "coherence"
     needs: ClassVar[str] = "coherence"
@@ -315,7 +312,7 @@ class Coherence(NoiseModel):
             )
         return cls(frf.averages is not None, frf.freq, _smooth_coherence(frf))
 
-    def variance(self, H: NDArray[np.complex128], frf: FRF) -> NDArray[np.float64]:
+    def variance(self, H: ComplexArray, frf: FRF) -> RealArray:
         """Return E|dH|^2, shape (n_f, n_i, n_j)."""
         if (
             self.freq is not None
@@ -342,15 +339,15 @@ def _smooth_coherence(frf: FRF) -> SmoothVariance:
 class SmoothVariance:
     """A smooth variance, floor + relative |H|^2, both of shape (n_f, ...)."""
 
-    floor: _Real
-    relative: _Real
+    floor: RealArray
+    relative: RealArray
 
-    def at(self, size: _Real, lines: slice | NDArray[np.intp] = slice(None)) -> _Real:
+    def at(self, size: RealArray, lines: slice | IndexArray = slice(None)) -> RealArray:
         """Return the variance for magnitudes `size` at some of the lines, shape (n_f, ...)."""
         return np.asarray(self.floor[lines] + self.relative[lines] * size**2)
 
 
-def smooth_variance(variance: _Real, size: _Real, freedom: int) -> SmoothVariance:
+def smooth_variance(variance: RealArray, size: RealArray, freedom: int) -> SmoothVariance:
     """Smooth estimates, independent and distributed as Gamma(freedom) / freedom, along the lines.
 
     A floor and a part proportional to |H|^2, piecewise linear, are fitted to each channel by
@@ -374,7 +371,7 @@ def smooth_variance(variance: _Real, size: _Real, freedom: int) -> SmoothVarianc
     return SmoothVariance(floor * smooth, relative * smooth)
 
 
-def _is_near_median(ratio: _Real, width: int) -> NDArray[np.bool_]:
+def _is_near_median(ratio: RealArray, width: int) -> BoolArray:
     """Return which ratios, shape (n_f, ...), are not far above the median of nearby lines."""
     from scipy.ndimage import median_filter
 
@@ -382,7 +379,9 @@ def _is_near_median(ratio: _Real, width: int) -> NDArray[np.bool_]:
     return np.asarray(ratio <= SMOOTH_VARIANCE.outlier_ratio * around)
 
 
-def _fit_two_parts(variance: _Real, size: _Real, freedom: int, width: int) -> tuple[_Real, _Real]:
+def _fit_two_parts(
+    variance: RealArray, size: RealArray, freedom: int, width: int
+) -> tuple[RealArray, RealArray]:
     """Return the floor and the relative part of the variance, both of shape (n_f, ...)."""
     n_f, channels = len(variance), variance.shape[1:]
     wanted = n_f * freedom // SMOOTH_VARIANCE.smoothed_freedoms
@@ -407,7 +406,7 @@ def _fit_two_parts(variance: _Real, size: _Real, freedom: int, width: int) -> tu
     )
 
 
-def _hat_functions(n_f: int, knots: int) -> _Real:
+def _hat_functions(n_f: int, knots: int) -> RealArray:
     """Return piecewise linear functions of the lines with the sum 1, shape (n_f, knots)."""
     if knots == 1:
         return np.ones((n_f, 1))

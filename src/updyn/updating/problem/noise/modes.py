@@ -7,10 +7,10 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.special import chdtri
 
+from updyn.arrays import RealArray
 from updyn.errors import OptionError, suggest
 from updyn.group import is_number
 from updyn.updating.problem.modal_rows import KINDS, ModalRows
@@ -18,7 +18,6 @@ from updyn.updating.problem.noise.settings import MODAL_SIZES, NOISE_LIMITS
 
 __all__ = ["ASSUMED_OF_MODES", "ModalNoise", "choose_modal_noise"]
 
-_Real = NDArray[np.float64]
 
 #: Standard deviations, as shares, that are assumed if neither the user nor the data give them
 #: (Friswell & Mottershead, Finite Element Model Updating in Structural Dynamics, 1995: frequencies
@@ -63,7 +62,7 @@ class ModalNoise:
         added = {kind: share / unit for kind, share in ASSUMED_OF_MODES.items()}
         return ModalNoise(added, frozenset(added))
 
-    def std(self, rows: ModalRows) -> _Real:
+    def std(self, rows: ModalRows) -> RealArray:
         """Return the standard deviation of each residual, shape (r,); inf for unused kinds."""
         variance = np.full(len(rows.r), np.inf)
         for number, kind in enumerate(KINDS):
@@ -86,7 +85,7 @@ class ModalNoise:
                 break
         return found
 
-    def refit(self, rows: ModalRows, rest: _Real) -> ModalNoise:
+    def refit(self, rows: ModalRows, rest: RealArray) -> ModalNoise:
         """Return the noise estimated from the residuals of a fit; itself if all numbers are stated.
 
         `rest`, shape (k, n), is the reduced, whitened Jacobian of all other data and priors.
@@ -138,7 +137,7 @@ def _have_settled(
     return all(abs(sizes[kind] - before[kind]) <= change * before[kind] for kind in kinds)
 
 
-def _compute_leverage(rows: ModalRows, std: _Real, rest: _Real) -> _Real:
+def _compute_leverage(rows: ModalRows, std: RealArray, rest: RealArray) -> RealArray:
     """Return the leverage of the unknowns on each residual, 0 to 1, shape (r,)."""
     J = rows.J / std[:, None]
     whole = np.vstack([J, rest])
@@ -163,7 +162,7 @@ def _estimate_sizes(
     return found
 
 
-def _estimate_size(r: _Real, std: _Real, number: float, typical: float) -> float:
+def _estimate_size(r: RealArray, std: RealArray, number: float, typical: float) -> float:
     """Return s with sum r^2 / (std^2 + s^2) = number, at least that of rounding.
 
     If the data have no standard deviations, the typical size enters with its weight.

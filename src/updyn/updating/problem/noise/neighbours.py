@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import NDArray
 
+from updyn.arrays import RealArray
 from updyn.frf import FRF
 from updyn.updating.problem.noise.settings import LINE_SCATTER
 
 __all__ = ["estimate_scatter"]
 
 
-def estimate_scatter(frf: FRF) -> NDArray[np.float64]:
+def estimate_scatter(frf: FRF) -> RealArray:
     """Return the scatter of data about a parabola through five neighbouring lines, an E|dH|^2.
 
     It has 2 complex degrees of freedom, includes the curvature of the FRF between the lines, and is

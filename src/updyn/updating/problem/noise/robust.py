@@ -6,16 +6,13 @@ from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from updyn.arrays import ComplexArray, RealArray
 from updyn.frf import FRF
 from updyn.updating.problem.noise.known import NoiseModel, WrappedNoise
 from updyn.updating.problem.noise.settings import ROBUST_NOISE
 
 __all__ = ["Robust"]
-
-_Real = NDArray[np.float64]
-_Complex = NDArray[np.complex128]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,7 +29,7 @@ class Robust(WrappedNoise):
 
     base: NoiseModel
     factor: float = 1.0
-    weight: _Real | None = None
+    weight: RealArray | None = None
     outliers: dict[str, Any] = field(default_factory=dict)
     name: ClassVar[str] = "student-t"
 
@@ -51,14 +48,14 @@ class Robust(WrappedNoise):
         """True: outliers have less weight."""
         return True
 
-    def variance(self, H: _Complex, frf: FRF) -> _Real:
+    def variance(self, H: ComplexArray, frf: FRF) -> RealArray:
         """Return E|dH|^2 divided by the weights, shape (n_f, n_i, n_j)."""
         plain = self.factor * self.base.variance(H, frf)
         if self.weight is None or self.weight.shape != plain.shape:
             return plain
         return plain / self.weight
 
-    def negative_log_likelihood(self, H: _Complex, frf: FRF) -> float:
+    def negative_log_likelihood(self, H: ComplexArray, frf: FRF) -> float:
         """Return the negative log-likelihood of Student's distribution, up to a constant."""
         v = self.factor * self.base.variance(H, frf)
         power = np.abs(frf.values - H) ** 2 / v
@@ -66,7 +63,7 @@ class Robust(WrappedNoise):
         tails = (0.5 * nu + 1.0) * np.log1p(2.0 / nu * power)
         return float(np.sum(np.log(v) + tails))
 
-    def refit(self, H: _Complex, frf: FRF, n_parameters: int) -> Robust:
+    def refit(self, H: ComplexArray, frf: FRF, n_parameters: int) -> Robust:
         """Return the model with weights from the residual frf - H."""
         base = self.base.refit(H, frf, n_parameters)
         if 2 * H.size <= n_parameters:  # no degrees of freedom

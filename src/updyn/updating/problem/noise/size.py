@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from updyn.arrays import RealArray
 from updyn.updating.problem.noise.settings import SMOOTH_VARIANCE
 
 __all__ = ["size_p_value"]
@@ -12,7 +13,7 @@ __all__ = ["size_p_value"]
 
 def size_p_value(
     square: ArrayLike, count: ArrayLike, freedom: ArrayLike, averages: int | None
-) -> NDArray[np.float64]:
+) -> RealArray:
     """Return the probability that noise causes whitened sums of squares at least as large.
 
     Chi-square with `freedom` (`count` less fitted unknowns, at least 1) degrees of freedom for
