@@ -23,11 +23,22 @@ from updyn.frf import FRF
 from updyn.io.atomic import atomic_path
 from updyn.io.csv_modes import holds_frequencies, read_modes, write_modes
 from updyn.io.csv_records import read_records
-from updyn.io.csv_text import UNITS, check_comments, comment, plain_numbers, split_axis
+from updyn.io.csv_text import (
+    UNITS,
+    Comments,
+    check_comments,
+    comment,
+    plain_numbers,
+    read_averages,
+    read_decay,
+    single_comment,
+    split_axis,
+)
 from updyn.io.dof_table import read_geometry
 from updyn.io.items import check_phase, locate_errors, read_utf8
+from updyn.io.ratio import Ratio
 from updyn.io.text_numbers import check_last_line, parse_real
-from updyn.units import Unit, find_unit, split_ratio
+from updyn.units import find_unit, split_ratio
 
 __all__ = [
     "read_frf",
@@ -113,18 +124,15 @@ def read_frf(
             _quantity(head, quantity, units, path),
             coherence=arrays.get("coherence"),
             variance=arrays.get("variance"),
-            averages=_averages(head, path),
+            averages=read_averages(head, path),
             source="\n".join(value for _, value in head.get("source", [])),
-            decay=_decay(head, path),
+            decay=read_decay(head, path),
         )
 
 
-_Head = dict[str, list[tuple[int, str]]]
-
-
-def _split_head(text: str, path: str | Path) -> tuple[_Head, list[tuple[int, str]]]:
+def _split_head(text: str, path: str | Path) -> tuple[Comments, list[tuple[int, str]]]:
     """Return the values of comments by name, and the other lines by number, header first."""
-    head: _Head = {}
+    head: Comments = {}
     lines, comments = [], []
     for number, line in enumerate(text.split("\n"), 1):
         if line.lstrip().startswith("#"):
@@ -188,65 +196,17 @@ def _parse_column(cell: str, path: str | Path, line: int) -> _FRFColumn:
     return _FRFColumn(pair, found[3], (found[4] or found[5] or "").strip(), cell)
 
 
-@dataclass(frozen=True, slots=True)
-class _Ratio:
-    """A stated unit of values: its label, and the units of the motion and the force."""
-
-    label: str
-    motion: Unit
-    force: Unit
-
-    @classmethod
-    def of(cls, label: str, where: str, path: str | Path, line: int) -> _Ratio:
-        """Return the unit of a label."""
-        found = split_ratio(label)
-        if found is None:
-            hint = ""
-            if "db" in label.casefold():
-                hint = "; decibels are a magnitude without phase"
-            raise FormatError(
-                f"{where}unit {label!r}; expected a motion per force, such as 'g/N' or"
-                f" 'm/s^2/N'{hint}",
-                path,
-                line,
-            )
-        return cls(label, *found)
-
-    @property
-    def factor(self) -> float:
-        """Factor to SI."""
-        return self.motion.factor / self.force.factor
-
-    def agrees(self, other: _Ratio) -> bool:
-        """Return whether another unit has the same quantity and size."""
-        return (self.motion.kind, self.factor) == (other.motion.kind, other.factor)
-
-    def check(self, pair: _Pair, path: str | Path, line: int) -> None:
-        """Refuse a unit of a translation or a force for a rotation or a moment, or the reverse."""
-        for dof, unit, what in (
-            (pair[0], self.motion, "motion"),
-            (pair[1], self.force, "force"),
-        ):
-            if unit.angular != dof.direction.startswith("R"):
-                raise FormatError(
-                    f"H({pair[0]}/{pair[1]}): the {what} at {dof} cannot be in {self.label!r};"
-                    " state units in the names of the columns",
-                    path,
-                    line,
-                )
+_Units = dict[tuple[_Pair, str], Ratio | None]
 
 
-_Units = dict[tuple[_Pair, str], _Ratio | None]
-
-
-def _unit(head: _Head, path: str | Path) -> _Ratio | None:
+def _unit(head: Comments, path: str | Path) -> Ratio | None:
     """Return the unit of all values in a comment, or None."""
-    label = _single_comment(head, "unit", path)
-    return None if label is None else _Ratio.of(label, "", path, head["unit"][0][0])
+    label = single_comment(head, "unit", path)
+    return None if label is None else Ratio.of(label, "", path, head["unit"][0][0])
 
 
 def _units(
-    columns: Sequence[_FRFColumn], general: _Ratio | None, path: str | Path, line: int
+    columns: Sequence[_FRFColumn], general: Ratio | None, path: str | Path, line: int
 ) -> _Units:
     """Return the units of the columns, all of one quantity; None for a column without unit."""
     out: _Units = {}
@@ -271,7 +231,7 @@ def _units(
     return out
 
 
-def _column_unit(column: _FRFColumn, path: str | Path, line: int) -> _Ratio | None:
+def _column_unit(column: _FRFColumn, path: str | Path, line: int) -> Ratio | None:
     """Return the unit that a column states; None if it states none, or its kind defines it."""
     where, label = f"header: column {column.name!r}: ", column.unit
     if not label:
@@ -282,7 +242,7 @@ def _column_unit(column: _FRFColumn, path: str | Path, line: int) -> _Ratio | No
             raise FormatError(f"{where}unit {label!r}; expected {expected}", path, line)
         return None
     if column.kind != "var":
-        return _Ratio.of(label, where, path, line)
+        return Ratio.of(label, where, path, line)
     square = re.fullmatch(r"\(?(.*?)\)?(?:\^2|²)", label)
     if square is None or split_ratio(square[1]) is None:
         raise FormatError(
@@ -290,7 +250,7 @@ def _column_unit(column: _FRFColumn, path: str | Path, line: int) -> _Ratio | No
             path,
             line,
         )
-    return _Ratio.of(square[1], where, path, line)
+    return Ratio.of(square[1], where, path, line)
 
 
 def _responses_and_references(
@@ -430,16 +390,9 @@ def _polar(size: RealArray, degrees: RealArray, pair: _Pair, path: str | Path) -
     return np.asarray(size * np.exp(1j * np.deg2rad(degrees)))
 
 
-def _single_comment(head: _Head, name: str, path: str | Path) -> str | None:
-    found = {value.strip(): None for _, value in head.get(name, [])}
-    if len(found) > 1:
-        raise FormatError(f"{name} is stated twice: {' and '.join(sorted(found))}", path)
-    return next(iter(found), None)
-
-
-def _quantity(head: _Head, given: str | None, units: _Units, path: str | Path) -> str:
+def _quantity(head: Comments, given: str | None, units: _Units, path: str | Path) -> str:
     """Return the quantity stated by the file, its units or the user."""
-    comment_value = _single_comment(head, "quantity", path)
+    comment_value = single_comment(head, "quantity", path)
     unit = next((unit for unit in units.values() if unit is not None), None)
     by_unit = None if unit is None else unit.motion.kind
     if comment_value is not None and given is not None and comment_value != given:
@@ -463,25 +416,6 @@ def _quantity(head: _Head, given: str | None, units: _Units, path: str | Path) -
             path,
         )
     return stated
-
-
-def _averages(head: _Head, path: str | Path) -> int | None:
-    stated = _single_comment(head, "averages", path)
-    if stated is None:
-        return None
-    if not re.fullmatch(r"[0-9]+", stated):
-        raise FormatError(f"averages: {stated!r}; expected a whole number of at least 1", path)
-    return int(stated)
-
-
-def _decay(head: _Head, path: str | Path) -> float:
-    stated = _single_comment(head, "decay", path)
-    if stated is None:
-        return 0.0
-    try:
-        return parse_real(stated)
-    except ValueError as error:
-        raise FormatError(f"decay: {stated!r}; expected a number in 1/s", path) from error
 
 
 def write_frf(frf: FRF, path: str | Path) -> None:

@@ -9,15 +9,23 @@ from pathlib import Path
 
 from updyn.errors import FormatError
 from updyn.io.settings import FILE_TEXT
+from updyn.io.text_numbers import parse_real
 from updyn.units import find_unit
 
 __all__ = [
     "UNITS",
+    "Comments",
     "check_comments",
     "comment",
     "plain_numbers",
+    "read_averages",
+    "read_decay",
+    "single_comment",
     "split_axis",
 ]
+
+#: Values of comments with their line, by name.
+Comments = dict[str, list[tuple[int, str]]]
 
 #: A comment that states a value: name, value.
 _COMMENT = re.compile(r"#+\s*([^\W\d_][^:=]{0,30}?)\s*[:=][ \t]?(.*)")
@@ -105,3 +113,32 @@ def plain_numbers(rows: str, separator: str) -> str:
     if separator != "," and "." not in rows and _DECIMAL_COMMA.search(rows):
         rows = rows.replace(",", ".")
     return rows
+
+
+def single_comment(head: Comments, name: str, path: str | Path) -> str | None:
+    """Return the value of a comment that may be stated once; None without it."""
+    found = {value.strip(): None for _, value in head.get(name, [])}
+    if len(found) > 1:
+        raise FormatError(f"{name} is stated twice: {' and '.join(sorted(found))}", path)
+    return next(iter(found), None)
+
+
+def read_averages(head: Comments, path: str | Path) -> int | None:
+    """Return the number of averages that a comment states; None without it."""
+    stated = single_comment(head, "averages", path)
+    if stated is None:
+        return None
+    if not re.fullmatch(r"[0-9]+", stated):
+        raise FormatError(f"averages: {stated!r}; expected a whole number of at least 1", path)
+    return int(stated)
+
+
+def read_decay(head: Comments, path: str | Path) -> float:
+    """Return the decay rate in 1/s that a comment states, by default 0."""
+    stated = single_comment(head, "decay", path)
+    if stated is None:
+        return 0.0
+    try:
+        return parse_real(stated)
+    except ValueError as error:
+        raise FormatError(f"decay: {stated!r}; expected a number in 1/s", path) from error
