@@ -176,6 +176,8 @@ def test_every_option_of_a_reader_can_be_given_in_a_job() -> None:
         response_labels=("x",),
         reference_labels=("x",),
         order=("x",),
+        columns={"x": 1},
+        variables={"x": "x"},
         responses=("x",),
         references=("x",),
     )

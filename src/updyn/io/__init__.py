@@ -91,7 +91,9 @@ def read_frf(
         Further options of the reader, checked by name: ``real_valued=True`` for every format if
         the values are real with phase 0 or pi; ``scalar_direction``, ``scale`` and ``local_axes``
         for universal files (`updyn.io.uff.frf`); ``response_labels``, ``reference_labels`` and
-        ``order`` for arrays without labels (`updyn.io.npz`, `updyn.io.matlab`).
+        ``order`` for arrays without labels (`updyn.io.npz`, `updyn.io.matlab`); ``columns`` for
+        tables of any layout and any suffix (`updyn.io.csv_columns`), and ``variables`` for arrays
+        of other names (`updyn.io.frf_variables`).
 
     Returns
     -------
@@ -113,6 +115,8 @@ def read_frf(
     >>> updyn.read_frf("chain.csv", responses=["12:X"]).responses.labels
     ['12:X']
     """
+    if format is None and options.get("columns") is not None:
+        format = "csv"  # a table of text, whatever its suffix
     reader, name = _find_function(path, "read_frf", format)
     wanted = {
         k: v for k, v in (("responses", responses), ("references", references)) if v is not None

@@ -10,9 +10,10 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -21,7 +22,9 @@ from updyn.dofs import Dof, DofSet
 from updyn.errors import AbsentError, DofError, FormatError, OptionError, UpdynWarning, suggest
 from updyn.frf import FRF
 from updyn.io.atomic import atomic_path
+from updyn.io.csv_columns import read_columns
 from updyn.io.csv_modes import holds_frequencies, read_modes, write_modes
+from updyn.io.csv_proposal import propose_columns
 from updyn.io.csv_records import read_records
 from updyn.io.csv_text import (
     UNITS,
@@ -90,12 +93,23 @@ def read_frf(
     quantity: str | None = None,
     duplicates: str = "raise",
     real_valued: bool = False,
+    columns: Mapping[str, Any] | None = None,
 ) -> FRF:
-    """Read FRFs from a table."""
+    """Read FRFs from a table, by its header or by `columns` (`updyn.io.csv_columns`)."""
     if duplicates != "raise":
         raise OptionError(
             f"duplicates={duplicates!r}: columns are unique in this format; expected 'raise'"
         )
+    if columns is not None:
+        return read_columns(path, columns, quantity=quantity, real_valued=real_valued)
+    try:
+        return _read_by_header(path, quantity, real_valued)
+    except FormatError as error:
+        raise propose_columns(path, error) from error
+
+
+def _read_by_header(path: str | Path, quantity: str | None, real_valued: bool) -> FRF:
+    """Read FRFs from a table whose header names the channels."""
     text = read_utf8(path).replace("\r\n", "\n")
     check_last_line(text, path, harmless=_COMMENT)
     head, lines = _split_head(text, path)

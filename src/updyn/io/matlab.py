@@ -23,6 +23,7 @@ from updyn.foreign import box
 from updyn.foreign.plain import Sparse, Unread
 from updyn.frf import FRF
 from updyn.io.atomic import atomic_path
+from updyn.io.frf_variables import VariableSource, select_items
 from updyn.io.items import build_sparse
 from updyn.io.model_variables import stated_items
 from updyn.io.named import (
@@ -77,16 +78,18 @@ def read_frf(
     reference_labels: Iterable[str | Dof] | None = None,
     order: Sequence[str] | None = None,
     real_valued: bool = False,
+    variables: Mapping[str, Any] | None = None,
 ) -> FRF:
-    """Read FRFs; options declare items that the file does not state.
+    """Read FRFs; options declare items that the file does not state, or has by other names.
 
     Real numbers are refused unless `real_valued`, because they may be magnitudes or decibels.
     The export of Simcenter Testlab is recognised by its structs (`updyn.io.testlab_mat`).
     """
-    variables = _variables(path)
-    if is_export(variables):
-        return read_export(
-            variables,
+    stored = _variables(path)
+    if variables is not None:
+        source = VariableSource({**_unwrap_struct(stored, path), **stored}, path)
+        return build_frf(
+            select_items(source, variables, order),
             path,
             quantity=quantity,
             duplicates=duplicates,
@@ -95,7 +98,18 @@ def read_frf(
             order=order,
             real_valued=real_valued,
         )
-    with _iterate_usable(variables, path, FRF_ITEMS) as found:
+    if is_export(stored):
+        return read_export(
+            stored,
+            path,
+            quantity=quantity,
+            duplicates=duplicates,
+            response_labels=response_labels,
+            reference_labels=reference_labels,
+            order=order,
+            real_valued=real_valued,
+        )
+    with _iterate_usable(stored, path, FRF_ITEMS) as found:
         return build_frf(
             found,
             path,

@@ -14,9 +14,9 @@ from pathlib import Path
 from typing import Any
 
 from updyn.errors import FormatError, OptionError, UpdynWarning, suggest
-from updyn.foreign.plain import Unread
 from updyn.io.damping import DAMPING
 from updyn.io.items import Items, describe_kind
+from updyn.io.variable_names import find_variable
 
 __all__ = ["stated_items"]
 
@@ -95,30 +95,9 @@ class _File:
 
     def variable(self, name: Any, key: tuple[str | int, ...]) -> Any:
         """Return a variable, or a field of a struct."""
-        if not isinstance(name, str):
-            raise OptionError(
-                f"{_format_key(key)} = {name!r}: expected the name of a variable", key=key
-            )
-        value: Any = self._found
-        for part in name.split("."):
-            if not isinstance(value, Mapping) or part not in value:
-                raise FormatError(
-                    f"no variable {name!r}; {suggest(name, _names(self._found))}",
-                    self._path,
-                    key=key,
-                )
-            value = value[part]
-        self._refuse_unread(value)
+        value = find_variable(self._found, name, self._path, key)
         self.used.add(name.split(".")[0])
         return value
-
-    def _refuse_unread(self, value: Any) -> None:
-        """Refuse an unusable item, or a struct that contains one."""
-        if isinstance(value, Unread):
-            raise FormatError(value.reason, self._path)
-        if isinstance(value, Mapping):
-            for field in value.values():
-                self._refuse_unread(field)
 
     def groups(self, given: Any) -> dict[str, dict[str, Any]]:
         """Return K, M, C and so on by group."""
@@ -168,13 +147,3 @@ class _File:
 
 def _format_key(key: Sequence[str | int]) -> str:
     return ".".join(map(str, key))
-
-
-def _names(found: Items, before: str = "") -> list[str]:
-    """Return the names of all variables and fields."""
-    out = []
-    for name, value in found.items():
-        out.append(before + name)
-        if isinstance(value, Mapping):
-            out += _names(value, f"{before}{name}.")
-    return out

@@ -15,19 +15,22 @@ the convention of the netCDF library). For programs that cannot write this, two 
 from __future__ import annotations
 
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from updyn.dofs import Dof
 from updyn.errors import AbsentError, FormatError, OptionError
 from updyn.foreign.plain import Other
 from updyn.frf import FRF
 from updyn.io.attributes import PACKING, read_unit, unpack
+from updyn.io.frf_variables import VariableSource, select_items
 from updyn.io.hdf5 import Folder, check_kind, put_kind
 from updyn.io.items import check_phase, locate_errors, report_library_errors
+from updyn.io.named import build_frf
 from updyn.io.native import load_native, write_native
 from updyn.io.record_arrays import build_records
 from updyn.signals.records import Records
@@ -47,12 +50,38 @@ def read_frf(
     quantity: str | None = None,
     duplicates: str = "raise",
     real_valued: bool = False,
+    response_labels: Iterable[str | Dof] | None = None,
+    reference_labels: Iterable[str | Dof] | None = None,
+    order: Sequence[str] | None = None,
+    variables: Mapping[str, Any] | None = None,
 ) -> FRF:
     """Read FRFs from a netCDF-4 or HDF5 file; raise an `AbsentError` if it holds other data.
 
     A real variable ``frf`` is refused unless `real_valued`, because it may contain magnitudes or
-    decibels.
+    decibels. `variables` select datasets of any HDF5 file (`updyn.io.frf_variables`), and labels
+    and `order` declare what these do not state.
     """
+    of_arrays = {
+        "response_labels": response_labels,
+        "reference_labels": reference_labels,
+        "order": order,
+    }
+    if variables is not None:
+        root = load_native("updyn.foreign.hdf5:load", path, what="HDF5 file")
+        source = _variable_source(root, path)
+        return build_frf(
+            select_items(source, variables, order),
+            path,
+            quantity=quantity,
+            duplicates=duplicates,
+            response_labels=response_labels,
+            reference_labels=reference_labels,
+            order=order,
+            real_valued=real_valued,
+        )
+    for name, given in of_arrays.items():
+        if given is not None:
+            raise OptionError(f"{name} without variables; state variables, too", key=(name,))
     if duplicates != "raise":
         raise OptionError(
             f"duplicates={duplicates!r}: this format holds every response and reference once;"
@@ -121,6 +150,12 @@ def read_records(
         data = data.set_coords([name for name in ("unit",) if name in data])
         records = Records.from_xarray(data[_RECORDS])
         return replace(records, source=Path(path).name)
+
+
+def _variable_source(root: Mapping[str, Any], path: str | Path) -> VariableSource:
+    """Return the datasets of a file and their units."""
+    arrays, units = _datasets(root, path)
+    return VariableSource(arrays, path, units)
 
 
 def _datasets(

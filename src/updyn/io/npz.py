@@ -22,7 +22,7 @@ from __future__ import annotations
 import math
 import tokenize
 import zipfile
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import IO, Any
 
@@ -36,6 +36,7 @@ from updyn.foreign.limits import limits_of
 from updyn.foreign.plain import to_native
 from updyn.frf import FRF
 from updyn.io.atomic import atomic_path
+from updyn.io.frf_variables import VariableSource, select_items
 from updyn.io.items import build_sparse, describe_kind, format_names, report_library_errors
 from updyn.io.named import build_frf, build_model, frf_items, model_items
 from updyn.io.sdynpy import is_system, system_model
@@ -88,12 +89,17 @@ def read_frf(
     reference_labels: Iterable[str | Dof] | None = None,
     order: Sequence[str] | None = None,
     real_valued: bool = False,
+    variables: Mapping[str, Any] | None = None,
 ) -> FRF:
-    """Read FRFs from an archive; options declare items that the file does not state.
+    """Read FRFs from an archive; options declare items that it does not state or names otherwise.
 
     Real numbers are refused unless `real_valued`, because they may be magnitudes or decibels.
     """
-    items = _nest_items(read_arrays(path), path)
+    arrays = read_arrays(path)
+    if variables is None:
+        items = _nest_items(arrays, path)
+    else:
+        items = select_items(VariableSource(arrays, path), variables, order)
     return build_frf(
         items,
         path,

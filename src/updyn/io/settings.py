@@ -60,6 +60,16 @@ class DeckSettings:
     #: [numbers] Largest number of constants of a set and of values over temperature in a deck of
     #: Ansys. Why: above any real deck.
     property_values: int = 1000
+    #: [1] Principal stiffness of a grid, relative to the largest one, below which a degree of
+    #: freedom is fixed. Why: the default of EPZERO (MSC Nastran Quick Reference Guide, PARAM).
+    singular_stiffness: float = 1e-8
+    #: [1] Difference of E / (2 (1 + NU) G) from 1 up to which a MAT1 is isotropic. Why: Nastran
+    #: warns from this difference on (MSC Nastran Quick Reference Guide, MAT1).
+    shear_tolerance: float = 0.01
+    #: [elements] Number of solids that are computed together. Why: some 300 MB of temporary arrays.
+    solids_per_batch: int = 4096
+    #: [degrees of freedom] Largest number of labels in a message. Why: the message stays short.
+    named_dofs: int = 3
     #: [levels] Largest depth of nested tables and arrays in TOML. Why: above any real file; each
     #: level of a value takes a level of recursion.
     toml_depth: int = 50
@@ -147,6 +157,9 @@ class FileTextSettings:
     #: [characters] Largest part of a line that a message quotes. Why: the message stays in one
     #: line.
     quoted_characters: int = 60
+    #: [columns] Largest number of columns of a table that a message lists. Why: tables of many
+    #: channels repeat the same few names.
+    listed_columns: int = 12
     #: [messages] Largest number of messages of another program that are reported. Why: later ones
     #: usually follow from the first.
     reported_messages: int = 3

@@ -343,6 +343,8 @@ class TestTable(Table):
     response_labels: Texts | None = None  # for files of bare arrays
     reference_labels: Texts | None = None
     order: Texts | None = None
+    columns: dict[str, Any] | None = None  # for tables of any layout
+    variables: dict[str, Any] | None = None  # for arrays of any name
     averages: int | None = Field(default=None, ge=1)
     band: Pair | None = Field(default=None, description="Hz; lines to use, both ends included")
     exclude: Annotated[tuple[Pair, ...] | None, Strict(False)] = Field(
@@ -390,6 +392,8 @@ class TestTable(Table):
             "response_labels": self.response_labels,
             "reference_labels": self.reference_labels,
             "order": self.order,
+            "columns": self.columns,
+            "variables": self.variables,
             "responses": self.responses,
             "references": self.references,
         }

@@ -1,0 +1,200 @@
+"""A proposal of ``columns`` for a text table whose header does not follow the format.
+
+The parts of the channels are guessed from the names of the columns; the user confirms them by
+stating ``columns``. Without known names the proposal is an example with numbers of columns.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from updyn.errors import AbsentError, FormatError, InputError
+from updyn.io.channels import FORMS, Name
+from updyn.io.csv_table import TextTable, find_table
+from updyn.io.items import read_windows_text
+
+__all__ = ["propose_columns"]
+
+#: Words of a frequency, and of the parts of a channel; those of three letters or more are
+#: beginnings of words. A name has the first part that has one of its words.
+_FREQUENCY = ("f", "hz", "freq", "frequenz", "omega")
+_WORDS = {
+    "coherence": ("coh", "gamma", "kohärenz"),
+    "imaginary": ("im", "imag"),
+    "real": ("re", "real"),
+    "magnitude_dB": ("db",),
+    "phase_rad": ("rad",),
+    "phase_deg": ("deg", "°"),
+    "phase": ("phas", "angle", "arg", "phi", "winkel"),
+    "magnitude": ("mag", "abs", "amp", "mod", "betrag"),
+    "complex": ("complex", "cplx"),
+}
+#: Other columns of such tables.
+_OTHER = ("time", "node", "record", "dof")
+_WORD = re.compile(r"[^\W\d_]+|°")
+_LABEL = re.compile(r"(?<!\d)[0-9]+:[+-]?R?[XYZ]")
+_UNKNOWN = "?"
+#: Columns of the example, by number.
+_EXAMPLE = {2: "real", 3: "imaginary"}
+
+
+@dataclass(frozen=True, slots=True)
+class _Guess:
+    """The guessed part of a column, and the rest of its name, which it shares with its channel."""
+
+    name: Name
+    part: str
+    rest: str
+    labels: tuple[str, ...]
+
+
+_Channel = Mapping[str, _Guess]
+
+
+def propose_columns(path: str | Path, error: FormatError) -> FormatError:
+    """Return an error with the columns of the table and a proposal of ``columns`` added.
+
+    The error is unchanged if the text is not a table, or has the names of the format. Without
+    known names there is a proposal only if the text may hold no other data: for an `AbsentError`.
+    """
+    try:
+        table = find_table(read_windows_text(path), path)
+    except InputError:
+        return error
+    if table is None or any(cell.startswith("H(") for cell in table.header):
+        return error
+    frequency = _find_frequency(table)
+    channels = [] if frequency is None else _find_channels(table, frequency)
+    kind: type[FormatError] = FormatError
+    if frequency is None or not channels:
+        if not isinstance(error, AbsentError) or not _resembles_frf(table):
+            return error
+        channels = [{part: _Guess(i, part, "", ()) for i, part in _EXAMPLE.items()}]
+        frequency = 1 if frequency is None else frequency
+        # No other table of this format has blanks between its columns.
+        kind = FormatError if table.separator == " " else AbsentError
+    proposal = _format_proposal(frequency, channels)
+    out = kind(
+        f"{error}\nColumns with their first values: {table.format_columns()}\nIf they are FRFs,"
+        " select them with columns in [test] of a job, or columns= of updyn.read_frf; correct the"
+        f" labels, and state quantity:\n{proposal}",
+        key=error.key,
+    )
+    out.path, out.line = error.path, error.line
+    return out
+
+
+def _resembles_frf(table: TextTable) -> bool:
+    """Return whether the first of three columns or more increases and may be a frequency."""
+    if table.n_columns <= max(_EXAMPLE):
+        return False
+    if table.header and _has_word(table.header[0], _OTHER):
+        return False
+    try:
+        first = table.numbers(1, ())
+    except FormatError:
+        return False
+    return bool((np.diff(first) > 0.0).all())
+
+
+def _has_word(name: str, stems: Iterable[str]) -> bool:
+    """Return whether a name has a word, or for three letters or more the beginning of a word."""
+    return any(_is_word(word, stems) for word in _WORD.findall(name.casefold()))
+
+
+def _is_word(word: str, stems: Iterable[str]) -> bool:
+    return any(word == stem or (len(stem) > 2 and word.startswith(stem)) for stem in stems)
+
+
+def _name(table: TextTable, at: int) -> Name:
+    """Return the name of a column, or its number if the name is empty or not unique."""
+    cell = table.header[at]
+    return cell if cell and table.header.count(cell) == 1 else at + 1
+
+
+def _find_frequency(table: TextTable) -> Name | None:
+    """Return the first column with the name of a frequency."""
+    for at, cell in enumerate(table.header):
+        if _has_word(cell, _FREQUENCY) and not any(_has_word(cell, w) for w in _WORDS.values()):
+            return _name(table, at)
+    return None
+
+
+def _find_channels(table: TextTable, frequency: Name) -> list[_Channel]:
+    """Return the channels by the names of the columns; none if one of them is incomplete."""
+    found: list[_Guess] = []
+    for at, cell in enumerate(table.header):
+        name = _name(table, at)
+        part = _find_part(table, at)
+        if part is not None and name != frequency:
+            labels = tuple(_LABEL.findall(cell))
+            found.append(_Guess(name, part, _find_rest(cell, table.unit(at + 1)), labels))
+    for rests in ([one.rest for one in found], [""] * len(found)):
+        channels = _group(found, rests)
+        if channels and all(map(_is_complete, channels)):
+            return channels
+    return []
+
+
+def _find_part(table: TextTable, at: int) -> str | None:
+    """Return the part in a column, by its name, its unit and the size of a phase."""
+    name = f"{table.header[at]} {table.unit(at + 1)}"
+    for part, words in _WORDS.items():
+        if not _has_word(name, words):
+            continue
+        if part != "phase":
+            return part
+        try:
+            largest = np.abs(table.numbers(at + 1, ())).max()
+        except FormatError:
+            return None
+        return "phase_deg" if largest > 2.0 * np.pi else "phase_rad"
+    return "complex" if table.is_complex(at) else None
+
+
+def _find_rest(cell: str, unit: str) -> str:
+    """Return a name without the words of parts, its unit, and signs between words."""
+    text = cell.replace(unit, "") if unit else cell
+    stems = [stem for words in _WORDS.values() for stem in words]
+    text = _WORD.sub(lambda word: "" if _is_word(word[0].casefold(), stems) else word[0], text)
+    return re.sub(r"[^\w:/,.+-]+|_", "", text).strip(":/,.+-")
+
+
+def _group(found: Sequence[_Guess], rests: Sequence[str]) -> list[_Channel]:
+    """Return the columns by the rest of their names; a repeated part starts another channel."""
+    channels: list[_Channel] = []
+    current: dict[str, dict[str, _Guess]] = {}
+    for one, rest in zip(found, rests, strict=True):
+        if rest not in current or one.part in current[rest]:
+            current[rest] = {}
+            channels.append(current[rest])
+        current[rest][one.part] = one
+    return channels
+
+
+def _is_complete(channel: _Channel) -> bool:
+    return any(set(channel) - {"coherence"} == set(form) for form in FORMS)
+
+
+def _format_proposal(frequency: Name, channels: Sequence[_Channel]) -> str:
+    """Return the proposal as TOML."""
+    lines = [f"columns = {{ frequency = {_format_value(frequency)}, channels = ["]
+    for channel in channels:
+        labels = [one.labels for one in channel.values() if len(one.labels) == 2]
+        response, reference = labels[0] if labels else (_UNKNOWN, _UNKNOWN)
+        keys = {"response": response, "reference": reference}
+        texts = [f"{key} = {_format_value(value)}" for key, value in keys.items()]
+        texts += [f"{part} = {_format_value(one.name)}" for part, one in channel.items()]
+        lines.append(f"  {{ {', '.join(texts)} }},")
+    return "\n".join([*lines, "] }"])
+
+
+def _format_value(value: Name) -> str:
+    """Return a text or a number as TOML."""
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")

@@ -1,0 +1,318 @@
+"""Text tables of any layout: rows of numbers below any number of other lines.
+
+The columns are separated by semicolons, tabs, commas or blanks. The separator and the number of
+columns are those of most lines at the end of the file; the rows begin at the first line like these.
+The line above is the header if it has as many cells; between both may be a line of units. A header
+may be a comment (``#`` or ``%``).
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from updyn.arrays import NumberArray
+from updyn.errors import FormatError, OptionError, suggest
+from updyn.io.channels import Key
+from updyn.io.csv_text import plain_numbers
+from updyn.io.settings import FILE_TEXT, MATRIX_FILE
+from updyn.io.text_numbers import parse_real
+from updyn.units import find_ratio, find_unit
+
+__all__ = ["Line", "TextTable", "find_table"]
+
+#: A line of a text: its number from 1 and its content.
+Line = tuple[int, str]
+
+_SEPARATORS = (";", "\t", ",", " ")
+_COMPLEX = re.compile(r"(.*[0-9.])\s*([+-])\s*([^+-]*(?:[eEdD][+-]?[0-9]+)?)\s*\*?\s*[ij]")
+_BRACKET = re.compile(r"(.*?)\s*(?:\[([^\[\]]*)\]|\(([^()]*(?:\([^()]*\)[^()]*)?)\))\s*")
+_ENDING = re.compile(r"\S+[ _/](\S+)")
+_PLAIN_UNITS = ("db", "deg", "degree", "degrees", "°", "grad", "rad", "-", "1", "%")
+
+
+@dataclass(frozen=True, slots=True)
+class TextTable:
+    """A table of a text file; `header` and `units` are empty, or have one text per column."""
+
+    path: str | Path
+    separator: str
+    header: tuple[str, ...]
+    units: tuple[str, ...]
+    rows: tuple[tuple[int, tuple[str, ...]], ...]
+    preamble: tuple[Line, ...]
+
+    @property
+    def n_columns(self) -> int:
+        """Number of columns."""
+        return len(self.rows[0][1])
+
+    def column(self, name: Any, key: Key) -> int:
+        """Return the position of a column, from its name in the header or its number from 1."""
+        if isinstance(name, int) and not isinstance(name, bool):
+            if not 1 <= name <= self.n_columns:
+                raise FormatError(
+                    f"no column {name}; the table has {self.n_columns}: {self.format_columns()}",
+                    self.path,
+                    key=key,
+                )
+            return name - 1
+        if not isinstance(name, str):
+            raise OptionError(
+                f"{'.'.join(map(str, key))} = {name!r}: expected the name or the number of a"
+                " column",
+                key=key,
+            )
+        if self.header.count(name) > 1:
+            at = [str(i) for i, cell in enumerate(self.header, 1) if cell == name]
+            raise FormatError(
+                f"column {name!r} occurs {len(at)} times; state its number: {' or '.join(at)}",
+                self.path,
+                key=key,
+            )
+        if name not in self.header:
+            found = suggest(name, [cell for cell in self.header if cell])
+            if not self.header:
+                found = "the table has no header; state numbers of columns"
+            raise FormatError(
+                f"no column {name!r}; {found}; columns: {self.format_columns()}",
+                self.path,
+                key=key,
+            )
+        return self.header.index(name)
+
+    def numbers(self, name: Any, key: Key, *, is_complex: bool = False) -> NumberArray:
+        """Return the numbers of a column."""
+        at = self.column(name, key)
+        read = _parse_complex if is_complex else parse_real
+        out = np.empty(len(self.rows), dtype=np.complex128 if is_complex else np.float64)
+        for i, (line, cells) in enumerate(self.rows):
+            if len(cells) != self.n_columns:
+                raise FormatError(
+                    f"{len(cells)} cell(s); expected {self.n_columns}", self.path, line
+                )
+            try:
+                out[i] = read(cells[at])
+            except ValueError as error:
+                raise FormatError(
+                    f"{self._describe_column(at)}: {cells[at][:40]!r} is not a"
+                    f" {'complex ' if is_complex else ''}number",
+                    self.path,
+                    line,
+                    key=key,
+                ) from error
+        return out
+
+    def unit(self, name: Any) -> str:
+        """Return the unit of a column in the line of units or the header, or an empty text."""
+        at = self.column(name, ())
+        if self.units and self.units[at]:
+            return self.units[at].strip("[]() ")
+        return _find_label(self.header[at]) if self.header else ""
+
+    def is_complex(self, at: int) -> bool:
+        """Return whether the first value of a column is a complex number, such as ``1+2i``."""
+        cell = self.rows[0][1][at]
+        return _is_number(cell) and _COMPLEX.fullmatch(_strip_brackets(cell)) is not None
+
+    def line(self, index: int) -> int:
+        """Return the line of the file of a row."""
+        return self.rows[index][0]
+
+    def format_columns(self) -> str:
+        """Return the names or numbers of the columns with their first values, for messages."""
+        texts = []
+        for at, cell in enumerate(self.rows[0][1][: FILE_TEXT.listed_columns]):
+            name = f"{at + 1} {self.header[at]!r}" if self.header else f"{at + 1}"
+            texts.append(f"{name} ({_format_cell(cell)})")
+        more = ", ..." if self.n_columns > len(texts) else ""
+        return ", ".join(texts) + more
+
+    def _describe_column(self, at: int) -> str:
+        return f"column {self.header[at]!r}" if self.header else f"column {at + 1}"
+
+
+def find_table(text: str, path: str | Path) -> TextTable | None:
+    """Return the table of a text with line feeds; None if no two lines look like rows."""
+    lines = [(n, line) for n, line in enumerate(text.split("\n"), 1) if line.strip()]
+    plain = [line for line in lines if not _is_comment(line[1])]
+    shape = _find_shape([line for _, line in plain[-MATRIX_FILE.sampled_rows :]])
+    if shape is None:
+        return None
+    for i, (_, line) in enumerate(plain):
+        if shape.fits(line):
+            return _build_table(lines, plain[i:], shape.separator, path)
+    return None
+
+
+@dataclass(frozen=True, slots=True)
+class _Shape:
+    """The separator of rows, and their numbers of cells and of cells with a number."""
+
+    separator: str
+    width: int
+    n_numbers: int
+
+    def fits(self, line: str) -> bool:
+        """Return whether a line is a row; cells of rows may be empty or texts."""
+        cells = _split_numbers(line, self.separator)
+        numbers = sum(map(_is_number, cells))
+        if len(cells) != self.width:
+            return False
+        return numbers == self.n_numbers or (numbers >= 2 and _is_number(cells[0]))
+
+
+def _find_shape(lines: Sequence[str]) -> _Shape | None:
+    """Return the shape of most lines, with the separator that gives the most numbers per cell."""
+    found: list[_Shape] = []
+    for separator in _SEPARATORS:
+        shapes: Counter[tuple[int, int]] = Counter()
+        for line in lines:
+            cells = _split_numbers(line, separator)
+            shapes[len(cells), sum(map(_is_number, cells))] += 1
+        for (width, n_numbers), times in shapes.most_common(1):
+            if times >= 2 and n_numbers >= 2:
+                found.append(_Shape(separator, width, n_numbers))
+    return max(found, key=lambda shape: shape.n_numbers / shape.width, default=None)
+
+
+def _split_numbers(line: str, separator: str) -> tuple[str, ...]:
+    """Return the cells of a line, in which commas may be decimal commas."""
+    return _split(line if separator == "," else line.replace(",", "."), separator)
+
+
+def _is_comment(line: str) -> bool:
+    return line.lstrip().startswith(("#", "%"))
+
+
+def _split(line: str, separator: str) -> tuple[str, ...]:
+    cells = line.split() if separator == " " else line.split(separator)
+    return tuple(cell.strip().strip('"').strip() for cell in cells)
+
+
+def _split_header(line: str, separator: str) -> tuple[str, ...]:
+    """Return the cells of a header, in which commas in brackets do not separate."""
+    if separator == ",":
+        parts = re.split(r",(?![^(\[]*[)\]])", line)
+        return tuple(cell.strip().strip('"').strip() for cell in parts)
+    if separator == " ":  # names may contain single blanks
+        parts = re.split(r"\s{2,}|\t|;|,", line.strip())
+        if len(parts) > 1:
+            return tuple(cell.strip().strip('"').strip() for cell in parts)
+    return _split(line, separator)
+
+
+def _is_number(cell: str) -> bool:
+    if cell.lstrip("+-").casefold() in ("nan", "inf"):
+        return True
+    try:
+        _parse_complex(cell)
+    except ValueError:
+        return False
+    return True
+
+
+def _strip_brackets(cell: str) -> str:
+    return cell.strip().removeprefix("(").removesuffix(")").strip()
+
+
+def _format_cell(cell: str) -> str:
+    """Return a cell for messages, a number with six digits."""
+    try:
+        return f"{parse_real(cell):.6g}"
+    except ValueError:
+        return cell[: FILE_TEXT.quoted_characters]
+
+
+def _parse_complex(cell: str) -> complex:
+    """Return the number in a text such as ``1.5-2e-3i``; raise a ValueError for another text."""
+    text = _strip_brackets(cell)
+    found = _COMPLEX.fullmatch(text)
+    if found is None:
+        return complex(parse_real(text))
+    return complex(parse_real(found[1]), float(f"{found[2]}1") * parse_real(found[3]))
+
+
+def _build_table(
+    lines: Sequence[Line], body: Sequence[Line], separator: str, path: str | Path
+) -> TextTable:
+    """Return the table whose rows are `body`."""
+    numbers = plain_numbers("\n".join(line for _, line in body), separator).split("\n")
+    rows = tuple(
+        (number, _split(row, separator)) for (number, _), row in zip(body, numbers, strict=True)
+    )
+    width = len(rows[0][1])
+    above = [line for line in lines if line[0] < rows[0][0]]
+    header: tuple[str, ...] = ()
+    units: tuple[str, ...] = ()
+    if above:
+        cells = _cells_of(above[-1][1], separator, width)
+        if len(above) > 1 and cells and all(map(_is_unit, cells)):
+            units = cells
+            above.pop()
+            cells = _cells_of(above[-1][1], separator, width)
+        over = _cells_of(above[-2][1], separator, width) if len(above) > 1 else ()
+        _refuse_row(above[-1], separator, width, bool(over), path)
+        if cells:
+            header = cells
+            above.pop()
+    return TextTable(path, separator, header, units, rows, tuple(above))
+
+
+def _cells_of(line: str, separator: str, width: int) -> tuple[str, ...]:
+    """Return the cells of a line above the rows; none if it has another number of cells."""
+    text = line.strip().lstrip("#%").strip() if _is_comment(line) else line
+    cells = _split_header(text, separator)
+    return cells if len(cells) == width else ()
+
+
+def _refuse_row(line: Line, separator: str, width: int, has_header: bool, path: str | Path) -> None:
+    """Refuse the line above the rows if it is a damaged row and not a header."""
+    if _is_comment(line[1]):
+        return
+    cells = _split_numbers(line[1], separator)
+    numbers = [cell for cell in cells if _is_number(cell)]
+    is_row = _is_number(cells[0]) or has_header or any("." in cell for cell in numbers)
+    if len(numbers) >= 2 and is_row:
+        raise FormatError(
+            f"{line[1].strip()[: FILE_TEXT.quoted_characters]!r} has {len(numbers)} numbers in"
+            f" {len(cells)} cell(s); expected {width} cells, as in the rows below",
+            path,
+            line[0],
+        )
+
+
+def _is_unit(cell: str) -> bool:
+    """Return whether a cell of a line of units is empty or a unit."""
+    label = cell.strip("[]() ")
+    return not label or _names_unit(label)
+
+
+def _names_unit(label: str) -> bool:
+    if label.casefold() in _PLAIN_UNITS or "db" in label.casefold().split():
+        return True
+    if find_ratio(label) or find_unit(label) or find_unit(label, "frequency", "time", "length"):
+        return True
+    # Units of other quantities, such as (m/s^2)/V, but not pairs such as 3/1 or 3:Z/1:Z
+    return "/" in label and ":" not in label and not label[:1].isdigit()
+
+
+def _find_label(cell: str) -> str:
+    """Return the unit in a cell of the header, or an empty text."""
+    found = _BRACKET.fullmatch(cell)
+    if found is not None:
+        label = (found[2] or found[3] or "").strip()
+        return label if _names_unit(label) else ""
+    ending = _ENDING.fullmatch(cell)
+    if ending is not None:
+        label = ending[1]
+        known = find_ratio(label) or find_unit(label, "frequency")
+        if known or label.casefold() in ("db", "deg", "rad", "°"):
+            return label
+    return ""

@@ -1,0 +1,182 @@
+"""Items of FRFs in variables selected by the user, the option ``variables`` of ``read_frf``.
+
+A mapping has the names of variables (with dots into structs and groups) by item of
+`updyn.io.named`. ``H`` may be replaced by its parts, such as ``real`` and ``imaginary``, or by
+``channels`` as in `updyn.io.channels`. ``name(:,2)`` is the second column of a table. Values are
+read only from the selected variables; labels, geometry and so on also from those with their names
+by default.
+"""
+
+from __future__ import annotations
+
+import re
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from updyn.arrays import NumberArray
+from updyn.errors import FormatError, InputError, OptionError, UpdynWarning
+from updyn.io.channels import (
+    PARTS,
+    Key,
+    check_keys,
+    combine_parts,
+    read_channels,
+    read_frequency,
+)
+from updyn.io.items import Items, as_numbers
+from updyn.io.named import FRF_ITEMS
+from updyn.io.variable_names import find_variable
+
+__all__ = ["VariableSource", "select_items"]
+
+_ROOT: Key = ("variables",)
+_UNITS = ("frequency_unit", "unit")
+_VALUES = ("H", "values", "coherence", "variance")
+_PARTS = tuple(part for part in PARTS if part != "complex")
+_KEYS = (*(i for i in FRF_ITEMS if not i.startswith("updyn_")), *_PARTS, "channels", *_UNITS)
+_COLUMN = re.compile(r"(.+?)\s*\(\s*:\s*,\s*([0-9]+)\s*\)")
+
+
+@dataclass(frozen=True, slots=True)
+class VariableSource:
+    """The variables of a file, as a `updyn.io.channels.Source`; `units` are by variable."""
+
+    found: Items
+    path: str | Path
+    units: Mapping[str, str] = field(default_factory=dict)
+
+    def item(self, name: Any, key: Key) -> Any:
+        """Return a variable, a field of a struct, or a column of a table."""
+        column = _COLUMN.fullmatch(name) if isinstance(name, str) else None
+        if column is None:
+            value = find_variable(self.found, name, self.path, key)
+            return _as_texts(value)
+        table = as_numbers(find_variable(self.found, column[1], self.path, key), name, self.path)
+        at = int(column[2])
+        if table.ndim != 2 or not 1 <= at <= table.shape[1]:
+            raise FormatError(
+                f"{name}: {column[1]} has shape {table.shape}; expected a table with column {at}",
+                self.path,
+                key=key,
+            )
+        return table[:, at - 1]
+
+    def numbers(self, name: Any, key: Key, *, is_complex: bool = False) -> NumberArray:
+        """Return the numbers of a variable."""
+        numbers = as_numbers(self.item(name, key), str(name), self.path)
+        if not is_complex and numbers.dtype.kind == "c" and not numbers.imag.any():
+            return np.asarray(numbers.real)
+        return numbers
+
+    def unit(self, name: Any) -> str:
+        """Return the unit in the attributes of a variable, or an empty text."""
+        return self.units.get(str(name), "")
+
+
+def _as_texts(value: Any) -> Any:
+    """Return an array of texts as a list, and other items unchanged."""
+    if isinstance(value, np.ndarray) and value.dtype.kind in "OSU":
+        texts = [t.decode("utf-8", "replace") if isinstance(t, bytes) else t for t in value.flat]
+        return texts[0] if value.ndim == 0 else list(map(str, texts))
+    return value
+
+
+def select_items(
+    source: VariableSource, variables: Mapping[str, Any], order: Sequence[str] | None = None
+) -> dict[str, Any]:
+    """Return the items of FRFs, as arguments of `updyn.io.named.build_frf`."""
+    check_keys(variables, _KEYS, (), _ROOT)
+    stated = {k: v for k, v in variables.items() if k not in (*_UNITS, *_PARTS, "channels")}
+    items = {item: source.item(name, (*_ROOT, item)) for item, name in stated.items()}
+    _add_standard_items(items, source, variables)
+    name = variables.get("freq", "freq" if "freq" in source.found else None)
+    if name is None:
+        raise OptionError("variables: missing key 'freq'", key=_ROOT)
+    freq_key, unit_key = (*_ROOT, "freq"), (*_ROOT, "frequency_unit")
+    freq = read_frequency(source, name, variables.get("frequency_unit"), freq_key, unit_key)
+    items["freq"] = freq
+    values = _read_values(source, variables)
+    if order is None and "channels" not in variables:
+        values |= {k: items[k] for k in ("coherence", "variance") if k in items}
+        values = {k: _as_channel(v, len(freq)) for k, v in values.items()}
+    for item in ("quantity", "responses", "references"):
+        if item in values and item in stated:
+            raise OptionError(
+                f"variables: {item} in addition to channels or unit; expected one of them",
+                key=(*_ROOT, item),
+            )
+    return items | values
+
+
+def _add_standard_items(
+    items: dict[str, Any], source: VariableSource, variables: Mapping[str, Any]
+) -> None:
+    """Add variables with the names of items, except values, which cause a warning."""
+    by_channel = ("responses", "references") if "channels" in variables else ()
+    for item in FRF_ITEMS:
+        if item in source.found and item not in items and item not in (*_VALUES, *by_channel):
+            items[item] = source.item(item, _ROOT)
+    used: set[str] = set()
+    for name in _list_names(variables):
+        used |= set(str(name).partition("(")[0].strip().split("."))
+    omitted = [item for item in _VALUES if item in source.found and item not in used]
+    if omitted:
+        warnings.warn(
+            f"{source.path}: {', '.join(omitted)} of the file not read, because variables do not"
+            f" select {'it' if len(omitted) == 1 else 'them'}",
+            UpdynWarning,
+            stacklevel=2,
+        )
+
+
+def _list_names(given: Any) -> list[Any]:
+    """Return all names of variables in a mapping."""
+    if isinstance(given, Mapping):
+        return [name for value in given.values() for name in _list_names(value)]
+    if isinstance(given, list | tuple):
+        return [name for value in given for name in _list_names(value)]
+    return [given]
+
+
+def _read_values(source: VariableSource, variables: Mapping[str, Any]) -> dict[str, Any]:
+    """Return ``H`` in SI units from an array, from its parts, or from channels."""
+    ways = {
+        "channels": "channels" in variables,
+        "H": "H" in variables or "values" in variables,
+        "parts": any(part in variables for part in _PARTS),
+    }
+    if sum(ways.values()) != 1:
+        raise OptionError(
+            f"variables: found {' and '.join(w for w in ways if ways[w]) or 'no values'}; expected"
+            f" H, or its parts ({', '.join(_PARTS)}), or channels",
+            key=_ROOT,
+        )
+    if ways["channels"]:
+        return read_channels(source, variables, _ROOT)
+    parts = {part: variables[part] for part in _PARTS if part in variables}
+    name = "values" if "values" in variables else "H"
+    if ways["H"]:
+        parts = {"complex": variables[name]}
+    try:
+        found = combine_parts(source, parts, variables.get("unit"), _ROOT, (*_ROOT, "unit"))
+    except InputError as error:
+        if error.key == (*_ROOT, "complex"):
+            error.key = (*_ROOT, name)
+        raise
+    items: dict[str, Any] = {name: found.values}
+    if found.quantity is not None:
+        items["quantity"] = found.quantity
+    return items
+
+
+def _as_channel(values: Any, n_lines: int) -> Any:
+    """Return the values of one channel as (lines, 1, 1), other values unchanged."""
+    array = np.asarray(values)
+    if array.ndim < 3 and array.size == n_lines:
+        return array.reshape(n_lines, 1, 1)
+    return values

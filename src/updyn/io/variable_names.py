@@ -1,0 +1,58 @@
+"""Variables of a file by name, with dots between a struct or group and its fields."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from updyn.errors import FormatError, OptionError, suggest
+from updyn.foreign.plain import Unread
+from updyn.io.items import Items, format_names
+
+__all__ = ["find_variable"]
+
+
+def find_variable(
+    found: Items, name: Any, path: str | Path, key: tuple[str | int, ...] = ()
+) -> Any:
+    """Return a variable, or a field of a struct; a `FormatError` gives the nearest names.
+
+    An unreadable variable, or a struct that contains one, is an error.
+    """
+    if not isinstance(name, str):
+        raise OptionError(
+            f"{'.'.join(map(str, key))} = {name!r}: expected the name of a variable", key=key
+        )
+    value: Any = found
+    if name in found:
+        value = found[name]
+    else:
+        for part in name.split("."):
+            if not isinstance(value, Mapping) or part not in value:
+                hint = suggest(name, _names(found))
+                if not hint.startswith("valid"):
+                    hint += f" found: {format_names(dict.fromkeys(_names(found)))}"
+                raise FormatError(f"no variable {name!r}; {hint}", path, key=key)
+            value = value[part]
+    _refuse_unread(value, path)
+    return value
+
+
+def _refuse_unread(value: Any, path: str | Path) -> None:
+    """Refuse an unusable item, or a struct that contains one."""
+    if isinstance(value, Unread):
+        raise FormatError(value.reason, path)
+    if isinstance(value, Mapping):
+        for field in value.values():
+            _refuse_unread(field, path)
+
+
+def _names(found: Items, before: str = "") -> list[str]:
+    """Return the names of all variables and fields."""
+    out = []
+    for name, value in found.items():
+        out.append(before + name)
+        if isinstance(value, Mapping):
+            out += _names(value, f"{before}{name}.")
+    return out
