@@ -115,7 +115,10 @@ def test_a_free_truss_keeps_what_autospc_leaves(deck, tmp_path):
         " BULK\nGRID,1,,0.,0.,0.\nGRID,2,,1.,0.,0.\nGRID,3,,0.,1.,0.\nCROD,1,1,1,2\nCROD,2,1,2,3\nCROD,3,1,1,3\n"
         "PROD,1,1,1.-4\nMAT1,1,2.1+11,,0.3,7850.\n"
     )
-    model = updyn.read_model(deck(text))
+    path = deck(text)
+    with pytest.warns(UpdynWarning, match="12 degrees of freedom without stiffness are fixed"):
+        model = updyn.read_model(path)
+    assert model.dofs == updyn.read_model(path, executable=mystran()).dofs
     assert model.dofs.labels == ["1:X", "1:Y", "2:X", "2:Y", "3:X", "3:Y"]
     total = 7850.0 * 1e-4 * (2 + np.sqrt(2))
     assert model.mass.sum() == pytest.approx(2 * total, rel=1e-10)

@@ -1,6 +1,7 @@
-"""Nastran decks (``.bdf``, ``.nas``, ``.dat``): models by MYSTRAN, geometry, updated properties.
+"""Nastran decks (``.bdf``, ``.nas``, ``.dat``): models, geometry, updated properties.
 
-Groups are properties (``PSHELL 3``), and elements without a property card (``CONM2 9``). Group
+Groups are properties (``PSHELL 3``), and elements without a property card (``CONM2 9``). Decks of
+springs, masses, rods and simple solids are assembled by `assembly`, all others by MYSTRAN: group
 matrices are half the result of a run of the group alone with doubled moduli and densities; the
 check of their sum detects properties that are not proportional to these. Ties and supports are
 applied afterwards, as MYSTRAN reports them.
@@ -25,10 +26,13 @@ from updyn.elements.constraints import Equation, constrain
 from updyn.errors import FormatError, ModelError, suggest
 from updyn.exchanged import AxisExchange, StiffnessAndMass
 from updyn.geometry import Geometry
+from updyn.group import MATRICES
 from updyn.io.atomic import atomic_path
 from updyn.io.consistent_units import check_materials, find_units
 from updyn.io.differences import groups_by_difference
 from updyn.io.items import locate_errors
+from updyn.io.nastran.assembly import DeckMatrices, assemble, is_simple
+from updyn.io.nastran.assembly_elements import GroupMatrices
 from updyn.io.nastran.bars import exchanged_bar, fields_to_exchange
 from updyn.io.nastran.cards import NastranCard, read_lines
 from updyn.io.nastran.changes import Revision, group_loss_factor, has_mass, revise
@@ -73,11 +77,12 @@ def read_model(
     executable: str | Path | None = None,
     timeout: float = 600.0,
 ) -> Model:
-    """Read a model in SI by running MYSTRAN on the deck, and on the elements of each group.
+    """Read a model in SI; MYSTRAN assembles decks that are not `is_simple`.
 
     `spc` and `mpc` are 0 for no set, by default the selection of case control. `ignore` are cards
     to ignore although they may change the structure, `massless` groups with stiffness but
-    intentionally without mass. Loss factors are GE plus PARAM,G; DOFs are in the displacement
+    intentionally without mass. MYSTRAN also assembles simple decks if `executable` is given;
+    `timeout` is in s a run. Loss factors are GE plus PARAM,G; DOFs are in the displacement
     systems of the grids.
     """
     ignore = tuple(ignore)
@@ -88,7 +93,38 @@ def read_model(
     sets = {"spc": deck.select_set("SPC", spc), "mpc": deck.select_set("MPC", mpc)}
     losses = {name: group_loss_factor(deck, name) for name in deck.groups}
     geometry = build_geometry(deck, unit)
-    program = MystranProgram(find_executable(deck.path, executable), timeout)
+    if executable is None and is_simple(deck):
+        assembled = assemble(deck, sets["spc"])
+        bars = None
+    else:
+        program = MystranProgram(find_executable(deck.path, executable), timeout)
+        assembled = _assemble_by_mystran(deck, program, sets)
+        bars = _Bars.of(deck, ignore, program, units, assembled.dofs)
+    groups = {}
+    for name in deck.groups:
+        found = assembled.groups[name]
+        matrices: dict[str, Matrix] = {}
+        for what in MATRICES:
+            matrix = getattr(found, what)
+            if matrix is not None:
+                matrices[what] = units.to_si(matrix, assembled.dofs)
+        if not matrices:
+            raise deck.group(name).error(f"group {name} has neither stiffness, mass nor damping")
+        loss_factor = losses[name] if found.stiffness is not None else 0.0
+        groups[name] = Group(**matrices, loss_factor=loss_factor)
+        if bars is not None:
+            groups[name] = groups[name].with_exchanged(bars.exchange_axes(name))
+    with locate_errors(deck.path):
+        free = Model(groups, assembled.dofs, geometry, _title(deck))
+        held, ties = _constraints(deck, assembled, units.length)
+        tied = constrain(free, ties, held)
+        return Model.from_groups(tied.groups, tied.dofs, geometry=geometry, title=tied.title)
+
+
+def _assemble_by_mystran(
+    deck: NastranDeck, program: MystranProgram, sets: Mapping[str, int]
+) -> DeckMatrices:
+    """Return the matrices of the groups of a deck by runs of MYSTRAN."""
     with tempfile.TemporaryDirectory(prefix="updyn-mystran-") as folder:
         runs = _MystranRuns(deck, program, Path(folder))
         total = runs.run_deck(sets)
@@ -99,7 +135,7 @@ def read_model(
             alone = runs.run_cards(_isolate_group(deck, name))
             if alone.dofs != total.dofs:
                 raise FormatError(
-                    f"group {name!r}: its run of MYSTRAN has other degrees of freedom", path
+                    f"group {name!r}: its run of MYSTRAN has other degrees of freedom", deck.path
                 )
             return total.stiffness + alone.stiffness / 2.0, total.mass + alone.mass / 2.0
 
@@ -112,24 +148,11 @@ def read_model(
                 viscous[name] = _viscous_matrix(deck, name, total, runs)
         sums = total.stiffness, total.mass
         parts = groups_by_difference(solid, sums, double_group, total.dofs, deck.path)
-    bars = _Bars.of(deck, ignore, program, units, total.dofs)
-    groups = {}
-    for name in deck.groups:
-        K, M = parts.get(name, (None, None))
-        matrices: dict[str, Matrix] = {}
-        for what, found in (("stiffness", K), ("mass", M), ("viscous", viscous.get(name))):
-            if found is not None:
-                matrices[what] = units.to_si(found, total.dofs)
-        if not matrices:
-            raise deck.group(name).error(f"group {name} has neither stiffness, mass nor damping")
-        loss_factor = losses[name] if K is not None else 0.0
-        group = Group(**matrices, loss_factor=loss_factor)
-        groups[name] = group.with_exchanged(bars.exchange_axes(name))
-    with locate_errors(deck.path):
-        free = Model(groups, total.dofs, geometry, _title(deck))
-        held, ties = _constraints(deck, total, units.length)
-        tied = constrain(free, ties, held)
-        return Model.from_groups(tied.groups, tied.dofs, geometry=geometry, title=tied.title)
+    groups = {
+        name: GroupMatrices(*parts.get(name, (None, None)), viscous.get(name))
+        for name in deck.groups
+    }
+    return DeckMatrices(total.dofs, groups, total.held, total.ties, total.tied)
 
 
 def read_geometry(path: str | Path, *, unit: str = "m", ignore: Iterable[str] = ()) -> Geometry:
@@ -477,12 +500,12 @@ def _check_masses(deck: NastranDeck, massless: list[str]) -> None:
 
 
 def _constraints(
-    deck: NastranDeck, found: MystranMatrices, scale: float
+    deck: NastranDeck, found: DeckMatrices, scale: float
 ) -> tuple[list[str], list[Equation]]:
     """Return the fixed DOFs, and the equations of the tied DOFs."""
     labels = found.dofs.labels
     held = [labels[i] for i in found.held]
-    if not len(found.tied):
+    if found.tied is None or not len(found.tied):
         return held, []
     ties = sp.csc_array(found.ties)
     coefficients = sp.csc_array(ties[:, found.tied])
