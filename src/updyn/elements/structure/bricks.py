@@ -115,7 +115,8 @@ def _reduce_shear(
 
     The natural axes are those at the centre of the element.
     """
-    to_natural = _strain_transformation(centre)
+    axes = centre / np.linalg.norm(centre, axis=2, keepdims=True)
+    to_natural = _strain_transformation(axes)
     natural = to_natural[:, None, 3:] @ strain  # (m, q, 3, n)
     change = -natural
     for axis in range(3):

@@ -19,7 +19,7 @@ from updyn.arrays import BoolArray, IndexArray, RealArray
 from updyn.dofs import DofSet
 from updyn.errors import UpdynWarning
 from updyn.geometry import Geometry
-from updyn.group import Matrix
+from updyn.group import MATRICES, Matrix
 from updyn.io.nastran.assembly_elements import (
     SIMPLE_ELEMENTS,
     GridMap,
@@ -105,16 +105,33 @@ def assemble(deck: NastranDeck, spc: int) -> DeckMatrices:
     grids = _map_grids(deck, geometry)
     dofs = _list_dofs(deck, grids)
     turn = _turn_matrix(geometry, grids)
-    members: dict[str, list[NastranCard]] = {}
-    for card in deck.elements:
-        defining_card = deck.group_of(card)
-        members.setdefault(f"{defining_card.name} {defining_card.integer(0)}", []).append(card)
-    groups = {name: build_group(deck, cards, grids, turn) for name, cards in members.items()}
+    groups = _build_groups(deck, grids, turn)
     held = np.zeros(grids.size, dtype=np.bool_)
     held[list(_find_supports(deck, grids, spc))] = True
     singular = _find_singular(_sum_stiffness(groups, grids.size), held, grids)
     _report_singular(deck, groups, singular, dofs)
     return DeckMatrices(dofs, groups, np.flatnonzero(held | singular))
+
+
+def _build_groups(
+    deck: NastranDeck, grids: GridMap, turn: Matrix | None
+) -> dict[str, GroupMatrices]:
+    members: dict[str, list[NastranCard]] = {}
+    for card in deck.elements:
+        defining_card = deck.group_of(card)
+        members.setdefault(f"{defining_card.name} {defining_card.integer(0)}", []).append(card)
+    groups = {}
+    for name, cards in members.items():
+        with np.errstate(all="ignore"):  # numbers that are not finite are reported below
+            found = build_group(deck, cards, grids, turn)
+        for what in MATRICES:
+            matrix = getattr(found, what)
+            if matrix is not None and not np.isfinite(matrix.data).all():
+                raise deck.group(name).error(
+                    f"group {name}: its {what} is not finite; expected smaller numbers"
+                )
+        groups[name] = found
+    return groups
 
 
 def _map_grids(deck: NastranDeck, geometry: Geometry) -> GridMap:

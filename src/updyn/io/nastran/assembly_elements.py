@@ -225,7 +225,13 @@ def _add_solids(
                 f"{card.name} {card.text(0)} is turned inside out or has no volume: its grids are"
                 " not in order, or it is too distorted"
             )
-        K, M = brick_matrices(xyz, solid.E, solid.nu, solid.rho, lumped=not is_coupled)
+        try:
+            K, M = brick_matrices(xyz, solid.E, solid.nu, solid.rho, lumped=not is_coupled)
+        except np.linalg.LinAlgError as error:
+            raise batch[0].error(
+                f"{batch[0].name} {batch[0].text(0)}, or a later one of its property, is too"
+                " distorted: its stiffness is singular"
+            ) from error
         first = np.array([[grids.first[node] for node in row] for row in nodes])
         dofs = (first[:, :, None] + np.arange(3)).reshape(len(batch), -1)
         to.stiffness.add(dofs, K)
@@ -253,6 +259,8 @@ def _read_isotropic(material: NastranCard) -> _Isotropic:
     """Return the constants of a MAT1; one of E, G and NU that is blank follows from the others."""
     E, G, nu, rho = material.reals((1, 2, 3, 4), 0.0)
     has_E, has_G, has_nu = (bool(material.text(at)) for at in (1, 2, 3))
+    if nu == -1:
+        raise material.error(f"MAT1 {material.text(0)}: NU (field 5) is -1; expected above -1")
     if has_E and has_nu and not has_G:
         G = E / (2 * (1 + nu))
     elif has_E and has_G and not has_nu and G:
