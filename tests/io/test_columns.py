@@ -381,6 +381,23 @@ def test_a_table_that_is_refused_shows_its_columns_and_a_proposal(tmp_path, head
         assert f"1 {header.split(',')[0]!r} (1), 2 " in str(caught.value)
 
 
+@pytest.mark.parametrize("name", ["a.dat", "a.asc", "a"])
+def test_a_table_of_an_unknown_suffix_gets_a_proposal(tmp_path, name):
+    path = put(tmp_path, ["f [Hz] Re Im", *lines_of(" ", LINES, A.real, A.imag)], name)
+    with pytest.raises(FormatError, match="for a table in text state columns"):
+        updyn.read_frf(path)
+    path = put(tmp_path, ["f  Re  Im", *lines_of(" ", LINES, A.real, A.imag)], name)
+    with pytest.raises(FormatError, match=r'columns = { frequency = "f"'):
+        updyn.read_frf(path)
+
+
+@pytest.mark.parametrize("name", ["none.dat", "none.csv"])
+def test_a_missing_file(tmp_path, name):
+    for columns in (None, BY_NAME):
+        with pytest.raises(FormatError, match="no such file"):
+            updyn.read_frf(tmp_path / name, columns=columns)
+
+
 def test_the_proposal_can_be_pasted_into_a_job(tmp_path):
     rows = ["f;3:Z/1:-Z re;3:Z/1:-Z im;5:X/1:-Z re;5:X/1:-Z im"]
     put(tmp_path, [*rows, *lines_of(";", LINES, A.real, A.imag, B.real, B.imag)], "a.txt")

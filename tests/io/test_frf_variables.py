@@ -221,3 +221,39 @@ def test_a_job(tmp_path):
     with job.located(), pytest.raises(FormatError) as caught:
         read_measurement(job)
     assert caught.value.key[:2] == ("test", "variables")
+
+
+@pytest.mark.parametrize("write", WRITERS)
+@pytest.mark.parametrize(
+    ("arrays", "listed", "proposal"),
+    [
+        (
+            {"run/f0": LINES, "run/frf": H, "run/cohe": COH, "n": np.ones(1)},
+            "run.frf (complex, 3 x 2 x 1)",
+            'variables = { freq = "run.f0", H = "run.frf", coherence = "run.cohe" }',
+        ),
+        (
+            {"w": LINES, "re": H.real, "im": H.imag},
+            "re (real, 3 x 2 x 1)",
+            'variables = { freq = "w", real = "re", imaginary = "im" }',
+        ),
+        (
+            {"p/H1": TABLE, "p/H2": TABLE},
+            "p.H1 (complex, 3 x 2)",
+            'variables = { freq = "p.H1(:,1)", channels = [\n'
+            '  { response = "?", reference = "?", complex = "p.H1(:,2)" },\n'
+            '  { response = "?", reference = "?", complex = "p.H2(:,2)" },\n] }',
+        ),
+        ({"a": LINES, "b": COH}, "", ""),
+    ],
+)
+def test_a_file_that_is_refused_shows_its_arrays_and_a_proposal(
+    tmp_path, write, arrays, listed, proposal
+):
+    path = write(tmp_path / "x", arrays)
+    with pytest.raises(FormatError) as caught:
+        updyn.read_frf(path, quantity="mobility")
+    text = str(caught.value)
+    assert ("variables = {" in text) == bool(proposal)
+    assert listed in text
+    assert proposal in text

@@ -12,9 +12,9 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
-from updyn.errors import OptionError, key_path, suggest
+from updyn.errors import FormatError, OptionError, key_path, suggest
 from updyn.frf import check_quantity
-from updyn.io.formats import find_format, load
+from updyn.io.formats import FORMATS, find_format, load
 from updyn.io.items import guard_reader, locate_errors, parse_selection
 
 if TYPE_CHECKING:
@@ -117,7 +117,10 @@ def read_frf(
     """
     if format is None and options.get("columns") is not None:
         format = "csv"  # a table of text, whatever its suffix
-    reader, name = _find_function(path, "read_frf", format)
+    try:
+        reader, name = _find_function(path, "read_frf", format)
+    except FormatError as error:
+        raise load(FORMATS["csv"]).propose_columns(path, error) from error
     wanted = {
         k: v for k, v in (("responses", responses), ("references", references)) if v is not None
     }

@@ -17,13 +17,13 @@ import numpy as np
 from updyn.errors import AbsentError, FormatError, InputError
 from updyn.io.channels import FORMS, Name
 from updyn.io.csv_table import TextTable, find_table
-from updyn.io.items import read_windows_text
+from updyn.io.items import is_file, read_windows_text
 
-__all__ = ["propose_columns"]
+__all__ = ["FREQUENCY", "has_word", "propose_columns"]
 
 #: Words of a frequency, and of the parts of a channel; those of three letters or more are
 #: beginnings of words. A name has the first part that has one of its words.
-_FREQUENCY = ("f", "hz", "freq", "frequenz", "omega")
+FREQUENCY = ("f", "hz", "freq", "frequenz", "omega")
 _WORDS = {
     "coherence": ("coh", "gamma", "kohärenz"),
     "imaginary": ("im", "imag"),
@@ -63,6 +63,8 @@ def propose_columns(path: str | Path, error: FormatError) -> FormatError:
     The error is unchanged if the text is not a table, or has the names of the format. Without
     known names there is a proposal only if the text may hold no other data: for an `AbsentError`.
     """
+    if not is_file(path):
+        return error
     try:
         table = find_table(read_windows_text(path), path)
     except InputError:
@@ -94,7 +96,7 @@ def _resembles_frf(table: TextTable) -> bool:
     """Return whether the first of three columns or more increases and may be a frequency."""
     if table.n_columns <= max(_EXAMPLE):
         return False
-    if table.header and _has_word(table.header[0], _OTHER):
+    if table.header and has_word(table.header[0], _OTHER):
         return False
     try:
         first = table.numbers(1, ())
@@ -103,7 +105,7 @@ def _resembles_frf(table: TextTable) -> bool:
     return bool((np.diff(first) > 0.0).all())
 
 
-def _has_word(name: str, stems: Iterable[str]) -> bool:
+def has_word(name: str, stems: Iterable[str]) -> bool:
     """Return whether a name has a word, or for three letters or more the beginning of a word."""
     return any(_is_word(word, stems) for word in _WORD.findall(name.casefold()))
 
@@ -121,7 +123,7 @@ def _name(table: TextTable, at: int) -> Name:
 def _find_frequency(table: TextTable) -> Name | None:
     """Return the first column with the name of a frequency."""
     for at, cell in enumerate(table.header):
-        if _has_word(cell, _FREQUENCY) and not any(_has_word(cell, w) for w in _WORDS.values()):
+        if has_word(cell, FREQUENCY) and not any(has_word(cell, w) for w in _WORDS.values()):
             return _name(table, at)
     return None
 
@@ -146,7 +148,7 @@ def _find_part(table: TextTable, at: int) -> str | None:
     """Return the part in a column, by its name, its unit and the size of a phase."""
     name = f"{table.header[at]} {table.unit(at + 1)}"
     for part, words in _WORDS.items():
-        if not _has_word(name, words):
+        if not has_word(name, words):
             continue
         if part != "phase":
             return part

@@ -153,10 +153,13 @@ def find_format(path: str | Path, verb: str, name: str | None = None) -> Format:
     for candidate in candidates:
         if suffix in candidate.suffixes:
             return candidate
+    hint = ""
+    if verb == "read_frf":
+        hint = "; for a table in text state columns, or format = 'csv' if it has the names of csv"
     known = sorted(set(chain.from_iterable(f.suffixes for f in able)))
     raise FormatError(
         f"neither content nor suffix {path.suffix!r} is of a format that can {verb}; known"
-        f" suffixes: {', '.join(known)}",
+        f" suffixes: {', '.join(known)}{hint}",
         path,
     )
 

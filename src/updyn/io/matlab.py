@@ -42,6 +42,7 @@ from updyn.io.testlab_mat import (
     read_exported_coherence,
     refuse_export,
 )
+from updyn.io.variables_proposal import proposing_variables
 from updyn.model import Model
 from updyn.signals.records import Records
 
@@ -109,7 +110,7 @@ def read_frf(
             order=order,
             real_valued=real_valued,
         )
-    with _iterate_usable(stored, path, FRF_ITEMS) as found:
+    with proposing_variables(stored, path), _iterate_usable(stored, path, FRF_ITEMS) as found:
         return build_frf(
             found,
             path,

@@ -33,6 +33,8 @@ from updyn.io.items import check_phase, locate_errors, report_library_errors
 from updyn.io.named import build_frf
 from updyn.io.native import load_native, write_native
 from updyn.io.record_arrays import build_records
+from updyn.io.settings import FILE_TEXT
+from updyn.io.variables_proposal import proposing_variables
 from updyn.signals.records import Records
 
 if TYPE_CHECKING:
@@ -97,7 +99,10 @@ def read_frf(
         check_kind(found.root, path, "frf")
     elif not {"frf", "frf_real"} & set(found.root.members):
         held = ", ".join(sorted(found.root.members)[:8]) or "nothing"
-        raise AbsentError(f"holds no variable 'frf' (see updyn.io.netcdf); it holds: {held}", path)
+        with proposing_variables(_list_datasets(path), path):
+            raise AbsentError(
+                f"holds no variable 'frf' (see updyn.io.netcdf); it holds: {held}", path
+            )
     with report_library_errors(path, "netCDF-4 file"):
         data = _combine_parts(found.data(), path)
         if "frf" in data.variables:
@@ -150,6 +155,17 @@ def read_records(
         data = data.set_coords([name for name in ("unit",) if name in data])
         records = Records.from_xarray(data[_RECORDS])
         return replace(records, source=Path(path).name)
+
+
+def _list_datasets(path: str | Path) -> dict[str, Any]:
+    """Return the datasets of a file, for messages; none if it is large or cannot be read."""
+    if Path(path).stat().st_size > FILE_TEXT.listed_bytes:
+        return {}
+    try:
+        root = load_native("updyn.foreign.hdf5:load", path, what="HDF5 file")
+        return _datasets(root, path)[0]
+    except FormatError:
+        return {}
 
 
 def _variable_source(root: Mapping[str, Any], path: str | Path) -> VariableSource:

@@ -40,6 +40,7 @@ from updyn.io.frf_variables import VariableSource, select_items
 from updyn.io.items import build_sparse, describe_kind, format_names, report_library_errors
 from updyn.io.named import build_frf, build_model, frf_items, model_items
 from updyn.io.sdynpy import is_system, system_model
+from updyn.io.variables_proposal import proposing_variables
 from updyn.model import Model
 
 __all__ = ["read_arrays", "read_frf", "read_model", "write_frf", "write_model"]
@@ -100,16 +101,17 @@ def read_frf(
         items = _nest_items(arrays, path)
     else:
         items = select_items(VariableSource(arrays, path), variables, order)
-    return build_frf(
-        items,
-        path,
-        quantity=quantity,
-        duplicates=duplicates,
-        response_labels=response_labels,
-        reference_labels=reference_labels,
-        order=order,
-        real_valued=real_valued,
-    )
+    with proposing_variables({} if variables else arrays, path):
+        return build_frf(
+            items,
+            path,
+            quantity=quantity,
+            duplicates=duplicates,
+            response_labels=response_labels,
+            reference_labels=reference_labels,
+            order=order,
+            real_valued=real_valued,
+        )
 
 
 def write_frf(frf: FRF, path: str | Path) -> None:

@@ -160,6 +160,9 @@ class FileTextSettings:
     #: [columns] Largest number of columns of a table that a message lists. Why: tables of many
     #: channels repeat the same few names.
     listed_columns: int = 12
+    #: [bytes] Largest HDF5 file of which a message lists the arrays. Why: for the list it is read a
+    #: second time.
+    listed_bytes: int = 2**26
     #: [messages] Largest number of messages of another program that are reported. Why: later ones
     #: usually follow from the first.
     reported_messages: int = 3
