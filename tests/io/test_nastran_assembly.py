@@ -161,6 +161,31 @@ def test_springs_masses_and_rods_are_those_of_mystran(deck):
                 )
 
 
+@pytest.mark.needs("mystran")
+@pytest.mark.kernels
+@pytest.mark.parametrize("kind", ["CPENTA", "CHEXA"])
+def test_solids_of_mystran(deck, kind):
+    # Wedges are equal; hexahedra have the same mass, but MYSTRAN gives them no internal functions.
+    corners = [(0, 0, 0), (1, 0.1, 0), (1.1, 0.9, 0.1), (0, 1, 0)]
+    corners = corners[: 3 if kind == "CPENTA" else 4]
+    corners = [*corners, *((x, y, z + 1.2) for x, y, z in corners)]
+    text = "BEGIN BULK\nPARAM,COUPMASS,1\nPSOLID,1,1\nMAT1,1,7.+10,,.3,2700.\n"
+    for number, (x, y, z) in enumerate(corners, 1):
+        text += f"GRID,{number},,{float(x)},{float(y)},{float(z)}\n"
+    names = [str(number) for number in range(1, len(corners) + 1)]
+    text += f"{kind},1,1,{','.join(names[:6])}\n"
+    text += f",{','.join(names[6:])}\n" if names[6:] else ""
+    with pytest.warns(UpdynWarning, match="degrees of freedom without stiffness"):
+        found = read_model(deck(text))
+    full = deck(text.replace("PSOLID,1,1", "PSOLID,1,1,,2,,1"))
+    expected = read_model(full, executable=mystran())
+    assert found.dofs == expected.dofs
+    whats = ("stiffness", "mass") if kind == "CPENTA" else ("mass",)
+    for what in whats:
+        A, B = getattr(found, what).toarray(), getattr(expected, what).toarray()
+        np.testing.assert_allclose(A, B, atol=1e-12 * abs(B).max())
+
+
 def test_masses_by_hand(deck):
     with pytest.warns(UpdynWarning, match="degrees of freedom without stiffness"):
         model = read_model(deck(POINTS))
