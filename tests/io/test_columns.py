@@ -139,6 +139,20 @@ LAYOUTS = {
             "channels": channels({"magnitude_dB": 2, "phase_deg": 3}),
         },
     ),
+    "quoted names and separators at the end": (
+        [
+            "sep=;",
+            '"Freq";"Re; 3:Z";Im 3:Z',
+            *(f"{x};" for x in lines_of(";", LINES, A.real, A.imag)),
+        ],
+        "a.csv",
+        {"frequency": "Freq", "channels": channels({"real": "Re; 3:Z", "imaginary": "Im 3:Z"})},
+    ),
+    "revolutions per minute": (
+        ["rpm,Re,Im,", *lines_of(",", LINES * 60.0, A.real, A.imag)],
+        "a.csv",
+        {"frequency": "rpm", "channels": RE_IM},
+    ),
     "a header of numbers": (
         ["f,1,2", *lines_of(",", LINES, A.real, A.imag)],
         "a.csv",
@@ -248,6 +262,8 @@ def test_hostile_tables(tmp_path, rows, message):
     ("header", "part", "message"),
     [
         ("f,Mag (dB),Phase (deg)", {"magnitude": 2, "phase_deg": 3}, "expected magnitude_dB"),
+        ("f,FRF Mag dB,Phase", {"magnitude": 2, "phase_deg": 3}, "expected magnitude_dB"),
+        ("f,Mag_dB,Phase", {"magnitude": 2, "phase_deg": 3}, "expected magnitude_dB"),
         ("f,Mag,Phase (deg)", {"magnitude": 2, "phase_rad": 3}, "expected phase_deg"),
         ("f,Mag,Phase [rad]", {"magnitude": 2, "phase_deg": 3}, "expected phase_rad"),
         (
@@ -304,6 +320,11 @@ ONE = RE_IM[0]
             ("columns", "channels", 0),
         ),
         (
+            {"frequency": 1, "channels": [{**ONE, "real": 3}]},
+            "real and imaginary are the same: 3",
+            ("columns", "channels", 0),
+        ),
+        (
             {"frequency": 1, "channels": [{**ONE, "response": "?"}]},
             r"channels\[1\].response: ",
             ("columns", "channels", 0, "response"),
@@ -340,6 +361,16 @@ def test_mappings_that_are_not_valid(tmp_path, columns, message, key):
     with pytest.raises(OptionError, match=message) as caught:
         updyn.read_frf(path, quantity="mobility", columns=columns)
     assert caught.value.key == key
+
+
+@pytest.mark.parametrize("name", [1, "Omega"])
+def test_the_unit_of_an_angular_frequency_has_to_be_stated(tmp_path, name):
+    path = put(tmp_path, ["Omega,re,im", *lines_of(",", LINES * 2 * np.pi, A.real, A.imag)])
+    columns = {"frequency": name, "channels": RE_IM}
+    with pytest.raises(OptionError, match="may be in rad/s or in Hz; state frequency_unit"):
+        updyn.read_frf(path, quantity="mobility", columns=columns)
+    columns["frequency_unit"] = "rad/s"
+    check(updyn.read_frf(path, quantity="mobility", columns=columns))
 
 
 def test_the_quantity_has_to_be_stated(tmp_path):

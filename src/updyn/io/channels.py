@@ -52,6 +52,8 @@ PARTS = tuple(dict.fromkeys(part for form in FORMS for part in form))
 _CHANNEL = ("response", "reference", *PARTS, "coherence", "unit")
 _DEGREES = ("deg", "degree", "degrees", "°", "grad")
 _RADIANS = ("rad", "radian", "radians")
+#: Names of an angular frequency, which people also use for a frequency.
+_ANGULAR = ("omega", "ω", "w")
 _EXAMPLE = '{ response = "3:Z", reference = "1:Z", real = 2, imaginary = 3 }'
 
 #: A column or variable: its name, or the number of a column from 1.
@@ -69,6 +71,9 @@ class Source(Protocol):
 
     def numbers(self, name: Any, key: Key, *, is_complex: bool = False) -> NumberArray:
         """Return the numbers with a name; `key` is the place of the name, for messages."""
+
+    def title(self, name: Any) -> str:
+        """Return the name in the file, or an empty text."""
 
     def unit(self, name: Any) -> str:
         """Return the unit that the file states, or an empty text."""
@@ -115,6 +120,10 @@ def read_frequency(source: Source, name: Any, stated: Any, key: Key, unit_key: K
             source.path,
             key=key,
         )
+    if stated is None and not label and source.title(name).casefold() in _ANGULAR:
+        raise OptionError(
+            f"{_format_name(name)} may be in rad/s or in Hz; state frequency_unit", key=key
+        )
     if stated is not None:
         wanted = find_unit(stated, "frequency") if isinstance(stated, str) else None
         if wanted is None:
@@ -143,6 +152,11 @@ def combine_parts(
             f"{_format_key(key)}: found {' + '.join(parts) or 'no values'}; expected one of"
             f" {forms}",
             key=key,
+        )
+    used = [given[part] for part in parts]
+    if any(used.count(name) > 1 for name in used):
+        raise OptionError(
+            f"{_format_key(key)}: {' and '.join(parts)} are the same: {used[0]!r}", key=key
         )
     stated = None
     if unit is not None:

@@ -8,6 +8,7 @@ may be a comment (``#`` or ``%``).
 
 from __future__ import annotations
 
+import csv
 import re
 from collections import Counter
 from collections.abc import Sequence
@@ -33,7 +34,7 @@ Line = tuple[int, str]
 _SEPARATORS = (";", "\t", ",", " ")
 _COMPLEX = re.compile(r"(.*[0-9.])\s*([+-])\s*([^+-]*(?:[eEdD][+-]?[0-9]+)?)\s*\*?\s*[ij]")
 _BRACKET = re.compile(r"(.*?)\s*(?:\[([^\[\]]*)\]|\(([^()]*(?:\([^()]*\)[^()]*)?)\))\s*")
-_ENDING = re.compile(r"\S+[ _/](\S+)")
+_ENDING = re.compile(r".*\S[ _/](\S+)")
 _PLAIN_UNITS = ("db", "deg", "degree", "degrees", "°", "grad", "rad", "-", "1", "%")
 
 
@@ -121,6 +122,10 @@ class TextTable:
         cell = self.rows[0][1][at]
         return _is_number(cell) and _COMPLEX.fullmatch(_strip_brackets(cell)) is not None
 
+    def title(self, name: Any) -> str:
+        """Return the name of a column in the header, or an empty text."""
+        return self.header[self.column(name, ())] if self.header else ""
+
     def line(self, index: int) -> int:
         """Return the line of the file of a row."""
         return self.rows[index][0]
@@ -198,6 +203,9 @@ def _split(line: str, separator: str) -> tuple[str, ...]:
 
 def _split_header(line: str, separator: str) -> tuple[str, ...]:
     """Return the cells of a header, in which commas in brackets do not separate."""
+    if '"' in line and separator != " ":
+        (parts,) = csv.reader([line], delimiter=separator)
+        return tuple(cell.strip() for cell in parts)
     if separator == ",":
         parts = re.split(r",(?![^(\[]*[)\]])", line)
         return tuple(cell.strip().strip('"').strip() for cell in parts)
@@ -247,6 +255,8 @@ def _build_table(
     rows = tuple(
         (number, _split(row, separator)) for (number, _), row in zip(body, numbers, strict=True)
     )
+    if all(len(cells) == len(rows[0][1]) and not cells[-1] for _, cells in rows):
+        rows = tuple((number, cells[:-1]) for number, cells in rows)  # a separator ends each row
     width = len(rows[0][1])
     above = [line for line in lines if line[0] < rows[0][0]]
     header: tuple[str, ...] = ()
@@ -269,6 +279,8 @@ def _cells_of(line: str, separator: str, width: int) -> tuple[str, ...]:
     """Return the cells of a line above the rows; none if it has another number of cells."""
     text = line.strip().lstrip("#%").strip() if _is_comment(line) else line
     cells = _split_header(text, separator)
+    if len(cells) > width and not any(cells[width:]):
+        cells = cells[:width]
     return cells if len(cells) == width else ()
 
 
@@ -309,6 +321,8 @@ def _find_label(cell: str) -> str:
     if found is not None:
         label = (found[2] or found[3] or "").strip()
         return label if _names_unit(label) else ""
+    if find_unit(cell, "frequency"):
+        return cell
     ending = _ENDING.fullmatch(cell)
     if ending is not None:
         label = ending[1]

@@ -73,6 +73,10 @@ class VariableSource:
             return np.asarray(numbers.real)
         return numbers
 
+    def title(self, name: Any) -> str:
+        """Return the name of a variable without the structs that contain it."""
+        return str(name).split(".")[-1]
+
     def unit(self, name: Any) -> str:
         """Return the unit in the attributes of a variable, or an empty text."""
         return self.units.get(str(name), "")
