@@ -153,6 +153,15 @@ LAYOUTS = {
         "a.csv",
         {"frequency": "rpm", "channels": RE_IM},
     ),
+    "decimal commas next to dates, two rows of names": (
+        [
+            "Datum;f;Re;Im",
+            ";Hz;;",
+            *(f"12.05.2024;{x.replace('.', ',')}" for x in lines_of(";", LINES, A.real, A.imag)),
+        ],
+        "a.csv",
+        {"frequency": "f", "channels": channels({"real": "Re", "imaginary": "Im"})},
+    ),
     "a header of numbers": (
         ["f,1,2", *lines_of(",", LINES, A.real, A.imag)],
         "a.csv",
@@ -243,6 +252,10 @@ BY_NAME = {"frequency": "f", "channels": channels({"real": "re", "imaginary": "i
         ([*F3, "-1,0,0", *GOOD], "-1 Hz"),
         ([*F3, *GOOD, "end of data"], r"csv:5: 1 cell\(s\); expected 3"),
         ([*F3, "hello", "world"], "no table"),
+        (
+            ["f;re;im", "1,234;2,345;3,456", "2,345;2,345;3,456"],
+            "csv:2: column 'f': '1,234' is not a number; a comma may separate thousands here",
+        ),
         (["Freq,re,im", *GOOD], r"no column 'f'; .*'Freq'.* columns: 1 'Freq' \(1\), 2 're' \(1\)"),
         (["freq,Re,im", *GOOD], "no column 'f'"),
         (GOOD, "no column 'f'; the table has no header; state numbers of columns"),

@@ -101,9 +101,10 @@ class TextTable:
             try:
                 out[i] = read(cells[at])
             except ValueError as error:
+                hint = "; a comma may separate thousands here" if "," in cells[at] else ""
                 raise FormatError(
-                    f"{self._describe_column(at)}: {cells[at][:40]!r} is not a"
-                    f" {'complex ' if is_complex else ''}number",
+                    f"{self._describe_column(at)}: {_format_cell(cells[at])!r} is not a"
+                    f" {'complex ' if is_complex else ''}number{hint}",
                     self.path,
                     line,
                     key=key,
@@ -180,9 +181,11 @@ def _find_shape(lines: Sequence[str]) -> _Shape | None:
         shapes: Counter[tuple[int, int]] = Counter()
         for line in lines:
             cells = _split_numbers(line, separator)
-            shapes[len(cells), sum(map(_is_number, cells))] += 1
+            n_numbers = sum(map(_is_number, cells))
+            if n_numbers >= 2:
+                shapes[len(cells), n_numbers] += 1
         for (width, n_numbers), times in shapes.most_common(1):
-            if times >= 2 and n_numbers >= 2:
+            if times >= 2:
                 found.append(_Shape(separator, width, n_numbers))
     return max(found, key=lambda shape: shape.n_numbers / shape.width, default=None)
 
@@ -255,6 +258,8 @@ def _build_table(
     rows = tuple(
         (number, _split(row, separator)) for (number, _), row in zip(body, numbers, strict=True)
     )
+    if separator != "," and any("," in row for row in numbers):
+        rows = _replace_decimal_commas(rows, separator)
     if all(len(cells) == len(rows[0][1]) and not cells[-1] for _, cells in rows):
         rows = tuple((number, cells[:-1]) for number, cells in rows)  # a separator ends each row
     width = len(rows[0][1])
@@ -273,6 +278,19 @@ def _build_table(
             header = cells
             above.pop()
     return TextTable(path, separator, header, units, rows, tuple(above))
+
+
+def _replace_decimal_commas(
+    rows: tuple[tuple[int, tuple[str, ...]], ...], separator: str
+) -> tuple[tuple[int, tuple[str, ...]], ...]:
+    """Return rows with decimal points, if the cells with numbers show that commas are decimal.
+
+    Points in other cells, such as dates, do not count.
+    """
+    numbers = [c for _, cells in rows for c in cells if _is_number(c.replace(",", "."))]
+    if "," in plain_numbers(separator.join(numbers), separator):
+        return rows
+    return tuple((line, tuple(c.replace(",", ".") for c in cells)) for line, cells in rows)
 
 
 def _cells_of(line: str, separator: str, width: int) -> tuple[str, ...]:
