@@ -16,6 +16,7 @@ from cyclopts import Parameter
 from updyn.cli.describe import describe_frf, describe_model, describe_modes
 from updyn.cli.new_file import check_free, write_new
 from updyn.cli.progress import show_progress
+from updyn.cli.reader_options import parse_reader_options
 from updyn.cli.reading import FILE_KINDS, read_anything
 from updyn.cli.sections import (
     CHECK,
@@ -74,6 +75,8 @@ def new(
     quantity: str | None = None,
     scale: float | None = None,
     unit: str | None = None,
+    model_option: list[str] | None = None,
+    test_option: list[str] | None = None,
 ) -> int:
     """Write a commented job file for a model and a measurement, after a look at both.
 
@@ -94,6 +97,10 @@ def new(
         Factor that converts the values to SI if the file does not state it: 9.80665 for g/N.
     unit
         Unit of length of the deck of a model: m, mm or in.
+    model_option
+        KEY=VALUE: an option of the reader of the model, as in [model]: spc=2. Repeat for more.
+    test_option
+        KEY=VALUE: an option of the reader of the measurement, as in [test].
     """
     from updyn.job.files import check_encodable
     from updyn.job.proposal import describe_inputs, job_text, read_inputs
@@ -103,8 +110,9 @@ def new(
         raise InputError(f"{out}: exists already; choose another name with --out")
     if not out.parent.is_dir():
         raise InputError(f"{out}: the folder {str(out.parent)!r} does not exist")
-    stated = {"quantity": quantity, "scale": scale, "unit": unit}
-    inputs = read_inputs(model, measurement, stated)
+    of_model = _join_options({"unit": unit}, model_option, "--model-option")
+    of_test = _join_options({"quantity": quantity, "scale": scale}, test_option, "--test-option")
+    inputs = read_inputs(model, measurement, of_model, of_test)
     text = job_text(inputs, out, describe_model(inputs.model), _describe_measurement(inputs))
     with out.open("x", encoding="utf-8") as file:
         file.write(text)
@@ -365,7 +373,15 @@ def convert(
     return DONE
 
 
-def info(file: Path, /, *, quantity: str | None = None, unit: str | None = None) -> int:
+def info(
+    file: Path,
+    /,
+    *,
+    quantity: str | None = None,
+    unit: str | None = None,
+    model_option: list[str] | None = None,
+    test_option: list[str] | None = None,
+) -> int:
     """Print what a file holds: a measurement, a model, a run, records, modes, a geometry, a plant.
 
     Parameters
@@ -376,13 +392,21 @@ def info(file: Path, /, *, quantity: str | None = None, unit: str | None = None)
         Measured quantity if the file does not state it.
     unit
         Unit of length of the deck of a model: m, mm or in.
+    model_option
+        KEY=VALUE: an option of the reader of a model, as in [model]: spc=2. Repeat for more.
+    test_option
+        KEY=VALUE: an option of the reader of a measurement, as in [test].
     """
     from updyn.outputs.switch import recover
 
     with suppress(InputError, OSError):  # each file is complete, independent of the others
         recover(file.parent)
     of_unit = {"unit": unit}
-    stated = {"contents": of_unit, "frf": {"quantity": quantity}, "model": of_unit}
+    stated = {
+        "contents": of_unit,
+        "frf": _join_options({"quantity": quantity}, test_option, "--test-option"),
+        "model": _join_options(of_unit, model_option, "--model-option"),
+    }
     kinds, options = _select_kinds(tuple(FILE_KINDS), stated)
     kind, content = read_anything(file, kinds, options)
     print_text(FILE_KINDS[kind].describe(content))
@@ -639,6 +663,15 @@ def _find_exit_code(done: JobRun) -> int:
     return DONE if done.result.usable else NOT_DETERMINED
 
 
+def _join_options(stated: Mapping[str, Any], texts: list[str] | None, flag: str) -> dict[str, Any]:
+    """Return the options of a reader: those with a flag of their own, and ``KEY=VALUE``."""
+    further = parse_reader_options(texts, flag)
+    known = {name: value for name, value in stated.items() if value is not None}
+    for name in known.keys() & further.keys():
+        raise InputError(f"{name} is given twice, by --{name} and by {flag}")
+    return known | further
+
+
 def _select_kinds(
     kinds: tuple[str, ...], options: Mapping[str, Mapping[str, Any]]
 ) -> tuple[tuple[str, ...], dict[str, dict[str, Any]]]:
@@ -650,8 +683,8 @@ def _select_kinds(
     for kind, values in options.items():
         stated[kind] = {name: value for name, value in values.items() if value is not None}
     if stated["frf"] and stated["model"]:
-        name = next(iter(stated["frf"])).replace("_", "-")
-        raise InputError(f"--unit is about a model, --{name} about a measurement")
+        of_model, of_frf = (next(iter(stated[kind])) for kind in ("model", "frf"))
+        raise InputError(f"{of_model} is an option of a model, {of_frf} of a measurement")
     chosen = tuple(kind for kind in stated if stated[kind])
     return chosen or kinds, stated
 

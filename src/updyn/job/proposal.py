@@ -44,9 +44,9 @@ _WIDTH = 100
 class Inputs:
     """Model and measurement read from the two files, and the result of matching them.
 
-    `options` are the reader options ``quantity``, ``scale`` and ``unit`` of the user. `matching` is
-    None, and `unmatched` has labels of the test, if some are not DOFs of the model; `match_error`
-    is the error of matching by label, and `match_options` are those of `match` without ``by``.
+    `model_options` and `frf_options` are the reader options of the user. `matching` is None, and
+    `unmatched` has labels of the test, if some are not DOFs of the model; `match_error` is the
+    error of matching by label, and `match_options` are those of `match` without ``by``.
     `counterparts` is None if the sensor positions are unknown.
     """
 
@@ -54,7 +54,8 @@ class Inputs:
     frf_file: Path
     model: Model
     frf: FRF
-    options: dict[str, Any]
+    model_options: dict[str, Any]
+    frf_options: dict[str, Any]
     has_quantity: bool
     matching: Matching | None
     unmatched: tuple[str, ...] = ()
@@ -90,15 +91,14 @@ class Inputs:
 
 
 # -- reading ---------------------------------------------------------------------------------------
-def read_inputs(model_file: Path, frf_file: Path, options: dict[str, Any]) -> Inputs:
+def read_inputs(
+    model_file: Path, frf_file: Path, of_model: dict[str, Any], of_frf: dict[str, Any]
+) -> Inputs:
     """Read model and measurement and match them by label, otherwise by coordinates.
 
-    `options` are ``unit`` of the model's deck, ``quantity`` and ``scale`` of the measurement, or
-    None. An `InputError` is raised if a file cannot be read.
+    `of_model` and `of_frf` are options of the readers. An `InputError` is raised if a file cannot
+    be read.
     """
-    given = {name: value for name, value in options.items() if value is not None}
-    of_model = {name: value for name, value in given.items() if name == "unit"}
-    of_frf = {name: value for name, value in given.items() if name != "unit"}
     try:
         model = read_model(model_file, **of_model)
     except InputError as error:
@@ -113,7 +113,7 @@ def read_inputs(model_file: Path, frf_file: Path, options: dict[str, Any]) -> In
                 text = f"{frf_file} is a {what}; expected a measurement second"
                 raise FormatError(f"{text}: updyn new MODEL MEASUREMENT") from error
         raise
-    inputs = (model_file, frf_file, model, frf, given, has_quantity)
+    inputs = (model_file, frf_file, model, frf, of_model, of_frf, has_quantity)
     try:
         return _add_counterparts(Inputs(*inputs, match(model, frf)))
     except MatchError as error:
@@ -273,17 +273,14 @@ def _format_head(inputs: Inputs, out: Path) -> list[str]:
 
 def _format_model(inputs: Inputs, out: Path) -> list[str]:
     lines = ["[model]", f"file = {_format_value(relative_path(inputs.model_file, out.parent))}"]
-    if "unit" in inputs.options:
-        lines.append(f"unit = {_format_value(inputs.options['unit'])}")
-    return lines
+    options = inputs.model_options.items()
+    return lines + [f"{name} = {_format_value(value)}" for name, value in options]
 
 
 def _format_test(inputs: Inputs, out: Path) -> list[str]:
     frf = inputs.frf
     lines = ["[test]", f"file = {_format_value(relative_path(inputs.frf_file, out.parent))}"]
-    for name in ("quantity", "scale"):
-        if name in inputs.options:
-            lines.append(_format_key(TestTable, name, inputs.options[name]))
+    lines += [_format_key(TestTable, name, value) for name, value in inputs.frf_options.items()]
     if not inputs.has_quantity:
         lines.append("# The file does not state the measured quantity. Choose one:")
         lines += [f"# quantity = {_format_value(name)}" for name in QUANTITIES]
@@ -409,15 +406,15 @@ def _format_unknown(
 
 
 def _format_key(table: type[Table], key: str, value: Any, *, off: bool = False) -> str:
-    """Return a key with its description as a comment; commented out if `off`."""
-    return f"{'# ' if off else ''}{key} = {_format_value(value)}  # {_describe_key(table, key)}"
+    """Return a key, with its description as a comment if it has one; commented out if `off`."""
+    about = _describe_key(table, key)
+    comment = f"  # {about}" if about else ""
+    return f"{'# ' if off else ''}{key} = {_format_value(value)}{comment}"
 
 
 def _describe_key(table: type[Table], key: str) -> str:
-    """Return the description of a key."""
-    about = table.model_fields[key].description
-    assert about is not None
-    return about
+    """Return the description of a key; empty if it has none, or is an option of a reader."""
+    return (table.model_fields[key].description or "") if key in table.model_fields else ""
 
 
 def _wrap_comment(title: str, text: str) -> list[str]:

@@ -389,5 +389,8 @@ def propose_job(model: Path, measurement: Path, job: Path, options: dict[str, ob
 
     `options` has values that the files lack: ``quantity``, ``scale``, ``unit``; None if not given.
     """
-    inputs = read_inputs(model, measurement, options)
+    given = {name: value for name, value in options.items() if value is not None}
+    of_model = {name: value for name, value in given.items() if name == "unit"}
+    of_test = {name: value for name, value in given.items() if name != "unit"}
+    inputs = read_inputs(model, measurement, of_model, of_test)
     return job_text(inputs, job, f"{inputs.model.n_dofs} DOFs", f"{len(inputs.frf.freq)} lines")

@@ -422,3 +422,46 @@ def test_equal_labels_in_millimetres_are_kept_and_it_is_said(
     assert load_job(Path("job.toml")).match.by == "label"
     assert main(["check", "job.toml"]) in (0, 3)
     assert "look like mm" in capsys.readouterr().out
+
+
+def test_options_of_the_readers_are_used_and_written_into_the_job(
+    chain_folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(chain_folder)
+    frf = chain.measure()
+    H = frf.values[:, 0, 0]
+    rows = [
+        f"{f!r};{h.real!r};{h.imag!r}" for f, h in zip(frf.freq.tolist(), H.tolist(), strict=True)
+    ]
+    Path("table.csv").write_text("\n".join(["f (Hz);re;im", *rows]) + "\n")
+    response, reference = frf.responses.labels[0], frf.references.labels[0]
+    channel = f'{{response = "{response}", reference = "{reference}", real = 2, imaginary = 3}}'
+    option = f"columns={{frequency = 1, channels = [{channel}]}}"
+    arguments = ["new", "chain.h5", "table.csv", "--quantity", frf.quantity]
+    assert main([*arguments, "--test-option", option]) == 0
+    read = prepare(load_job(Path("job.toml"))).frf
+    np.testing.assert_allclose(read.values[:, 0, 0], H, rtol=1e-14)
+    assert main(["info", "table.csv", "--quantity", frf.quantity, "--test-option", option]) == 0
+    assert f"1 responses: {response}" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--model-option", "spc"], "--model-option 'spc': expected KEY=VALUE"),
+        (["--model-option", "a=1", "--model-option", "a=2"], "a is given twice"),
+        (["--unit", "mm", "--model-option", "unit=m"], "by --unit and by --model-option"),
+        (["--model-option", "unitt=m"], "has no option 'unitt'"),
+    ],
+)
+def test_options_of_a_reader_that_are_wrong(
+    options: list[str],
+    message: str,
+    chain_folder: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.chdir(chain_folder)
+    assert main(["new", "chain.h5", "chain.npz", *options]) == 2
+    assert message in capsys.readouterr().err
+    assert not Path("job.toml").exists()
