@@ -338,7 +338,7 @@ def test_a_stop_within_any_evaluation_of_a_long_run_ends_it_in_order(
         **options,
     )
     assert full.status != "stopped"
-    stops = np.unique(np.geomspace(1, len(total) - 1, 12).astype(int))
+    stops = np.unique(np.geomspace(1, len(total) - 1, 6).astype(int))
     for number in stops:
         seen = []
 
