@@ -732,6 +732,8 @@ def names(found, seeded: Seeded) -> bool:
         for other in first.also
     ):
         return True  # told as one that these data do not tell from the first
+    if seeded.kind == "support" and first.statement.startswith("The structure seems to be supp"):
+        return True  # one spring to the ground acts as the two that were seeded
     return first.kind == seeded.kind and undone(first, seeded)
 
 

@@ -235,6 +235,8 @@ def _explain_data(
         # look like other faults.
         fault = sized.fault if best.fault.is_adaptive else best.fault
         part = replace(fault.prepare_next_search(prepared, end), solver=part.solver)
+        if best.fault.ends_search:
+            break
     return _Explanation(tuple(findings), part, trial_models, end)
 
 

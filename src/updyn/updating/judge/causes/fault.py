@@ -252,6 +252,11 @@ class Fault(ABC):
         return np.zeros(evidence.frf.values.shape, dtype=np.complex128)
 
     @property
+    def ends_search(self) -> bool:
+        """Whether further causes are sought only after this one has been corrected."""
+        return False
+
+    @property
     def special_cases(self) -> tuple[tuple[str, tuple[str, ...]], ...]:
         """Kind and channels of the faults that are special cases of this one."""
         return ()

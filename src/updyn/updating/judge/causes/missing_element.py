@@ -92,6 +92,11 @@ class MissingElement(AlteringFault):
         return f"The model lacks a {self.noun} of {self.size_text} {self.place_text}."
 
     @property
+    def advice(self) -> str:
+        """First advice to the user."""
+        return "Look for it there. If it exists, add it to the model"
+
+    @property
     def remedy(self) -> str:
         """Advice to the user, with the Python that adds the element to the model as an unknown."""
         name = f"{self.noun} {' '.join(self.channels)}"
@@ -99,7 +104,7 @@ class MissingElement(AlteringFault):
         loss = f", loss_factor={self.loss:g}" if self.loss else ""
         dofs = ", ".join(f'"{label}"' for label in self.channels)
         return (
-            "Look for it there. If it exists, add it to the model:"
+            f"{self.advice}:"
             f' model = model.with_element("{name}", [{dofs}], {between}'
             f"{self.quantity}={self.value:.6g}{loss});"
             f' unknowns += updyn.parameters(model, {self.quantity}="{name}")'

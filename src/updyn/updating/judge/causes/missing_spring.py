@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from dataclasses import dataclass, replace
+from typing import ClassVar, Self
 
+from updyn.updating.judge.causes.evidence import Evidence
+from updyn.updating.judge.causes.holding import is_free
 from updyn.updating.judge.causes.missing_element import MissingElement
 
 __all__ = ["MissingSpring"]
 
 
+@dataclass(frozen=True, slots=True)
 class MissingSpring(MissingElement):
-    """A spring of `value` N/m at a DOF, or between two, that the model lacks."""
+    """A spring of `value` N/m at a DOF, or between two, that the model lacks.
 
-    __slots__ = ()
+    `supports`: it acts between a DOF and the ground, while the model is free.
+    """
+
+    supports: bool = False
 
     kind: ClassVar[str] = "missing-spring"
     unit: ClassVar[str] = "N/m"
@@ -22,3 +29,32 @@ class MissingSpring(MissingElement):
     #: Loss factor between that of steel springs (up to 0.01) and of bolted joints and rubber
     #: (0.05).
     loss: ClassVar[float] = 0.02
+
+    @classmethod
+    def _find_best(cls, evidence: Evidence, most: int) -> list[Self]:
+        free = is_free(evidence.part)
+        # The name `super` without arguments refers to the class without slots.
+        found = super(MissingSpring, cls)._find_best(evidence, most)
+        return [replace(one, supports=free and not one.between) for one in found]
+
+    @property
+    def ends_search(self) -> bool:
+        """Whether the spring is a support: its place stands for those of all supports."""
+        return self.supports
+
+    def statement(self) -> str:
+        """Return a sentence with the place and the size."""
+        if not self.supports:
+            return super(MissingSpring, self).statement()
+        return (
+            "The structure seems to be supported, while the model is free: a spring of"
+            f" {self.size_text} to the ground {self.place_text}, or several that act like it,"
+            " explain the data."
+        )
+
+    @property
+    def advice(self) -> str:
+        """First advice to the user."""
+        if not self.supports:
+            return super(MissingSpring, self).advice
+        return "Check how the structure was supported in the test. Add each support to the model"

@@ -47,6 +47,11 @@ class Suspension(IrreparableFault):
                 yield cls((), float(value))
 
     @property
+    def ends_search(self) -> bool:
+        """True: further causes would be errors of this model of the support."""
+        return True
+
+    @property
     def remedy(self) -> str:
         """Advice to the user."""
         return (

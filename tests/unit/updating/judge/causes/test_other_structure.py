@@ -268,6 +268,23 @@ def test_a_suspended_structure_is_told_from_a_free_model(chain12, chain12_true, 
         found[0].repair(hung)
 
 
+def test_a_spring_that_holds_a_free_model_is_a_support(chain12, chain12_true, add_noise):
+    """One spring to the ground: named with its place, and no further cause is sought."""
+    true, start = without_ground(chain12_true), without_ground(chain12)
+    stiffness = 0.3 * float(true.stiffness.diagonal()[6])
+    held = on_springs(true, "cord", ["7:X"], stiffness)
+    hung = updyn.response(held, FREQ, SENSORS, ["5:X", "12:X"])
+    data = add_noise(hung, np.random.default_rng(3), 0.01)
+    (found,) = updyn.diagnose(start, data, all_unknowns(start))
+    assert (found.kind, found.channels) == ("missing-spring", ("7:X",))
+    assert found.value == pytest.approx(stiffness, rel=0.1)
+    assert found.statement.startswith(
+        "The structure seems to be supported, while the model is free: a spring of"
+    )
+    assert "to the ground at 7:X, or several that act like it" in found.statement
+    assert found.remedy.startswith("Check how the structure was supported in the test. Add each")
+
+
 def test_the_suspension_is_that_of_springs_in_proportion_to_the_mass(chain12_true, clean):
     """K + a^2 (1 + i eta) M, against a model with these springs."""
     mass = sum(group.mass.toarray() for group in chain12_true.groups.values())
