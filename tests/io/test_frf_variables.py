@@ -201,7 +201,9 @@ def test_mappings_that_are_not_valid(tmp_path, write, variables, message):
 
 def test_labels_of_arrays_without_variables_are_refused_for_netcdf(tmp_path):
     path = hdf5(tmp_path / "x", {"f": LINES})
-    with pytest.raises(OptionError, match="order without variables; state variables, too"):
+    with pytest.raises(
+        OptionError, match="order is only used with variables; state variables, too"
+    ):
         updyn.read_frf(path, order=["freq", "response", "reference"])
 
 

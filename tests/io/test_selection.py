@@ -76,10 +76,15 @@ def test_labels_name_a_bare_array_and_a_part_of_it_is_chosen_by_them(tmp_path, s
         updyn.read_frf(path, responses=["5:Y"])
 
 
-@pytest.mark.parametrize("suffix", ["uff", "nc", "csv"])
-def test_files_that_name_their_dofs_take_no_labels(tmp_path, suffix):
+@pytest.mark.parametrize(
+    ("suffix", "message"),
+    [
+        ("uff", "has no option 'response_labels'; did you mean 'responses'"),
+        ("nc", "response_labels is only used with variables"),
+        ("csv", "has no option 'response_labels'; did you mean 'responses'"),
+    ],
+)
+def test_files_that_name_their_dofs_take_no_labels(tmp_path, suffix, message):
     path, _ = stored(tmp_path, suffix)
-    with pytest.raises(
-        OptionError, match="has no option 'response_labels'; did you mean 'responses'"
-    ):
+    with pytest.raises(OptionError, match=message):
         updyn.read_frf(path, response_labels=["1:X", "2:Y", "3:RZ"])

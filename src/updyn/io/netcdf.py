@@ -83,7 +83,9 @@ def read_frf(
         )
     for name, given in of_arrays.items():
         if given is not None:
-            raise OptionError(f"{name} without variables; state variables, too", key=(name,))
+            raise OptionError(
+                f"{name} is only used with variables; state variables, too", key=(name,)
+            )
     if duplicates != "raise":
         raise OptionError(
             f"duplicates={duplicates!r}: this format holds every response and reference once;"
