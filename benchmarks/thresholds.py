@@ -2,12 +2,13 @@
 
 Settings are the fields of the frozen objects in the modules named `settings`: thresholds,
 tolerances, counts. A recording runs the tests once and keeps which settings each test reads. Then
-each setting is doubled and halved in a process of its own that runs the tests that read it, the
+each setting is doubled and halved in a separate process that runs the tests that read it, the
 quickest first, until one fails.
 
-- noticed: a test fails, or the tests take ten times as long as before.
-- not noticed: none of the tests fails; the table gives unit, meaning and reason.
-- not read: no test reads the setting, other than on import.
+- noticed: a test fails, the process crashes, or the tests take over a minute and ten times as long
+  as before.
+- not noticed: none of the tests fails; the table gives unit, meaning and reason. With 0 tests, no
+  test reads the setting, other than on import.
 
 Whole numbers are halved downwards; 1 is not halved, and 0 not changed. All numbers of a tuple are
 scaled together. A test that reads a setting in another process only does not count.
@@ -67,9 +68,8 @@ class Reads:
 
     def choose_tests(self, key: str, budget: float) -> list[str]:
         """Return the quickest tests that read a setting, within seconds."""
-        tests = sorted(
-            (t for t, read in self.settings.items() if key in read), key=self.seconds.get
-        )
+        reading = [test for test, read in self.settings.items() if key in read]
+        tests = sorted(reading, key=lambda test: self.seconds[test])
         chosen: list[str] = []
         spent = 0.0
         for test in tests:
@@ -121,7 +121,11 @@ class FirstFailure:
 
 @dataclass(frozen=True)
 class Change:
-    """A changed setting, and how many tests ran until one noticed it ('' if none did)."""
+    """A changed setting, the number of tests that may run, and the first that fails.
+
+    `noticed_by` is empty if none fails, and ``"time"`` or ``"crash"`` if the process does not end
+    by itself.
+    """
 
     setting: str
     factor: float
@@ -158,12 +162,11 @@ def scale(value: Any, factor: float) -> Any:
     return value * factor
 
 
-def record(tests: list[str], path: Path) -> Reads:
+def record(tests: list[str], path: Path) -> None:
     """Run tests and write which settings each reads."""
     recorder = Recorder()
     pytest.main(["-q", "--no-header", "-p", "no:cacheprovider", *tests], plugins=[recorder])
     recorder.reads.save(path)
-    return recorder.reads
 
 
 def _first_failure(setting: Setting, value: Any, tests: list[str]) -> str:
@@ -204,9 +207,8 @@ def change(setting: Setting, factor: float, reads: Reads, budget: float) -> Chan
     if not tests:
         return Change(setting.name, factor, other, 0, "")
     limit = max(LEAST_LIMIT, SLOWER * sum(reads.seconds[test] for test in tests))
-    return Change(
-        setting.name, factor, other, len(tests), run_changed(setting, other, tests, limit)
-    )
+    noticed_by = run_changed(setting, other, tests, limit)
+    return Change(setting.name, factor, other, len(tests), noticed_by)
 
 
 def print_table(settings: list[Setting], changes: list[Change]) -> None:
@@ -260,9 +262,8 @@ def _make_changes(
             changed = change(setting, factor, reads, budget)
             if changed is None:
                 continue
-            print(
-                f"{changed.setting} x {factor:g}: {changed.noticed_by or 'not noticed'}", flush=True
-            )
+            answer = changed.noticed_by or "not noticed"
+            print(f"{changed.setting} x {factor:g}: {answer}", flush=True)
             if out is not None:
                 with out.open("a", encoding="utf-8") as file:
                     file.write(json.dumps(asdict(changed)) + "\n")

@@ -21,7 +21,7 @@ PAGE = Path(__file__).parents[1] / "docs" / "compare.md"
 JOBS = ("compare", "compare_stiffness", "compare_full")
 
 
-def compared(folder: Path, name: str, *, fewest: bool = True) -> Comparison:
+def compared(folder: Path, name: str) -> Comparison:
     """Run one of the gear train's jobs for comparisons, as its command on the page does."""
     gear_train.write_inputs(folder)
     truth = folder / f"{name}_truth.toml"
@@ -29,7 +29,7 @@ def compared(folder: Path, name: str, *, fewest: bool = True) -> Comparison:
         # K of unit 2 is indefinite by the rounding of Table 2.
         warnings.simplefilter("ignore", UpdynWarning)
         return compare_job(
-            load_job(folder / f"{name}.toml"), folder / "out", truth=truth, fewest=fewest
+            load_job(folder / f"{name}.toml"), folder / "out", truth=truth, fewest=True
         )
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import time
 import warnings
 from pathlib import Path
 
@@ -276,11 +275,9 @@ def test_a_brick_that_is_inside_out(deck):
 
 @pytest.mark.skipif(not AIRMOD.is_dir(), reason="UPDYN_AIRMOD names no folder")
 def test_airmod_has_the_frequencies_of_msc_nastran():
-    start = time.perf_counter()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UpdynWarning)
         model = read_model(AIRMOD / "AIRMOD_MODAL.DAT", spc=2, massless=["PROD 16", "PROD 17"])
-    assert time.perf_counter() - start < 60.0
     expected = np.loadtxt(AIRMOD / "msc_frequencies.csv")
     found = updyn.modes(model, len(expected)).frequency
     # The first one is zero; the MSC figure is rounding.
