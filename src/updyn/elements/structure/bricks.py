@@ -16,7 +16,7 @@ import numpy as np
 
 from updyn.arrays import RealArray
 
-__all__ = ["brick_matrices", "find_inside_out"]
+__all__ = ["brick_matrices", "find_inside_out", "mass_matrices"]
 
 #: Corners of the hexahedron in natural coordinates, in the order of VTK and Nastran.
 _BOTTOM = [(-1, -1, -1), (1, -1, -1), (1, 1, -1), (-1, 1, -1)]
@@ -46,22 +46,36 @@ def brick_matrices(
     """Return stiffness and mass, each shape (m, 3 k, 3 k), of hexahedra or wedges.
 
     `xyz` has shape (m, k, 3) with k = 8 or 6, in the order of VTK; no element may be inside out
-    (`find_inside_out`). A lumped mass is scaled from the diagonal of the consistent one (Hinton,
-    Rock & Zienkiewicz, Earthquake Eng. Struct. Dyn. 4 (1976) 245-249).
+    (`find_inside_out`). For a lumped mass see `mass_matrices`.
     """
     shape = _shape(xyz.shape[1])
-    m, k = xyz.shape[:2]
-    n = 3 * k
+    n = 3 * xyz.shape[1]
     strain, volume = _strains(shape, xyz)
     full = _integrate(strain, volume, _elasticity(E, nu))
     K = full[:, :n, :n]
     if full.shape[1] > n:  # condense the internal functions
         K = K - full[:, :n, n:] @ np.linalg.solve(full[:, n:, n:], full[:, n:, :n])
-    mass = _mass(shape, volume, rho, lumped)
+    return 0.5 * (K + K.transpose(0, 2, 1)), mass_matrices(volume, shape.N, rho, lumped)
+
+
+def mass_matrices(volume: RealArray, N: RealArray, rho: float, lumped: bool) -> RealArray:
+    """Return the mass of solids, shape (m, 3 k, 3 k), node by node.
+
+    `volume` (m, q) and the shape functions `N` (q, k) are those of the quadrature points. A lumped
+    mass is scaled from the diagonal of the consistent one (Hinton, Rock & Zienkiewicz, Earthquake
+    Eng. Struct. Dyn. 4 (1976) 245-249).
+    """
+    mass = rho * np.einsum("mq,qa,qb->mab", volume, N, N, optimize=True)
+    m, k = mass.shape[:2]
+    if lumped:
+        diagonal = np.einsum("maa->ma", mass)
+        total = mass.sum(axis=(1, 2))
+        scale = np.divide(total, diagonal.sum(axis=1), out=np.zeros_like(total), where=total != 0)
+        mass = np.eye(k) * (diagonal * scale[:, None])[:, None, :]
     M = np.zeros((m, k, 3, k, 3))
     for i in range(3):
         M[:, :, i, :, i] = mass
-    return 0.5 * (K + K.transpose(0, 2, 1)), M.reshape(m, n, n)
+    return M.reshape(m, 3 * k, 3 * k)
 
 
 def find_inside_out(xyz: RealArray) -> int | None:
@@ -153,17 +167,6 @@ def _integrate(strain: RealArray, volume: RealArray, D: RealArray) -> RealArray:
     m, q, _, n = strain.shape
     stress = ((D @ strain) * volume[:, :, None, None]).reshape(m, 6 * q, n)
     return np.asarray(strain.reshape(m, 6 * q, n).transpose(0, 2, 1) @ stress)
-
-
-def _mass(shape: _BrickShape, volume: RealArray, rho: float, lumped: bool) -> RealArray:
-    """Return the mass by nodes, (m, k, k)."""
-    consistent = rho * np.einsum("mq,qa,qb->mab", volume, shape.N, shape.N, optimize=True)
-    if not lumped:
-        return np.asarray(consistent)
-    diagonal = np.einsum("maa->ma", consistent)
-    total = consistent.sum(axis=(1, 2))
-    scale = np.divide(total, diagonal.sum(axis=1), out=np.zeros_like(total), where=total != 0)
-    return np.asarray(np.eye(consistent.shape[1]) * (diagonal * scale[:, None])[:, None, :])
 
 
 @lru_cache

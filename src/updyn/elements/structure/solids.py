@@ -16,6 +16,7 @@ import numpy as np
 
 from updyn.arrays import IntArray, RealArray
 from updyn.elements.checks import check_connectivity, check_material, set_fields
+from updyn.elements.structure.bricks import mass_matrices
 from updyn.elements.structure.element import TRANSLATIONS, Element, ElementMatrices
 from updyn.errors import ModelError
 from updyn.shapes import HEXAHEDRON, TETRAHEDRON
@@ -136,9 +137,7 @@ def solid_matrices(
 ) -> tuple[RealArray, RealArray]:
     """Return stiffness and mass of solid elements, each shape (m, 3 k, 3 k), in N/m and kg.
 
-    The nodes are in the order of VTK, and no element may be `inside_out`. A lumped mass is scaled
-    from the diagonal of the consistent one (Hinton, Rock & Zienkiewicz, Earthquake Eng. Struct.
-    Dyn. 4 (1976) 245-249).
+    The nodes are in the order of VTK, and no element may be `inside_out`.
     """
     k = xyz.shape[1]
     at_stiffness = _shape(k, mass=False)
@@ -148,15 +147,7 @@ def solid_matrices(
     if k == 8:
         K = _with_bending(K, G, volume, xyz, at_stiffness, E, nu)
     _, volume = _gradients(at_mass, xyz)
-    m = rho * np.einsum("mq,qa,qb->mab", volume, at_mass.N, at_mass.N, optimize=True)
-    if lumped:
-        diagonal = np.einsum("maa->ma", m)
-        scale = m.sum(axis=(1, 2)) / diagonal.sum(axis=1)
-        m = np.eye(k) * (diagonal * scale[:, None])[:, None, :]
-    M = np.zeros((len(m), k, 3, k, 3))
-    for i in range(3):
-        M[:, :, i, :, i] = m
-    return 0.5 * (K + K.transpose(0, 2, 1)), M.reshape(len(m), 3 * k, 3 * k)
+    return 0.5 * (K + K.transpose(0, 2, 1)), mass_matrices(volume, at_mass.N, rho, lumped)
 
 
 def inside_out(xyz: RealArray) -> int | None:
