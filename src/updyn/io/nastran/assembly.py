@@ -96,7 +96,7 @@ def _is_simple_element(deck: NastranDeck, card: NastranCard) -> bool:
         return card.text(2) in ("", "0")
     if card.name in ("CROD", "CONROD"):
         return [m.name for m in deck.materials_of(deck.group_of(card))] == ["MAT1"]
-    return card.name in SIMPLE_ELEMENTS
+    return True
 
 
 def assemble(deck: NastranDeck, spc: int) -> DeckMatrices:
@@ -154,8 +154,7 @@ def _turn_matrix(geometry: Geometry, grids: GridMap) -> Matrix | None:
     """Return the matrix that turns basic displacements into those of the grids; None if equal."""
     if geometry.axes is None:
         return None
-    starts = np.array([grids.first[node] for node in geometry.nodes.tolist()])
-    places = (starts[:, None] + [0, 3]).reshape(-1, 1) + np.arange(3)
+    places = grids.list_axes()  # in the order of geometry.axes
     rows, columns = np.broadcast_arrays(places[:, :, None], places[:, None, :])
     values = np.repeat(geometry.axes, 2, axis=0)
     scalar = np.setdiff1d(np.arange(grids.size), places)
@@ -230,10 +229,7 @@ def _find_singular(K: Matrix, held: BoolArray, grids: GridMap) -> BoolArray:
     """Return a mask of the degrees of freedom that have no stiffness, the fixed ones left out."""
     diagonal = K.diagonal()
     singular: BoolArray = (diagonal == 0.0) & ~held
-    starts = [at for node, at in grids.first.items() if node in grids.position]
-    if not starts:
-        return singular
-    places = (np.array(starts)[:, None] + [0, 3]).reshape(-1, 1) + np.arange(3)
+    places = grids.list_axes()
     blocks = _blocks(K, places, grids.size)
     free = ~(held | singular)[places]
     scale = np.where(free, diagonal[places], 0.0).max(axis=1)

@@ -15,7 +15,7 @@ import scipy.sparse as sp
 
 from updyn.arrays import IntArray, RealArray
 from updyn.elements.structure.bricks import brick_matrices, find_inside_out
-from updyn.group import Matrix
+from updyn.group import MATRICES, Matrix
 from updyn.io.nastran.cards import NastranCard
 from updyn.io.nastran.deck import NastranDeck
 from updyn.io.settings import DECK
@@ -52,6 +52,11 @@ class GridMap:
     size: int
     first: Mapping[int, int]
     position: Mapping[int, RealArray]
+
+    def list_axes(self) -> IntArray:
+        """Return the translations and, in the next row, the rotations of each grid, (2 g, 3)."""
+        starts = np.array([self.first[node] for node in self.position], dtype=np.int64)
+        return np.asarray((starts[:, None] + [0, 3]).reshape(-1, 1) + np.arange(3), dtype=np.int64)
 
     def find_dof(self, card: NastranCard, node_field: int) -> int | None:
         """Return the degree of freedom at one end of a scalar element; None for the ground."""
@@ -147,7 +152,7 @@ def build_group(
                 _add_point_mass(card, grids, basic.mass)
     factor = deck.parameter("WTMASS", 1.0)
     found = {}
-    for what in ("stiffness", "mass", "viscous"):
+    for what in MATRICES:
         A = getattr(local, what).to_matrix(grids.size)
         B = getattr(basic, what).to_matrix(grids.size)
         if turn is not None and B.nnz:

@@ -355,10 +355,14 @@ class NastranDeck:
             )
         return self.groups[name]
 
+    @cached_property
+    def _parameters(self) -> list[NastranCard]:
+        return self.cards_named("PARAM")
+
     def parameter(self, name: str, default: float) -> float:
         """Return the value of the last PARAM card with this name."""
         value = default
-        for card in self.cards_named("PARAM"):
+        for card in self._parameters:
             if card.text(0) == name:
                 value = card.real(1)
         return value
