@@ -49,14 +49,16 @@ def frf_chart(
     band: tuple[float, float] | None = None,
     excluded: Iterable[tuple[float, float]] = (),
     pickable: bool = False,
-    points: int = WEB_PAGE.curve_points,
+    points: int | None = None,
 ) -> Figure:
-    """Return the magnitudes of FRFs over frequency in Hz, with at most `points` points a curve.
+    """Return the magnitudes of FRFs over frequency in Hz.
 
     The first curve is measured; the names ``start`` and ``updated`` have fixed colours. `coherence`
     is that of the first curve, nan if unknown. `band` and `excluded` (Hz) are shaded. If
-    `pickable`, a drag selects a band and a click selects a frequency.
+    `pickable`, a drag selects a band and a click selects a frequency. A curve has at most `points`
+    points, by default `WEB_PAGE.curve_points`.
     """
+    points = WEB_PAGE.curve_points if points is None else points
     colours = [STATES["measured"], *CATEGORIES]
     many = len(curves) > len(colours)
     unit = "dB" if scale == "dB" else _UNITS.get(quantity, "")

@@ -143,7 +143,7 @@ class _Measurement:
             excluded=unused_bands(test.freq, test.used),
             coherence=coherence,
             pickable=True,
-            **({} if len(names) == 1 else {"points": WEB_PAGE.shared_points}),
+            points=None if len(names) == 1 else WEB_PAGE.shared_points,
         )
 
     def _redraw(self) -> None:
