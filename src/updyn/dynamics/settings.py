@@ -43,11 +43,12 @@ class BasisSettings:
 class CertificateSettings:
     """Factors of the stated error of a reduced model."""
 
-    #: [1] Factor on the difference to the larger basis; larger values state larger errors. Why:
-    #: chosen so that stated errors are above the true ones (benchmarks/error.py).
+    #: [1] Factor on the difference to the larger basis; larger values state larger errors. Why: a
+    #: rule of thumb; with it, no stated error in benchmarks/error.py is below the true one.
     difference_factor: float = 2.0
     #: [1] Factor on the error of the larger basis by its residuals. Why: it has to cover other
-    #: lines and natural frequencies, where Z is not close to P (benchmarks/error.py).
+    #: lines and natural frequencies, where Z is not close to P; a rule of thumb, checked like the
+    #: factor on the difference.
     residual_factor: float = 16.0
     #: [eps] Factor on the errors by rounding of the matrix entries. Why: about the two roundings of
     #: an entry, of its computation and of the sum.
@@ -65,13 +66,15 @@ class EigenSettings:
     """Eigensolvers."""
 
     #: [DOFs] Largest model for dense eigensolvers; half as many with viscous damping, which doubles
-    #: the matrices. Why: beyond it, sparse solvers take less time.
+    #: the matrices. Why: for large models, sparse solvers take less time; a rule of thumb.
     dense_dofs: int = 800
-    #: [1] Shift of the second dense pass, as a share of the highest wanted eigenvalue. Why: the
-    #: error of an eigenvalue is least if the shift is near it, and low modes count more.
+    #: [1] Shift of the second dense pass, as a share of the highest wanted eigenvalue. Why:
+    #: rounding errors of the lowest eigenvalues grow with the shift, those of the highest become
+    #: smaller; a rule of thumb between both.
     dense_shift: float = 0.01
-    #: [1] Shift of the second sparse pass, as a share of the highest wanted eigenvalue. Why:
-    #: Lanczos iterations converge faster for a shift near the wanted eigenvalues.
+    #: [1] Shift of the second sparse pass, as a share of the highest wanted eigenvalue. Why: a
+    #: larger one needs more Lanczos iterations, a smaller one makes K + s M of a free model nearly
+    #: singular; a rule of thumb between both.
     sparse_shift: float = 0.1
     #: [1] First shift, as a share of the largest diagonal ratio K/M. Why: K + s M is then
     #: well-conditioned.
@@ -89,7 +92,7 @@ class LineSolverSettings:
     """Choice between dense and sparse solution of the full model."""
 
     #: [DOFs] Largest model that is solved dense. Why: many lines in one call save the overhead of
-    #: sparse factorisations (benchmarks/tiers.py).
+    #: sparse factorisations, which matters for small models only; a rule of thumb.
     dense_dofs: int = 150
     #: [1] Fill of the matrix from which larger models are solved dense, too. Why: a sparse
     #: factorisation then saves little (PARDISO) or takes longer (SuperLU).
@@ -157,11 +160,11 @@ class ReductionSettings:
     vectors_per_shift: int = 32
     #: [moments] Largest number of moments at a shift. Why: further ones converge to the same modes.
     most_moments: int = 8
-    #: [1] Shift of a basis around the start, in squares of the highest frequency. Why: inside the
-    #: band, in its lower half, where most fitted modes are.
+    #: [1] Shift of a basis around the start, in squares of the highest frequency. Why: it is 0.55
+    #: of the highest frequency, near the middle of a band; a rule of thumb.
     search_shift: float = 0.3
-    #: [1] Shifts of further states in turn, in squares of the highest frequency. Why: spread over
-    #: the band.
+    #: [1] Shifts of further states in turn, in squares of the highest frequency. Why: they are
+    #: 0.45, 0.71 and 0.89 of the highest frequency, spread over a band; a rule of thumb.
     further_shifts: tuple[float, ...] = (0.2, 0.5, 0.8)
     #: [loads] Largest number of loads at the references at a state; more are combined. Why: a limit
     #: of effort (Gallivan, Vandendorpe & Van Dooren, 2004).

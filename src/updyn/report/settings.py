@@ -32,7 +32,8 @@ class ReportComputationSettings:
     grid_budget: int = 500_000
     #: [lines] Lines of the band of uncertainty. Why: each is computed for every draw.
     band_lines: int = 400
-    #: [draws] Draws from which the band is computed. Why: quantiles of 5 % from ten draws.
+    #: [draws] Draws from which the band is computed. Why: five of them lie beyond each end of a
+    #: band of 95 %; a rule of thumb.
     band_draws: int = 200
     #: [1] Lines x DOFs x solves of the band, as a multiple of the budget of the models, above which
     #: the page has no band. Why: some minutes.

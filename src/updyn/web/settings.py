@@ -11,14 +11,15 @@ class WebPageSettings:
 
     #: [points] Points of a curve; of more, peaks are kept. Why: more than a screen has pixels.
     curve_points: int = 4000
-    #: [points] Points of each of several curves. Why: 200 curves are drawn within a second.
+    #: [points] Points of each of several curves. Why: a rule of thumb; the largest number of
+    #: channels then has 120,000 points.
     shared_points: int = 600
     #: [channels] Channels that are drawn at once. Why: the time of the browser.
     most_channels: int = 200
-    #: [lines] Lines at which the model is computed while unknowns are moved. Why: a fraction of a
-    #: second.
+    #: [lines] About the number of lines at which the model is computed while unknowns are moved.
+    #: Why: each line takes time at each move; a rule of thumb.
     model_lines: int = 400
-    #: [modes] Modes of the start that are shown on request. Why: some seconds for a large model.
+    #: [modes] Modes of the start that are shown on request. Why: a limit of time; a rule of thumb.
     shown_modes: int = 12
     #: [modes] Modes that the address of a structure may request. Why: a limit of effort.
     most_modes: int = 100
@@ -65,8 +66,8 @@ class WebTaskSettings:
     answer_seconds: float = 600.0
     #: [s] Time in which a killed process ends. Why: the system needs far less.
     kill_seconds: float = 2.0
-    #: [s] Time in which a stopped task may write its results. Why: a report of a large model takes
-    #: a minute.
+    #: [s] Time in which a stopped task may write its results. Why: it also writes the report; a
+    #: rule of thumb.
     stop_seconds: float = 60.0
     #: [s] Time in which the last lines on stderr are read after the end. Why: they are in a pipe
     #: already.
