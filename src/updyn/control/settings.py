@@ -18,8 +18,8 @@ class AntiresonanceSettings:
     #: [1] Relative distance within which lines are neighbours. Why: a fortieth of the smallest
     #: width.
     neighbour_distance: float = 2.5e-4
-    #: [rad] Least change of phase between one width below and one above. Why: half of the 2.2 of a
-    #: single zero.
+    #: [rad] Least change of phase between one width below and one above. Why: about half of the 2.2
+    #: of a single zero.
     least_turn: float = 1.2
     #: [rounds] Rounds in which antiresonances are located. Why: each one fits a zero to closer
     #: lines, so the error decreases quadratically.

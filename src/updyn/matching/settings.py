@@ -10,7 +10,7 @@ class SensorDirectionSettings:
     """Numbers of the directions of sensors."""
 
     #: [degrees] Angle within which a direction is along a DOF, or two directions are equal. Why:
-    #: the error cos(angle) is 2e-6; directions in files have this accuracy.
+    #: the error 1 - cos(angle) is 1.5e-6; directions in files have this accuracy.
     exact_angle: float = 0.1
     #: [degrees] As `exact_angle`, if the rotation was fitted to positions. Why: accuracy of such a
     #: rotation; a rule of thumb.

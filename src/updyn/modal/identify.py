@@ -209,7 +209,7 @@ def _fit_exactly(measured: Measured, begin: ComplexArray, most: int) -> Rational
 def _find_exact_poles(
     basis: RationalBasis, x: ComplexArray, few: ComplexArray, begin: ComplexArray, most: int
 ) -> ComplexArray | None:
-    """Return the poles of an exact fit; None without one."""
+    """Return the poles of an exact fit; None if no fit is exact."""
     fits = list(fit_increasing_orders(basis, x, few, begin, most))
     least = min(fitted.cost for fitted in fits)
     if least > NOISE_FREE_DATA.exact_squares * float(np.sum(np.abs(few) ** 2)):

@@ -28,9 +28,9 @@ class NoiseEnvelopeSettings:
     #: Fewer resolve the power over time less finely. Why: enough to resolve an exponential window
     #: that ends at 1 %.
     part_lines: int = 64
-    #: [parts] Least number of parts of measured functions, and of residual functions; with fewer,
-    #: noise is treated as white. Why: each part may contain modes, and the median of residuals
-    #: needs several values; a rule of thumb.
+    #: [parts] Least number of parts of residual functions, and of half parts of measured functions;
+    #: with fewer, noise is treated as white. Why: each part may contain modes, and the median of
+    #: residuals needs several values; a rule of thumb.
     least_parts: int = 8
     #: [1] Degree of the polynomial removed from a part for the modes outside it. Why: the degree of
     #: the polynomial in the fits of windows.
@@ -47,8 +47,9 @@ class NoiseEnvelopeSettings:
     #: [1] Largest variation of the line spacing, relative to its mean; with more, noise is treated
     #: as white. Why: rounding of frequencies in files.
     spacing_tolerance: float = 1e-3
-    #: [rounds] Rounds of the fixed-point iteration. Why: after the first, the taper leaves the last
-    #: 2 % of an exponential window several times too large; more rounds amplify random errors.
+    #: [rounds] Rounds of the fixed-point iteration. Why: after the first, the power at the end of
+    #: an exponential window is too large, since the taper mixes neighbouring times; more rounds
+    #: amplify random errors.
     iterations: int = 2
 
 
@@ -237,7 +238,7 @@ class ModeSearchSettings:
     margin_lines: int = 15
     #: [bandwidths] Step of the even grid of trial poles. A pole of half width a explains 4 a b /
     #: ((a + b)^2 + d^2) of one of half width b at a distance d. Why: with d up to a / 2 and b from
-    #: a / 2 to 2 a, that is at least 0.86.
+    #: a / 2 to 2 a, that is at least 0.8.
     grid_step: float = 0.5
     #: [trials] Largest number of trial poles of one width. Why: an effort limit.
     most_trials: int = 200
@@ -252,7 +253,7 @@ class ModeSearchSettings:
     #: modes fitted by one pole are to either side of it; chosen.
     side_distance: float = 0.7
     #: [1] A trial pole is refined if its expected gain is at least this share of the smallest gain
-    #: of a mode. Why: a trial on the grid explains at least 0.86 of a mode (`grid_step`).
+    #: of a mode. Why: a trial on the grid explains at least 0.8 of a mode (`grid_step`).
     promising_share: float = 0.5
     #: [poles] Number of rejected poles after which the search ends. Why: an effort limit.
     most_rejected: int = 3
@@ -311,8 +312,8 @@ class PhysicalModeSettings:
 class PoleBundleSettings:
     """Numbers of the test whether close poles are one mode that varies between runs."""
 
-    #: [widths] Poles within this multiple of the sum of their widths may be one mode. Why: a linear
-    #: fit splits a mode into poles with overlapping half-power bands; a rule of thumb.
+    #: [widths] Poles within this multiple of the sum of their widths may be one mode. Why: the
+    #: half-power bands of the poles of one mode overlap, or nearly do; a rule of thumb.
     largest_distance: float = 1.5
     #: [1] Largest ratio of the widths of poles that may be one mode. Why: poles of one mode have
     #: similar damping, a wide pole is background; a rule of thumb.
@@ -323,17 +324,17 @@ class PoleBundleSettings:
     #: [widths] A run does not contain a mode if its pole is further away from the common poles.
     #: Why: beyond, the half-power bands do not overlap; a rule of thumb.
     run_reach: float = 3.0
-    #: [1] MAC of equal shapes. Why: poles of a mode split by runs have the same shape apart from
-    #: noise, stricter than the usual 0.9 because close modes may be similar.
+    #: [1] MAC of equal shapes. Why: poles of one mode have equal shapes apart from noise; more than
+    #: the usual 0.9, since the shapes of close modes may be similar.
     same_shape_mac: float = 0.97
     #: [channels] Least number of channels for the comparison of shapes. Why: shapes of few channels
     #: are similar by chance.
     least_channels: int = 4
     #: [1] A mode that explains this share of the residual of all other modes is not part of another
-    #: mode. Why: a part of a split mode explains less than half of what the other part leaves.
+    #: mode. Why: a rule of thumb.
     own_share: float = 0.5
-    #: [1] A run contains a pole if its worth is more than this share of that of the strongest pole
-    #: in the run. Why: a tenth of the amplitude.
+    #: [1] A run contains a pole if the cost increase without it is more than this share of that of
+    #: the strongest pole in the run. Why: a tenth of the amplitude; a rule of thumb.
     known_share: float = 0.01
     #: [1] Poles for each run are tried if the expected decrease of a first step is this share of
     #: the required gain. Why: affects only the time unless a first step predicts less than a

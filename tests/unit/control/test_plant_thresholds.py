@@ -37,7 +37,7 @@ def zero_at(frequency, width, freq=FREQ):
 
 
 # -- antiresonances -------------------------------------------------------------------------------
-def test_a_dip_wider_than_three_tenths_of_its_frequency_is_none():
+def test_a_dip_wider_than_three_tenths_of_its_frequency_is_ignored():
     assert len(find_dips(FREQ, zero_at(10.0, 2.9))) == 1
     assert not find_dips(FREQ, zero_at(10.0, 3.1))
 

@@ -65,7 +65,7 @@ def test_lines_are_added_where_the_phase_turns(turn, lines):
 
 
 @pytest.mark.parametrize(("size", "number"), [(0.9e8, 1), (1.1e8, 0), (1.1e-8, 1), (0.9e-8, 0)])
-def test_a_phase_crossing_at_an_infinite_gain_is_none(size, number):
+def test_a_phase_crossing_at_an_infinite_gain_is_ignored(size, number):
     def loop(s):
         return -size * (1.0 + 1j * (np.asarray(s).imag - 1.0))
 

@@ -185,7 +185,7 @@ def test_faint_samples_are_no_energy(faint, expected):
         (5.0, 0.0, 0.79, False),
     ],
 )
-def test_a_pulse_beside_an_oscillation(monkeypatch, ratio, sign, one, expected):
+def test_a_pulse_is_shorter_than_an_oscillation(monkeypatch, ratio, sign, one, expected):
     monkeypatch.setattr(pulse, "_shape", lambda channel: (channel[:, 0], channel[:, 1]))
     values = np.array([[[10.0 * ratio, sign], [10.0, one]]])
     found = pulse.check_pulse(values, STEP, ("a", "b"), 0, [1])

@@ -65,7 +65,7 @@ def resolve(loop: Loop, w: RealArray) -> tuple[RealArray, ComplexArray]:
         count = len(w)
         between = 0.5 * (w[:-1] + w[1:])[wide]
         w, values = _merge_lines(w, values, between, loop(1j * between))
-        if len(w) == count:  # the loop function is 0 or infinite at the others
+        if len(w) == count:  # the loop function is 0 or infinite at all new lines
             return w, values
 
 

@@ -33,16 +33,16 @@ class LoopLineSettings:
     #: [1] Gain above which a crossing is at a pole, and its reciprocal at a zero, on the axis. Why:
     #: the phase jumps there without a crossing.
     infinite_gain: float = 1e8
-    #: [1] Ratio of the first line to the lowest pole or zero of the loop. Why: the phase has
-    #: reached its value at rest within 2 degrees.
+    #: [1] Ratio of the first line to the lowest pole or zero of the loop. Why: the phase of
+    #: that pole or zero is within 1.2 degrees of its value at rest.
     first_line_ratio: float = 0.02
     #: [1] Ratio of the last line to the highest pole or zero. Why: the gain has reached its
     #: asymptote.
     last_line_ratio: float = 10.0
-    #: [1] Loop gain at which the last line may lie. Why: 1 + L is 1 within 5 %.
+    #: [1] Loop gain below which no further lines are needed. Why: 1 + L is 1 within 5 %.
     vanished_gain: float = 0.05
     #: [1] With dead time: ratio of the last line to the frequency above which the gain stays below
-    #: that. Why: a rule of thumb.
+    #: `vanished_gain`. Why: a rule of thumb.
     delay_line_ratio: float = 4.0
     #: [1] Modulus of a pole or zero, as a share of the largest, below which it is 0. Why: rounding
     #: of eigenvalues of a double pole at 0.

@@ -15,8 +15,8 @@ class ClippingSettings:
     #: [steps] Least jump onto these samples, in steps of the converter. Why: a slow signal also
     #: stays at its peak for several samples.
     least_jump: float = 5.0
-    #: [steps] Largest value, in steps of the converter, above which samples need not be
-    #: consecutive. Why: equal values are then not chance; 14 bits, a rule of thumb.
+    #: [steps] Size of the largest value, in steps of the converter, above which equal samples need
+    #: not be consecutive. Why: equal values are then not chance; 14 bits, a rule of thumb.
     fine_value: float = 2.0**14
     #: [steps] Least jump, in steps of the converter, for two consecutive samples. Why: the
     #: probability of a pair of equal values at a regular peak is one step over the jump, here 1e-4.
@@ -142,8 +142,8 @@ class SegmentLeakageSettings:
     #: [1] Least relevant loss of a peak to leakage. Why: it changes a loss factor by about as much;
     #: a rule of thumb.
     least_loss: float = 0.1
-    #: [std] Number of standard deviations by which the loss exceeds this. Why: about 97 % of a
-    #: one-sided test.
+    #: [std] Number of standard deviations by which the loss exceeds this. Why: level 6 % of a
+    #: one-sided t test with four degrees of freedom, one less than `parts`.
     least_stds: float = 2.0
     #: [parts] Number of parts of the records for the standard deviation. Why: fewer give a standard
     #: deviation that is too uncertain; a rule of thumb.
@@ -161,17 +161,18 @@ class DriftSettings:
     #: [1] Least drift as a share of the largest value. Why: smaller ones affect only lines near 0
     #: Hz; a rule of thumb.
     least_share: float = 0.01
-    #: [1] Least t value of the slope of the offsets. Why: offsets are correlated, so it is much
-    #: higher than that of a usual test.
+    #: [1] Least t value of the slope of the offsets. Why: a rule of thumb; much higher than for
+    #: independent offsets, since these are correlated.
     least_t: float = 12.0
-    #: [1] Least difference of the offset from that before the hit, in standard deviations of the
+    #: [std] Least difference of the offset from that before the hit, in standard deviations of the
     #: offsets. Why: slow modes are not drift; a rule of thumb.
     over_spread: float = 4.0
     #: [std] Least difference of the offset from that before the hit, in standard errors of the
-    #: latter. Why: samples are correlated, so it is much higher than that of a usual test.
+    #: latter. Why: a rule of thumb; much higher than for independent samples, since these are
+    #: correlated.
     over_error: float = 8.0
     #: [samples] Number of samples before the hit that determine an offset. Why: with fewer, its
-    #: error is unknown; a rule of thumb.
+    #: standard error is uncertain; a rule of thumb.
     least_samples_before: int = 64
 
 
