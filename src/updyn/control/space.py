@@ -221,16 +221,14 @@ def modal_space(
     band: tuple[float, float],
     *,
     backend: str | None = None,
-    accuracy: float = MODAL_SPACE.basis_accuracy,
 ) -> ModalSpace:
     """Return the relevant modes of a model between some ports in a band.
 
-    `accuracy` is that of the reduced model of a large one. Raises ModelError for an indefinite
-    stiffness, SolverError if a motion has neither stiffness nor mass or no reduced model is
-    accurate enough, DofError if the model lacks a DOF of a port.
+    Raises ModelError for an indefinite stiffness, SolverError if a motion has neither stiffness nor
+    mass or no reduced model is accurate enough, DofError if the model lacks a DOF of a port.
     """
     structure = CompiledStructure.of(model)
-    found = projection(structure, inputs, outputs, band, backend=backend, accuracy=accuracy)
+    found = projection(structure, inputs, outputs, band, backend=backend)
     return found.space(structure.system.start)
 
 
@@ -241,10 +239,9 @@ def projection(
     band: tuple[float, float],
     *,
     backend: str | None = None,
-    accuracy: float = MODAL_SPACE.basis_accuracy,
 ) -> ModalProjection:
     """Return a model on the relevant basis vectors between some ports, as `modal_space`."""
-    return _Projector(structure, inputs, outputs, band).at_start(backend, accuracy)
+    return _Projector(structure, inputs, outputs, band).at_start(backend)
 
 
 def shared_projection(
@@ -256,7 +253,6 @@ def shared_projection(
     states: Sequence[State],
     *,
     backend: str | None = None,
-    accuracy: float = MODAL_SPACE.basis_accuracy,
 ) -> tuple[ModalProjection, BoolArray]:
     """Return a model on one basis for several states, and for which of them it is accurate.
 
@@ -266,7 +262,8 @@ def shared_projection(
     making = _Projector(structure, inputs, outputs, band)
     if structure.system.n <= MODAL_SPACE.whole_dofs:
         return making.whole(), np.ones(len(states), dtype=np.bool_)
-    reduction, _ = making.reduce(backend, accuracy)
+    reduction, _ = making.reduce(backend)
+    accuracy = MODAL_SPACE.basis_accuracy
     lines = np.array(MODAL_SPACE.checked_shares) * band[1]
     lines = lines[lines >= band[0]]
     reduction.enrich(training[: MODAL_SPACE.enriching_states], lines)
@@ -294,10 +291,10 @@ class _Projector:
     def system(self) -> AffineSystem:
         return self.structure.system
 
-    def at_start(self, backend: str | None, accuracy: float) -> ModalProjection:
+    def at_start(self, backend: str | None) -> ModalProjection:
         if self.system.n <= MODAL_SPACE.whole_dofs:
             return self.whole()
-        reduction, source = self.reduce(backend, accuracy)
+        reduction, source = self.reduce(backend)
         return self.of(reduction, source)
 
     def whole(self) -> ModalProjection:
@@ -317,10 +314,10 @@ class _Projector:
             self.system, matrices, lambda dofs: eye[dofs], rigid, source, None
         )
 
-    def reduce(self, backend: str | None, accuracy: float) -> tuple[Reduction, str]:
+    def reduce(self, backend: str | None) -> tuple[Reduction, str]:
         """Return the basis at the start, and its description."""
         (into, _), (out, _) = self._ports
-        system, band = self.system, self.band
+        system, band, accuracy = self.system, self.band, MODAL_SPACE.basis_accuracy
         reduction = Reduction(system, out, into, band, check_backend(backend), accuracy)
         lines, structure = np.linspace(band[0], band[1], 400), self.structure
         begin_reduction(reduction, structure.source, structure.kept_basis, system.start, lines)
@@ -330,8 +327,7 @@ class _Projector:
         if lacking > accuracy:
             raise SolverError(
                 f"plant: {found.size} basis vectors reach an error of {lacking:.1g} of the largest"
-                f" receptance of a line; expected {accuracy:g}; narrow the band, or allow a larger"
-                " accuracy="
+                f" receptance of a line; expected {accuracy:g}; narrow the band"
             )
         return (
             reduction,

@@ -112,7 +112,7 @@ def _critical_factor(
             return np.inf
         turns = grid.crossings_of_phase(loop, w, values)
         sizes = np.abs(loop(1j * turns)) if len(turns) else np.zeros(0)
-    is_real = np.abs(values[0].real) > (1.0 - ROBUST_MARGIN.rest_deviation) * np.abs(values[0])
-    if is_real and values[0].real < 0.0:  # negative at rest
-        sizes = np.append(sizes, np.abs(values[0]))
+    first = np.abs(values[0])
+    if -values[0].real > (1.0 - ROBUST_MARGIN.rest_deviation) * first:  # negative at rest
+        sizes = np.append(sizes, first)
     return float(1.0 / sizes.max()) if len(sizes) else np.inf
