@@ -132,8 +132,9 @@ class SamplerSettings:
 class MixtureSettings:
     """Numbers of the mixture of which proposals are drawn."""
 
-    #: [1] Degrees of freedom of the components; fewer give heavier tails. Why: heavier than those
-    #: of any posterior within bounds, at little cost near the centre.
+    #: [1] Degrees of freedom of the components; fewer give heavier tails. Why: posteriors within
+    #: bounds have lighter tails, and near the centre the density is almost Gaussian (a rule of
+    #: thumb).
     degrees_of_freedom: float = 6.0
     #: [1] Least share of a component, times the number of components. Why: each mode keeps being
     #: visited (a rule of thumb).
@@ -155,8 +156,8 @@ class SurrogateSettings:
     #: [points] Number of results, those furthest from their mean, at which the error is evaluated.
     #: Why: limit of effort.
     checked_points: int = 4
-    #: [1] How often the basis is enriched at these points. Why: limit of effort; each repeats the
-    #: whole computation.
+    #: [enrichments] Largest number of times that the basis is enriched at these points. Why: limit
+    #: of effort; the whole computation is repeated after each.
     most_enrichments: int = 2
 
 

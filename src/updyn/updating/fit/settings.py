@@ -37,8 +37,8 @@ class CurvatureSettings:
     #: it predicted. Why: a rule of thumb; a criterion of the same form is that of Fletcher & Xu
     #: (1987).
     large_decrease: float = 0.02
-    #: [1] Longest step after which the learnt curvature is used. Why: farther from a minimum,
-    #: Gauss-Newton steps reach the right one at least as often (benchmarks/basin.py).
+    #: [1] Longest step after which the learnt curvature is used. Why: a rule of thumb; farther from
+    #: a minimum, Gauss-Newton steps reach the right one at least as often.
     longest_step: float = 0.05
     #: [1] Share of the cost below which a predicted gain is rounding and shows nothing about the
     #: model. Why: rounding of a cost summed over many values.
@@ -95,18 +95,18 @@ class NullSpaceSettings:
     #: [std] Standard deviation of a direction (of a logarithm, or of a loss factor) above which it
     #: is undetermined. Why: the first order does not hold beyond a factor of e.
     undetermined_std: float = 1.0
-    #: [1] Relative excess of a standard deviation over that limit that is rounding. Why: without
-    #: data, a prior of exactly the limit gives it up to the rounding of a singular value
-    #: decomposition.
+    #: [1] Relative excess of a standard deviation over that limit that is rounding. Why: the
+    #: standard deviation of a prior may equal the limit; the computed one then differs from it by
+    #: the rounding of a singular value decomposition.
     std_rounding: float = 1e-9
-    #: [1/std] Inverse of a standard deviation that means no information. Why: rounding; its inverse
-    #: is far above any standard deviation of interest and keeps the covariance finite.
+    #: [1/std] Inverse of a standard deviation below which there is no information. Why: keeps the
+    #: covariance finite; a standard deviation of 1e9 is far above any of interest.
     blind_inverse_std: float = 1e-9
-    #: [std] Limit of the standard deviation of a direction. Why: rounding; larger ones mean the
-    #: same, and would hide those of order one in a singular value decomposition.
+    #: [std] Limit to which the standard deviation of a direction is reduced. Why: beyond it, the
+    #: rounding of a singular value decomposition would hide standard deviations of order one.
     largest_std: float = 1e12
-    #: [1] Weight of an unknown in a direction up to which it takes no part in it. Why: a rule of
-    #: thumb; the others change by less than a thousandth with the direction.
+    #: [1] Weight of an unknown in a direction of unit length up to which it takes no part in it.
+    #: Why: a rule of thumb; a change by a factor of e along the direction changes it by 0.1 %.
     visible_weight: float = 1e-3
 
 
@@ -127,8 +127,9 @@ class AcceptanceSettings:
     #: [1] Largest serial correlation of a residual that is certainly noise; decides whether one end
     #: is plausible without another that agrees. Why: a rule of thumb.
     certain_correlation: float = 0.1
-    #: [1] Ratio of a log error to the expected one of the noise up to which noise explains it. Why:
-    #: a rule of thumb; allows for a noise level that is too small by a fifth.
+    #: [1] Ratio of a cost to that expected from noise alone, up to which noise explains it. Why: a
+    #: rule of thumb; the cost is quadratic, so it allows for a noise level that is too small by a
+    #: fifth.
     explained_ratio: float = 1.5
     #: [1] Log misfit (rms) above which a residual is not noise. Why: a rule of thumb; 30 % of every
     #: value is more than usual noise.
@@ -181,12 +182,12 @@ class AnswerSettings:
     #: [std] Difference of an unknown from which two answers are distinct. Why: the 99.7 % level of
     #: a normal distribution.
     distinct_stds: float = 3.0
-    #: [1] Spread of factors about their start, in the logarithm, that decides between answers that
-    #: fit equally well and over which further answers are searched for. Why: a rule of thumb: a
-    #: factor of e.
+    #: [1] Usual distance of factors from their start, in the logarithm. It decides between answers
+    #: that fit equally well, and limits the search for further answers and the reduced model of a
+    #: search. Why: a rule of thumb: a factor of e.
     log_spread: float = 1.0
-    #: [1] The same for loss factors. Why: a rule of thumb, well above the loss factors of metal
-    #: structures.
+    #: [1] The same for loss factors; also the distance of the tries of an update to modes. Why: a
+    #: rule of thumb, well above the loss factors of metal structures.
     loss_spread: float = 0.3
 
 
@@ -198,8 +199,8 @@ class FurtherAnswerSettings:
     """Numbers of the starting points from which further answers are searched for."""
 
     #: [std] Standard deviation from which an unknown is followed along a valley, restarted at
-    #: random and moved after a search; smaller ones save work. Why: misfits are parabolas within
-    #: 1 %.
+    #: random and moved after a search; a larger value saves work. Why: over changes of 1 %, the
+    #: misfit is a parabola.
     uncertain_std: float = 0.01
     #: [std] Standard deviation from which an unknown is moved alone or reset, and the share of the
     #: usual spread from which a move counts. Why: a rule of thumb; saves work for the others.
@@ -238,7 +239,7 @@ class ValleySettings:
     #: thumb, a quarter of the distance followed.
     step_stds: float = 2.0
     #: [1] Largest rise of the misfit at the end of an open valley, as a share of that of the
-    #: parabola. Why: a rule of thumb; the curvature then understates the width by two.
+    #: parabola. Why: a rule of thumb; the valley is then twice as wide as its curvature implies.
     open_share: float = 0.25
     #: [1] Largest rise of the misfit on the way, as a share of that of the parabola. Why: a rule of
     #: thumb, above the share at the end.
@@ -262,7 +263,7 @@ class ScreenSettings:
     #: next piece has twice as many lines.
     kept_share: float = 0.25
     #: [values] Least number of values assumed in the limit on the sum of squares. Why: a rule of
-    #: thumb; few values or exact data would reject every point.
+    #: thumb; with few values or exact data, every point would be rejected.
     least_values: int = 50
 
 
@@ -290,8 +291,7 @@ class SearchSettings:
     #: [1] Ratio of the steps of the continued best try to those of a try. Why: a limit of the
     #: effort.
     continued_ratio: int = 5
-    #: [1] Relative decrease of the cost at which a try ends. Why: about 0.01 standard deviations; a
-    #: fit follows.
+    #: [1] Relative decrease of the cost at which a try ends. Why: a rule of thumb; a fit follows.
     negligible_decrease: float = 1e-5
     #: [tries] Number of tries without a plausible end after which a fault of the data is
     #: considered. Why: the first tries with all levels of loss factors have then failed.
@@ -421,7 +421,7 @@ class SearchBasisSettings:
     #: in between. Why: a limit of the effort.
     most_points: int = 24
     #: [points] Number of sample points whose response fields select among the vectors. Why: a rule
-    #: of thumb; more than the points, so that they show what the points lack.
+    #: of thumb; more than the points that span the basis, so that they show errors between these.
     samples: int = 40
     #: [1] Square root of the share of the energy of these fields that may be dropped. Why: below
     #: usual noise.

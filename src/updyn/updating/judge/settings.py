@@ -54,7 +54,7 @@ class ResidualTestSettings:
 
 @dataclass(frozen=True)
 class SensorNoiseSettings:
-    """Numbers that tell noise of single sensors and lines from model errors."""
+    """Numbers that distinguish noise of single sensors and lines from model errors."""
 
     #: [1] Noise of a sensor over the median of the sensors from which it is noisy. Why: sensors of
     #: one type differ by less (a rule of thumb).
@@ -286,8 +286,7 @@ class DiscrepancySettings:
     #: [1] Least logarithm of the ratio of the variances of model error and noise. Why: the effect
     #: is then a hundredth of the noise.
     least_log_ratio: float = -9.0
-    #: [1] Largest logarithm of this ratio. Why: the noise is then below 1e-6 of the
-    #: effect.
+    #: [1] Largest logarithm of this ratio. Why: the noise is then below 1e-6 of the effect.
     most_log_ratio: float = 30.0
     #: [1] Number of ratios in the grid in which the maximum of the likelihood is bracketed. Why: a
     #: step of 0.5; the maximum is then refined between the neighbours.
@@ -311,7 +310,7 @@ class NoiseRatioSettings:
 
 @dataclass(frozen=True)
 class FitEndSettings:
-    """Numbers that tell a settled fit from one that still decreases."""
+    """Numbers that distinguish a settled fit from one that still decreases."""
 
     #: [steps] Number of last steps whose decrease is compared with the remaining decrease. Why: one
     #: step may be unusually short (a rule of thumb).
@@ -401,8 +400,8 @@ class ModalTrustSettings:
     #: [%] Rms frequency error above which no result is plausible. Why: neighbouring modes of
     #: structures are often this close.
     gross_error: float = 10.0
-    #: [%] Frequency error up to which an update did no harm. Why: updated
-    #: models usually have such errors (a rule of thumb).
+    #: [%] Frequency error up to which an update did no harm. Why: updated models usually have such
+    #: errors (a rule of thumb).
     small_error: float = 1.0
     #: [%] Frequency error of held-out or of worsened modes up to which a result is accepted. Why:
     #: three times the small error (a rule of thumb).
@@ -410,8 +409,8 @@ class ModalTrustSettings:
     #: [1] Decrease of the MAC that is reported. Why: smaller changes are due to noise of the shapes
     #: (a rule of thumb).
     mac_loss: float = 0.05
-    #: [1] MAC from which shapes agree, whatever their change. Why: commonly taken for
-    #: the same mode (docs/modes.md).
+    #: [1] MAC from which shapes agree, whatever their change. Why: commonly taken for the same mode
+    #: (docs/modes.md).
     agreeing_mac: float = 0.9
 
 

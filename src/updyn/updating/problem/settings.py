@@ -62,8 +62,8 @@ TRIANGLE = TriangleSettings()
 class LineDesignSettings:
     """Numbers of the selection of lines by their information."""
 
-    #: [1] Noise floor, as a share of the rms of the data of a unit, that counts beside relative
-    #: noise. Why: typical of sensors.
+    #: [1] Noise floor that is added to relative noise, as a share of the rms of the data of a unit.
+    #: Why: a rule of thumb.
     noise_floor: float = 1e-2
     #: [1] Least loss factor at which lines are selected. Why: a peak at a wrong frequency then
     #: selects lines on its flanks.
@@ -100,7 +100,7 @@ class ModePairSettings:
     #: [1] Smallest MAC at which two modes count as similar. Why: a common rule of thumb.
     similar_mac: float = 0.8
     #: [MAC] Cost in the pairing of a factor of e between two frequencies. Why: a rule of thumb; it
-    #: decides between shapes that are alike because sensors are few.
+    #: decides between shapes that are similar because sensors are few.
     frequency_cost: float = 0.5
     #: [1] Share of the largest singular value of unit shapes below which another is rounding. Why:
     #: rounding of shapes from an eigensolver.
@@ -123,14 +123,14 @@ MODE_PAIRS = ModePairSettings()
 class SearchDataSettings:
     """Numbers of the data and bounds of a search by log error."""
 
-    #: [1] Noise, as a share of the level, at which the squared weight of a value is halved. Why:
-    #: far from the truth the misfit exceeds 10 %, so smaller noise does not matter.
+    #: [1] Noise of a value, as a share of it, at which its squared weight is about a half. Why: far
+    #: from the truth the misfit exceeds 10 %, so smaller noise does not matter.
     halving_noise: float = 0.1
     #: [1] Multiple of the noise variance that is subtracted from the square of a value. Why: noise
     #: alone exceeds three standard deviations once in 8,000 values.
     subtracted_variances: float = 9.0
-    #: [1] Lowest value of a loss factor on the way. Why: a bound at zero stops searches for lightly
-    #: damped parts, whose true values are near it.
+    #: [1] Lowest value of a loss factor during a search. Why: a bound at zero stops searches for
+    #: lightly damped parts, whose true values are near it.
     least_loss_factor: float = -0.5
 
 

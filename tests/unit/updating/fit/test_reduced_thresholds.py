@@ -138,10 +138,8 @@ def test_the_accepted_error_in_a_search_for_answers_is_ten_times_that_of_the_fit
 
 @pytest.mark.parametrize(("level", "faintest"), [(1.1e-9, 1.1e-9), (0.9e-9, 1e-3)])
 def test_channels_below_a_billionth_are_rounding(monkeypatch, level, faintest):
-    monkeypatch.setattr(
-        "updyn.updating.fit.reducing.relative_levels", lambda values, frf: np.array([1.0, *shares])
-    )
-    shares = [1e-3, level]
+    shares = np.array([1.0, 1e-3, level])
+    monkeypatch.setattr("updyn.updating.fit.reducing.relative_levels", lambda values, frf: shares)
     assert _faintest_level(SimpleNamespace(values=None)) == faintest
 
 

@@ -1,4 +1,4 @@
-"""Base class of the faults whose trial alters the model: something that the model lacks."""
+"""Base class of the faults whose trial adds an element or a property to the model."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ __all__ = ["AlteringFault"]
 
 @dataclass(frozen=True, slots=True)
 class AlteringFault(IrreparableFault):
-    """Something of size `value` that the model lacks.
+    """An element or a property of size `value` that the model lacks.
 
-    The `n_places` that were tested share the odds of the kind.
+    The prior odds of the kind are divided among the `n_places` tested places.
     """
 
     n_places: int = field(default=1, kw_only=True)
@@ -38,7 +38,7 @@ class AlteringFault(IrreparableFault):
 
     @property
     def prior(self) -> float:
-        """Prior odds that the model lacks it at this place."""
+        """Prior odds of the fault at its place."""
         return divide_odds(self.odds, self.n_places)
 
     def repair_with_model(self, evidence: Evidence) -> FRF:

@@ -33,9 +33,10 @@ class Leakage(DataFault):
     @classmethod
     def detect_faults(cls, frf: FRF) -> Iterable[Detection]:
         """Yield the end of the impulse response, if any, of data with evenly spaced lines."""
+        if len(frf.freq) < CUT_RECORD.least_lines:
+            return
         spacing = np.diff(frf.freq)
-        is_uneven = len(spacing) and np.ptp(spacing) > CUT_RECORD.even_spacing * spacing.mean()
-        if len(frf.freq) < CUT_RECORD.least_lines or is_uneven:
+        if np.ptp(spacing) > CUT_RECORD.even_spacing * spacing.mean():
             return
         power = _compute_impulse_power(frf)
         n = max(int(CUT_RECORD.averaged_share * len(power)), CUT_RECORD.least_averaged)

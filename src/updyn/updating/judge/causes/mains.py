@@ -136,7 +136,7 @@ class _Neighbours:
 
     @classmethod
     def of(cls, frf: FRF, is_multiple: BoolArray) -> _Neighbours:
-        n = len(frf.freq)
+        n, width = len(frf.freq), MAINS_HUM.neighbours
         flat = frf.values.reshape(n, -1)
         least = 1e-12 * np.abs(flat).max() + np.finfo(float).tiny
         deviation_ratio, pole_ratio, bandwidth = (
@@ -145,25 +145,18 @@ class _Neighbours:
             np.zeros(n),
         )
         quiet = np.flatnonzero(~is_multiple)
-        for k in np.union1d(
-            np.flatnonzero(is_multiple), quiet[:: -(-n // MAINS_HUM.most_compared)]
-        ):
+        compared = quiet[:: -(-n // MAINS_HUM.most_compared)]
+        for k in np.union1d(np.flatnonzero(is_multiple), compared):
             others = quiet[quiet != k]
-            first = np.searchsorted(others, k) - MAINS_HUM.neighbours // 2
-            near = others[
-                np.clip(first, 0, len(others) - MAINS_HUM.neighbours)
-                + np.arange(MAINS_HUM.neighbours)
-            ]
-            distance = (frf.freq[near] - frf.freq[k]) / (
-                np.ptp(frf.freq[near]) / MAINS_HUM.neighbours
-            )
-            powers = (distance / MAINS_HUM.neighbours)[:, None] ** np.arange(MAINS_HUM.degree + 1)
+            first = np.searchsorted(others, k) - width // 2
+            near = others[np.clip(first, 0, len(others) - width) + np.arange(width)]
+            distance = (frf.freq[near] - frf.freq[k]) / (np.ptp(frf.freq[near]) / width)
+            powers = (distance / width)[:, None] ** np.arange(MAINS_HUM.degree + 1)
             weights, std = _fit_basis(powers, flat[near], least)
             deviation = np.abs(flat[k] - weights[0] @ flat[near])
             deviation_ratio[k] = deviation / (std * np.sqrt(1.0 + weights[0] @ weights[0]))
-            weights, std = _fit_basis(
-                np.column_stack([1.0 / distance, powers[:, : MAINS_HUM.degree]]), flat[near], least
-            )
+            with_pole = np.column_stack([1.0 / distance, powers[:, : MAINS_HUM.degree]])
+            weights, std = _fit_basis(with_pole, flat[near], least)
             deviation_of_pole = float(np.sqrt(weights[0] @ weights[0]))
             pole_ratio[k] = np.abs(weights[0] @ flat[near]) / (std * deviation_of_pole)
             # A resonance is at the same line in all channels, so their noise averages out.

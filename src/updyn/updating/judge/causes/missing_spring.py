@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import ClassVar, Self
 
-from updyn.updating.judge.causes.evidence import Evidence
+from updyn.arrays import RealArray
 from updyn.updating.judge.causes.holding import is_free
 from updyn.updating.judge.causes.missing_element import MissingElement
+from updyn.updating.problem.problem import FRFPart
 
 __all__ = ["MissingSpring"]
 
@@ -30,21 +31,19 @@ class MissingSpring(MissingElement):
     #: (0.05).
     loss: ClassVar[float] = 0.02
 
-    @classmethod
-    def _find_best(cls, evidence: Evidence, most: int) -> list[Self]:
-        free = is_free(evidence.part)
-        # The name `super` without arguments refers to the class without slots.
-        found = super(MissingSpring, cls)._find_best(evidence, most)
-        return [replace(one, supports=free and not one.between) for one in found]
-
     @property
     def ends_search(self) -> bool:
-        """Whether the spring is a support: its place stands for those of all supports."""
+        """Whether it is a support, which may represent several; the model needs these first."""
         return self.supports
+
+    def add_model_figures(self, part: FRFPart, x: RealArray) -> Self:
+        """Return the spring, as a support if it acts on the ground and the model is free."""
+        return replace(self, supports=is_free(part) and not self.between)
 
     def statement(self) -> str:
         """Return a sentence with the place and the size."""
         if not self.supports:
+            # Without arguments, `super` refers to the class without slots.
             return super(MissingSpring, self).statement()
         return (
             "The structure seems to be supported, while the model is free: a spring of"

@@ -45,8 +45,8 @@ def select_variants(
         with suppress(SolverError, ModelError):
             found.append((_compare_parts(few, one.replace_model(few), fault, start), fault))
     found.sort(key=lambda pair: -pair[0])
-    best = max((gain for gain, _ in found), default=0.0)
-    least = max(best, 0.0) - CAUSE_CANDIDATES.reach_log_odds
+    best = max([0.0, *(gain for gain, _ in found)])
+    least = best - CAUSE_CANDIDATES.reach_log_odds
     return [fault for gain, fault in found[: CAUSE_CANDIDATES.most_variants] if gain > least]
 
 

@@ -360,7 +360,7 @@ class MissingModeSettings:
     first_loss: float = 0.01
     #: [1] Least loss factor. Why: that of a part of metal without joints.
     least_loss: float = 1e-4
-    #: [1] Loss factor from which it is no mode. Why: a resonance so wide has no peak of its own.
+    #: [1] Loss factor from which it is no mode. Why: a resonance so wide has no separate peak.
     most_loss: float = 0.5
     #: [steps] Refinements of frequency and loss factor. Why: steps are halved; six give 2 % of the
     #: spacing of the lines.

@@ -153,8 +153,8 @@ def _fit_with_fault(
             corrected = part if fault is None else fault.correct_part(part, x)
             x, mean_square, squared_distance, correlation = _descend(corrected, x, steps)
             has_size = number > 1 or fault is None or not (fault.has_free_size or fault.is_adaptive)
-            behind = rival is not None and mean_square > CAUSE_TRIAL.hopeless_ratio * (
-                add_perfect_fit(rival.mean_square)
+            behind = rival is not None and mean_square > (
+                CAUSE_TRIAL.hopeless_ratio * add_perfect_fit(rival.mean_square)
             )
             if number == rounds or (has_size and behind):
                 break

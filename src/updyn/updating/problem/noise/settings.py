@@ -10,11 +10,11 @@ from dataclasses import dataclass
 class NoiseLimitSettings:
     """Limits of the noise."""
 
-    #: [1] Relative noise below which noise is rounding; keeps the weights of exact data finite.
-    #: Why: rounding of a model solved in double precision.
+    #: [1] Least relative noise; keeps the weights of exact data finite. Why: rounding of a model
+    #: solved in double precision.
     least_noise: float = 1e-12
-    #: [1] Share below which the standard deviation of a frequency, shape or loss factor is
-    #: rounding. Why: rounding.
+    #: [1] Least standard deviation of a frequency, shape or loss factor. Why: rounding of an
+    #: eigensolver.
     least_modal_noise: float = 1e-8
     #: [1] Degrees of freedom from which the size of noise counts as known: two numbers are
     #: estimated instead of one scale, and intervals are those of the normal distribution. Why: a
@@ -64,7 +64,7 @@ class LineScatterSettings:
     #: windows.
     least_lines: int = 20
     #: [values] Largest number of values of a response in the estimate of its floor. Why: a limit of
-    #: the effort; they determine a standard deviation to 4 %.
+    #: the effort; they are 400 separate windows of five lines.
     most_response_values: int = 2_000
     #: [1] Logarithm of the odds against the common floor from which a response has its own. Why:
     #: odds of 100 to 1.
@@ -81,7 +81,7 @@ class SmoothVarianceSettings:
     #: [averages] Number of averages that is assumed if the data do not state it. Why: a usual
     #: number.
     assumed_averages: int = 10
-    #: [1] Degrees of freedom of a smoothed variance. Why: weights are then known to 15 %.
+    #: [1] Degrees of freedom of a smoothed variance. Why: they determine a variance to 15 %.
     smoothed_freedoms: int = 48
     #: [lines] Least width of the window in which outliers are searched for. Why: the median of
     #: fewer lines follows an outlier.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -309,20 +310,17 @@ def test_starting_values_of_a_suspension(chain12):
     assert found == pytest.approx([0.4 * low, 1.1 * low, 3.0 * low, 0.13 * high, 0.4 * high])
 
 
-def test_pairs_of_the_first_eighty_sensors(chain12):
+def test_pairs_of_the_first_eighty_sensors():
     labels = [f"{i}:X" for i in range(1, 83)]
-    evidence = type("Evidence", (), {})()
-    values = np.ones((2, 82, 1))
-    evidence.frf = updyn.FRF([1.0, 2.0], values, labels, ["1:X"], "receptance")
-    assert len(list(SwappedChannels.propose_faults(evidence))) == 80 * 79 // 2
+    frf = updyn.FRF([1.0, 2.0], np.ones((2, 82, 1)), labels, ["1:X"], "receptance")
+    found = SwappedChannels.propose_faults(SimpleNamespace(frf=frf))
+    assert len(list(found)) == 80 * 79 // 2
 
 
 @pytest.mark.parametrize(("n", "whole"), [(100, True), (101, False)])
 def test_models_that_are_not_reduced(monkeypatch, n, whole):
     monkeypatch.setattr("updyn.updating.judge.causes.reduced.ReducedModels", lambda part: None)
-    part = type("Part", (), {})()
-    part.solver = type("Solver", (), {})()
-    part.solver.system = type("System", (), {"n": n})()
+    part = SimpleNamespace(solver=SimpleNamespace(system=SimpleNamespace(n=n)))
     assert isinstance(choose_trial_models(part), WholeModel) is whole
 
 
@@ -380,11 +378,12 @@ def list_nothing(*_):
 @pytest.mark.parametrize(("level", "expected"), [(0.9e-8, True), (1.1e-8, False)])
 def test_a_channel_without_response(level, expected):
     frf = updyn.FRF([1.0, 2.0], np.ones((2, 2, 1)), ["1:X", "2:X"], ["1:X"], "receptance")
-    part = type("Part", (), {"frf": frf})()
-    responses = np.array([[[1.0], [level]]])
-    part.thin = lambda n_lines: part
-    part.responses = lambda x: responses
-    part.coordinates = type("Coordinates", (), {"start": None})()
+    part = SimpleNamespace(
+        frf=frf,
+        thin=lambda n_lines: part,
+        responses=lambda x: np.array([[[1.0], [level]]]),
+        coordinates=SimpleNamespace(start=None),
+    )
     assert DeadChannel(("2:X",)).is_expected(part) is expected
 
 
