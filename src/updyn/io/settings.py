@@ -103,8 +103,8 @@ class MeasuredFileSettings:
     #: [1] Difference between time axes, relative to the last time. Why: rounding of sums of many
     #: steps.
     time_tolerance: float = 1e-9
-    #: [1] Component of a direction beside an axis up to which it is parallel to the axis. Why: axes
-    #: are written with six digits or more.
+    #: [1] Largest difference of a component between a unit vector and an axis that counts as
+    #: parallel. Why: axes are written with six digits or more.
     parallel_tolerance: float = 1e-6
     #: [1] Relative difference of numbers of a mode in one dataset. Why: numbers with six digits.
     mode_tolerance: float = 1e-4
@@ -122,8 +122,8 @@ class MeasuredFileSettings:
     #: undamped. Why: rounding.
     undamped_share: float = 1e-6
     #: [1] Negative eigenvalue, as a frequency relative to the largest one, up to which it is
-    #: rounding of a rigid-body mode. Why: single precision of eigenvalues is the square root of
-    #: 1e-7 in frequency.
+    #: rounding of a rigid-body mode. Why: an eigenvalue in single precision has an error of 1e-7 of
+    #: the largest one, which is 3e-4 in frequency.
     rigid_share: float = 1e-3
     #: [1] Relative difference of the eigenvalues of one mode in two tables. Why: both are in single
     #: precision.
@@ -151,14 +151,14 @@ class MeasuredFileSettings:
 class FileTextSettings:
     """Names and texts of files in messages."""
 
-    #: [1] Similarity (difflib) from which a name counts as misspelt. Why: one wrong letter of
-    #: seven; a higher value would miss misspellings of short names.
+    #: [1] Similarity (difflib) from which a name counts as misspelt. Why: one wrong letter of eight
+    #: or one missing letter of five; a higher value would miss misspellings of short names.
     misspelt_similarity: float = 0.86
     #: [characters] Largest part of a line that a message quotes. Why: the message stays in one
     #: line.
     quoted_characters: int = 60
-    #: [columns] Largest number of columns of a table that a message lists. Why: tables of many
-    #: channels repeat the same few names.
+    #: [columns] Largest number of columns of a table, or arrays of a file, that a message lists.
+    #: Why: tables of many channels repeat the same few names.
     listed_columns: int = 12
     #: [bytes] Largest HDF5 file of which a message lists the arrays. Why: for the list it is read a
     #: second time.

@@ -124,7 +124,7 @@ def refuse_export(variables: Mapping[str, Any], path: str | Path, wanted: str) -
 
 
 def read_exported_coherence(variables: Mapping[str, Any], path: str | Path) -> Functions:
-    """Return the coherence in an export; `AbsentError` without any."""
+    """Return the coherence in an export; raise an `AbsentError` if it has none."""
     structs = [s for s in _select_structs(variables, path) if s.kind == "Coherence"]
     if not structs:
         raise AbsentError("no coherence in a MATLAB export of Simcenter Testlab", path)
