@@ -120,7 +120,10 @@ def read_frf(
     try:
         reader, name = _find_function(path, "read_frf", format)
     except FormatError as error:
-        raise load(FORMATS["csv"]).propose_columns(path, error) from error
+        proposal = load(FORMATS["csv"]).propose_columns(path, error)
+        if proposal is None:
+            raise
+        raise proposal from error
     wanted = {
         k: v for k, v in (("responses", responses), ("references", references)) if v is not None
     }

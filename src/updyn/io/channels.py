@@ -21,7 +21,7 @@ import numpy as np
 from updyn.arrays import NumberArray, RealArray
 from updyn.dofs import Dof, DofSet
 from updyn.errors import DofError, FormatError, OptionError, suggest
-from updyn.io.items import as_reals, locate_errors
+from updyn.io.items import as_reals, format_key, locate_errors
 from updyn.io.ratio import Ratio
 from updyn.units import find_ratio, find_unit, suggest_unit
 
@@ -94,7 +94,7 @@ class Values:
 
 def check_keys(given: Any, known: Iterable[str], required: Iterable[str], key: Key) -> None:
     """Raise an `OptionError` if a mapping has an unknown key or lacks a required one."""
-    place = _format_key(key)
+    place = format_key(key)
     if not isinstance(given, Mapping) or not given:
         raise OptionError(f"{place} = {given!r}: expected a table of keys", key=key)
     for name in given:
@@ -107,10 +107,7 @@ def check_keys(given: Any, known: Iterable[str], required: Iterable[str], key: K
 
 def read_frequency(source: Source, name: Any, stated: Any, key: Key, unit_key: Key) -> RealArray:
     """Return frequencies in Hz, from the unit in the mapping (`stated`), else of the file."""
-    found = source.numbers(name, key)
-    if found.dtype.kind == "c" and not found.imag.any():
-        found = found.real
-    numbers = as_reals(found, _format_name(name), source.path)
+    numbers = as_reals(source.numbers(name, key), _format_name(name), source.path)
     label = source.unit(name)
     unit = find_unit(label, "frequency") if label else None
     if stated is None and label and unit is None:
@@ -128,11 +125,10 @@ def read_frequency(source: Source, name: Any, stated: Any, key: Key, unit_key: K
         wanted = find_unit(stated, "frequency") if isinstance(stated, str) else None
         if wanted is None:
             hint = suggest_unit(str(stated), "frequency")
-            raise OptionError(f"{_format_key(unit_key)} = {stated!r}; {hint}", key=unit_key)
+            raise OptionError(f"{format_key(unit_key)} = {stated!r}; {hint}", key=unit_key)
         if unit not in (None, wanted):
             raise FormatError(
-                f"{_format_key(unit_key)} = {stated!r} contradicts the file, which states"
-                f" {label!r}",
+                f"{format_key(unit_key)} = {stated!r} contradicts the file, which states {label!r}",
                 source.path,
                 key=unit_key,
             )
@@ -149,19 +145,18 @@ def combine_parts(
     if not any(set(parts) == set(form) for form in (*FORMS, ("real",))):
         forms = ", ".join(" + ".join(form) for form in FORMS)
         raise OptionError(
-            f"{_format_key(key)}: found {' + '.join(parts) or 'no values'}; expected one of"
-            f" {forms}",
+            f"{format_key(key)}: found {' + '.join(parts) or 'no values'}; expected one of {forms}",
             key=key,
         )
     used = [given[part] for part in parts]
     if any(used.count(name) > 1 for name in used):
         raise OptionError(
-            f"{_format_key(key)}: {' and '.join(parts)} are the same: {used[0]!r}", key=key
+            f"{format_key(key)}: {' and '.join(parts)} are the same: {used[0]!r}", key=key
         )
     stated = None
     if unit is not None:
         if not isinstance(unit, str):
-            raise OptionError(f"{_format_key(unit_key)} = {unit!r}: expected a text", key=unit_key)
+            raise OptionError(f"{format_key(unit_key)} = {unit!r}: expected a text", key=unit_key)
         try:
             stated = Ratio.of(unit, "", source.path)
         except FormatError as error:
@@ -178,11 +173,11 @@ def combine_parts(
             numbers[part] = as_reals(numbers[part], _format_name(given[part]), source.path)
     if any(not ratio.agrees(ratios[0]) for ratio in ratios):
         labels = " and ".join(repr(ratio.label) for ratio in ratios)
-        raise FormatError(f"{_format_key(key)}: parts in {labels}", source.path, key=key)
+        raise FormatError(f"{format_key(key)}: parts in {labels}", source.path, key=key)
     sizes = {values.shape for values in numbers.values()}
     if len(sizes) > 1:
         raise FormatError(
-            f"{_format_key(key)}: parts of different shapes: {sorted(sizes)}", source.path, key=key
+            f"{format_key(key)}: parts of different shapes: {sorted(sizes)}", source.path, key=key
         )
     values = _join(numbers, source.path, key)
     if not ratios:
@@ -237,7 +232,7 @@ def _join(numbers: Mapping[str, NumberArray], path: str | Path, key: Key) -> Num
         size = np.asarray(numbers["magnitude"])
         if (size < 0).any():
             raise FormatError(
-                f"{_format_key(key)}: magnitude {size.min():g}; expected 0 or above. For decibels"
+                f"{format_key(key)}: magnitude {size.min():g}; expected 0 or above. For decibels"
                 " use magnitude_dB",
                 path,
                 key=key,
@@ -266,8 +261,7 @@ def read_channels(source: Source, mapping: Mapping[str, Any], key: Key) -> dict[
     is_array = isinstance(given, Sequence) and not isinstance(given, str)
     if not is_array or not given:
         raise OptionError(
-            f"{_format_key(place)} = {given!r}: expected an array of channels, such as"
-            f" [{_EXAMPLE}]",
+            f"{format_key(place)} = {given!r}: expected an array of channels, such as [{_EXAMPLE}]",
             key=place,
         )
     found: dict[tuple[Dof, Dof], _Channel] = {}
@@ -275,7 +269,7 @@ def read_channels(source: Source, mapping: Mapping[str, Any], key: Key) -> dict[
         channel = _read_channel(source, one, mapping.get("unit"), (*place, i))
         if channel.pair in found:
             raise OptionError(
-                f"{_format_key((*place, i))}: H({_format_pair(channel.pair)}) occurs twice",
+                f"{format_key((*place, i))}: H({_format_pair(channel.pair)}) occurs twice",
                 key=(*place, i),
             )
         found[channel.pair] = channel
@@ -305,26 +299,26 @@ def _read_label(given: Mapping[str, Any], side: str, key: Key) -> Dof:
     label = given[side]
     if not isinstance(label, str):
         raise OptionError(
-            f"{_format_key((*key, side))} = {label!r}: expected a label such as '3:Z'",
+            f"{format_key((*key, side))} = {label!r}: expected a label such as '3:Z'",
             key=(*key, side),
         )
     try:
         return Dof.parse(label)
     except DofError as error:
-        raise OptionError(f"{_format_key((*key, side))}: {error}", key=(*key, side)) from error
+        raise OptionError(f"{format_key((*key, side))}: {error}", key=(*key, side)) from error
 
 
 def _arrange(
     found: Mapping[tuple[Dof, Dof], _Channel], path: str | Path, key: Key
 ) -> dict[str, Any]:
     """Return the channels as arrays over lines, responses and references."""
-    with locate_errors(path, _format_key(key)):
+    with locate_errors(path, format_key(key)):
         rows = DofSet(dict.fromkeys(pair[0] for pair in found))
         columns = DofSet(dict.fromkeys(pair[1] for pair in found))
     for pair in ((i, j) for i in rows for j in columns):
         if pair not in found:
             raise OptionError(
-                f"{_format_key(key)}: no channel for H({_format_pair(pair)}); expected every"
+                f"{format_key(key)}: no channel for H({_format_pair(pair)}); expected every"
                 " response with every reference",
                 key=key,
             )
@@ -332,14 +326,14 @@ def _arrange(
     if len(quantities) > 1:
         shown = " and ".join(sorted(kind or "none stated" for kind in quantities))
         raise OptionError(
-            f"{_format_key(key)}: units of several quantities: {shown}; state unit in the same way"
+            f"{format_key(key)}: units of several quantities: {shown}; state unit in the same way"
             " for all",
             key=key,
         )
     of_coherence = {channel.coherence is None for channel in found.values()}
     if len(of_coherence) > 1:
         raise OptionError(
-            f"{_format_key(key)}: some channels have a coherence, others none", key=key
+            f"{format_key(key)}: some channels have a coherence, others none", key=key
         )
     items: dict[str, Any] = {
         "responses": list(map(str, rows)),
@@ -361,7 +355,7 @@ def _stack(rows: Sequence[Sequence[Any]], path: str | Path, key: Key) -> NumberA
     for vector in vectors:
         if vector.size != max(vector.shape, default=1) or vector.size != vectors[0].size:
             raise FormatError(
-                f"{_format_key(key)}: found shapes {vectors[0].shape} and {vector.shape}; expected"
+                f"{format_key(key)}: found shapes {vectors[0].shape} and {vector.shape}; expected"
                 " one row or column of the same length for each channel",
                 path,
                 key=key,
@@ -376,11 +370,3 @@ def _format_pair(pair: tuple[Dof, Dof]) -> str:
 
 def _format_name(name: Any) -> str:
     return f"column {name}" if isinstance(name, int) else repr(name)
-
-
-def _format_key(key: Sequence[str | int]) -> str:
-    """Return a path such as ``columns.channels[1].real``, with positions from 1."""
-    text = ""
-    for part in key:
-        text += f"[{part + 1}]" if isinstance(part, int) else f".{part}"
-    return text.lstrip(".")

@@ -105,7 +105,10 @@ def read_frf(
     try:
         return _read_by_header(path, quantity, real_valued)
     except FormatError as error:
-        raise propose_columns(path, error) from error
+        proposal = propose_columns(path, error)
+        if proposal is None:
+            raise
+        raise proposal from error
 
 
 def _read_by_header(path: str | Path, quantity: str | None, real_valued: bool) -> FRF:

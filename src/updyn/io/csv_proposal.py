@@ -6,7 +6,6 @@ stating ``columns``. Without known names the proposal is an example with numbers
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -18,13 +17,14 @@ from updyn.errors import AbsentError, FormatError, InputError
 from updyn.io.channels import FORMS, Name
 from updyn.io.csv_table import TextTable, find_table
 from updyn.io.items import is_file, read_windows_text
+from updyn.io.toml_text import format_toml
 
-__all__ = ["FREQUENCY", "has_word", "propose_columns"]
+__all__ = ["FREQUENCY", "WORDS", "has_word", "propose_columns"]
 
-#: Words of a frequency, and of the parts of a channel; those of three letters or more are
-#: beginnings of words. A name has the first part that has one of its words.
+#: Words of a frequency, and of the parts of a channel in the order of the search; those of three
+#: letters or more are beginnings of words.
 FREQUENCY = ("f", "hz", "freq", "frequenz", "omega")
-_WORDS = {
+WORDS = {
     "coherence": ("coh", "gamma", "kohärenz"),
     "imaginary": ("im", "imag"),
     "real": ("re", "real"),
@@ -57,26 +57,26 @@ class _Guess:
 _Channel = Mapping[str, _Guess]
 
 
-def propose_columns(path: str | Path, error: FormatError) -> FormatError:
+def propose_columns(path: str | Path, error: FormatError) -> FormatError | None:
     """Return an error with the columns of the table and a proposal of ``columns`` added.
 
-    The error is unchanged if the text is not a table, or has the names of the format. Without
-    known names there is a proposal only if the text may hold no other data: for an `AbsentError`.
+    It is None if the text is not a table, or has the names of the format. Without known names there
+    is a proposal only for an `AbsentError`.
     """
     if not is_file(path):
-        return error
+        return None
     try:
         table = find_table(read_windows_text(path), path)
     except InputError:
-        return error
+        return None
     if table is None or any(cell.startswith("H(") for cell in table.header):
-        return error
+        return None
     frequency = _find_frequency(table)
     channels = [] if frequency is None else _find_channels(table, frequency)
     kind: type[FormatError] = FormatError
     if frequency is None or not channels:
         if not isinstance(error, AbsentError) or not _resembles_frf(table):
-            return error
+            return None
         channels = [{part: _Guess(i, part, "", ()) for i, part in _EXAMPLE.items()}]
         frequency = 1 if frequency is None else frequency
         # No other table of this format has blanks between its columns.
@@ -123,7 +123,7 @@ def _name(table: TextTable, at: int) -> Name:
 def _find_frequency(table: TextTable) -> Name | None:
     """Return the first column with the name of a frequency."""
     for at, cell in enumerate(table.header):
-        if has_word(cell, FREQUENCY) and not any(has_word(cell, w) for w in _WORDS.values()):
+        if has_word(cell, FREQUENCY) and not any(has_word(cell, w) for w in WORDS.values()):
             return _name(table, at)
     return None
 
@@ -147,7 +147,7 @@ def _find_channels(table: TextTable, frequency: Name) -> list[_Channel]:
 def _find_part(table: TextTable, at: int) -> str | None:
     """Return the part in a column, by its name, its unit and the size of a phase."""
     name = f"{table.header[at]} {table.unit(at + 1)}"
-    for part, words in _WORDS.items():
+    for part, words in WORDS.items():
         if not has_word(name, words):
             continue
         if part != "phase":
@@ -163,7 +163,7 @@ def _find_part(table: TextTable, at: int) -> str | None:
 def _find_rest(cell: str, unit: str) -> str:
     """Return a name without the words of parts, its unit, and signs between words."""
     text = cell.replace(unit, "") if unit else cell
-    stems = [stem for words in _WORDS.values() for stem in words]
+    stems = [stem for words in WORDS.values() for stem in words]
     text = _WORD.sub(lambda word: "" if _is_word(word[0].casefold(), stems) else word[0], text)
     return re.sub(r"[^\w:/,.+-]+|_", "", text).strip(":/,.+-")
 
@@ -186,17 +186,12 @@ def _is_complete(channel: _Channel) -> bool:
 
 def _format_proposal(frequency: Name, channels: Sequence[_Channel]) -> str:
     """Return the proposal as TOML."""
-    lines = [f"columns = {{ frequency = {_format_value(frequency)}, channels = ["]
+    lines = [f"columns = {{ frequency = {format_toml(frequency)}, channels = ["]
     for channel in channels:
         labels = [one.labels for one in channel.values() if len(one.labels) == 2]
         response, reference = labels[0] if labels else (_UNKNOWN, _UNKNOWN)
         keys = {"response": response, "reference": reference}
-        texts = [f"{key} = {_format_value(value)}" for key, value in keys.items()]
-        texts += [f"{part} = {_format_value(one.name)}" for part, one in channel.items()]
+        texts = [f"{key} = {format_toml(value)}" for key, value in keys.items()]
+        texts += [f"{part} = {format_toml(one.name)}" for part, one in channel.items()]
         lines.append(f"  {{ {', '.join(texts)} }},")
     return "\n".join([*lines, "] }"])
-
-
-def _format_value(value: Name) -> str:
-    """Return a text or a number as TOML."""
-    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")

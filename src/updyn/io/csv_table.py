@@ -22,6 +22,7 @@ from updyn.arrays import NumberArray
 from updyn.errors import FormatError, OptionError, suggest
 from updyn.io.channels import Key
 from updyn.io.csv_text import plain_numbers
+from updyn.io.items import format_key
 from updyn.io.settings import FILE_TEXT, MATRIX_FILE
 from updyn.io.text_numbers import parse_real
 from updyn.units import find_ratio, find_unit
@@ -66,8 +67,7 @@ class TextTable:
             return name - 1
         if not isinstance(name, str):
             raise OptionError(
-                f"{'.'.join(map(str, key))} = {name!r}: expected the name or the number of a"
-                " column",
+                f"{format_key(key)} = {name!r}: expected the name or the number of a column",
                 key=key,
             )
         if self.header.count(name) > 1:

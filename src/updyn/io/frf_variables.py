@@ -10,7 +10,6 @@ by default.
 from __future__ import annotations
 
 import re
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -19,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from updyn.arrays import NumberArray
-from updyn.errors import FormatError, InputError, OptionError, UpdynWarning
+from updyn.errors import FormatError, InputError, OptionError
 from updyn.io.channels import (
     PARTS,
     Key,
@@ -30,7 +29,7 @@ from updyn.io.channels import (
 )
 from updyn.io.items import Items, as_numbers
 from updyn.io.named import FRF_ITEMS
-from updyn.io.variable_names import find_variable
+from updyn.io.variable_names import find_variable, warn_of_omitted
 
 __all__ = ["VariableSource", "select_items"]
 
@@ -129,13 +128,7 @@ def _add_standard_items(
     for name in _list_names(variables):
         used |= set(str(name).partition("(")[0].strip().split("."))
     omitted = [item for item in _VALUES if item in source.found and item not in used]
-    if omitted:
-        warnings.warn(
-            f"{source.path}: {', '.join(omitted)} of the file not read, because variables do not"
-            f" select {'it' if len(omitted) == 1 else 'them'}",
-            UpdynWarning,
-            stacklevel=2,
-        )
+    warn_of_omitted(omitted, source.path)
 
 
 def _list_names(given: Any) -> list[Any]:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import struct
 import zipfile
 import zlib
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -49,6 +49,7 @@ __all__ = [
     "check_phase",
     "describe_kind",
     "format_counts",
+    "format_key",
     "format_names",
     "guard_reader",
     "is_file",
@@ -267,6 +268,12 @@ def format_names(items: Items) -> str:
     )
 
 
+def format_key(key: Sequence[str | int]) -> str:
+    """Format a key path for messages, such as ``columns.channels[1].real``, counted from 1."""
+    parts = (f"[{part + 1}]" if isinstance(part, int) else f".{part}" for part in key)
+    return "".join(parts).removeprefix(".")
+
+
 #: Exceptions of h5py, numpy, scipy.io and zipfile for damaged files (found by changing bytes of
 #: valid files).
 FAILURES = (
@@ -276,7 +283,6 @@ FAILURES = (
     EOFError,
     LookupError,
     MemoryError,
-    NotImplementedError,
     OSError,
     RuntimeError,
     SyntaxError,

@@ -8,15 +8,14 @@ mapping of items.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from updyn.errors import FormatError, OptionError, UpdynWarning, suggest
+from updyn.errors import FormatError, OptionError, suggest
 from updyn.io.damping import DAMPING
-from updyn.io.items import Items, describe_kind
-from updyn.io.variable_names import find_variable
+from updyn.io.items import Items, describe_kind, format_key
+from updyn.io.variable_names import find_variable, warn_of_omitted
 
 __all__ = ["stated_items"]
 
@@ -60,14 +59,8 @@ def stated_items(found: Items, variables: Mapping[str, Any], path: str | Path) -
         labelled = item in _LABELS and any(label in items for label in _LABELS)
         if item in found and item not in items and not labelled:
             items[item] = file.variable(item, ("variables",))
-    left_out = [item for item in _MATRICES if item in found and item not in file.used]
-    if left_out:
-        warnings.warn(
-            f"{path}: {', '.join(left_out)} of the file not read, because variables do not select"
-            f" {'it' if len(left_out) == 1 else 'them'}",
-            UpdynWarning,
-            stacklevel=2,
-        )
+    omitted = [item for item in _MATRICES if item in found and item not in file.used]
+    warn_of_omitted(omitted, path)
     return items
 
 
@@ -106,7 +99,7 @@ class _File:
             out = {}
             for i, name in enumerate(given):
                 if name in out:
-                    raise OptionError(f"{_format_key(key)}: {name!r} occurs twice", key=(*key, i))
+                    raise OptionError(f"{format_key(key)}: {name!r} occurs twice", key=(*key, i))
                 out[name] = self._parts(name, (*key, i))
         elif isinstance(given, Mapping):
             out = {group: self._parts(name, (*key, group)) for group, name in given.items()}
@@ -114,7 +107,7 @@ class _File:
             out = {}
         if not out:
             raise OptionError(
-                f"{_format_key(key)} = {given!r}: expected variables, such as"
+                f"{format_key(key)} = {given!r}: expected variables, such as"
                 ' ["K_1", "K_2"] or { shaft = "K_1" }',
                 key=key,
             )
@@ -127,7 +120,7 @@ class _File:
             for item, name in given.items():
                 if item not in _PARTS:
                     raise OptionError(
-                        f"{_format_key(key)}: no item {item!r}; {suggest(item, _PARTS)}",
+                        f"{format_key(key)}: no item {item!r}; {suggest(item, _PARTS)}",
                         key=(*key, item),
                     )
                 parts[item] = self.variable(name, (*key, item))
@@ -143,7 +136,3 @@ class _File:
                 key=key,
             )
         return {"K": value}
-
-
-def _format_key(key: Sequence[str | int]) -> str:
-    return ".".join(map(str, key))

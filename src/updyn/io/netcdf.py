@@ -69,10 +69,9 @@ def read_frf(
         "order": order,
     }
     if variables is not None:
-        root = load_native("updyn.foreign.hdf5:load", path, what="HDF5 file")
-        source = _variable_source(root, path)
+        arrays, units = _read_datasets(path)
         return build_frf(
-            select_items(source, variables, order),
+            select_items(VariableSource(arrays, path, units), variables, order),
             path,
             quantity=quantity,
             duplicates=duplicates,
@@ -127,8 +126,7 @@ def read_records(
     Names of datasets in groups have dots (``run1.force``).
     """
     if values is not None:
-        root = load_native("updyn.foreign.hdf5:load", path, what="HDF5 file")
-        arrays, units = _datasets(root, path)
+        arrays, units = _read_datasets(path)
         return build_records(
             arrays,
             path,
@@ -164,16 +162,14 @@ def _list_datasets(path: str | Path) -> dict[str, Any]:
     if Path(path).stat().st_size > FILE_TEXT.listed_bytes:
         return {}
     try:
-        root = load_native("updyn.foreign.hdf5:load", path, what="HDF5 file")
-        return _datasets(root, path)[0]
+        return _read_datasets(path)[0]
     except FormatError:
         return {}
 
 
-def _variable_source(root: Mapping[str, Any], path: str | Path) -> VariableSource:
-    """Return the datasets of a file and their units."""
-    arrays, units = _datasets(root, path)
-    return VariableSource(arrays, path, units)
+def _read_datasets(path: str | Path) -> tuple[dict[str, Any], dict[str, str]]:
+    """Read the datasets of a file and their units, by dotted name."""
+    return _datasets(load_native("updyn.foreign.hdf5:load", path, what="HDF5 file"), path)
 
 
 def _datasets(

@@ -6,13 +6,14 @@ any size, and reads the remaining half of a number at the end of a truncated fil
 
 from __future__ import annotations
 
+import json
 import re
 import tomllib
 from typing import Any
 
 from updyn.io.settings import DECK
 
-__all__ = ["parse_toml"]
+__all__ = ["format_toml", "parse_toml"]
 
 _LARGEST = 2**63 - 1
 #: A last line that may end with a truncated number; all other values have an end mark.
@@ -42,6 +43,17 @@ def parse_toml(text: str) -> dict[str, Any]:
         raise _size_error(text) from error
     _check(document, text)
     return document
+
+
+def format_toml(value: Any) -> str:
+    """Return a value as TOML; keys must be bare."""
+    if isinstance(value, dict):
+        items = (f"{key} = {format_toml(item)}" for key, item in value.items())
+        return "{ " + ", ".join(items) + " }"
+    if isinstance(value, list):
+        return "[" + ", ".join(map(format_toml, value)) + "]"
+    # Strings and booleans of JSON are valid TOML, except that TOML escapes one more character.
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 def _check(document: dict[str, Any], text: str) -> None:

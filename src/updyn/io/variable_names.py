@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import warnings
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from updyn.errors import FormatError, OptionError, suggest
+from updyn.errors import FormatError, OptionError, UpdynWarning, suggest
 from updyn.foreign.plain import Unread
-from updyn.io.items import Items, format_names
+from updyn.io.items import Items, format_key, format_names
 
-__all__ = ["find_variable"]
+__all__ = ["find_variable", "warn_of_omitted"]
 
 
 def find_variable(
@@ -21,9 +22,7 @@ def find_variable(
     An unreadable variable, or a struct that contains one, is an error.
     """
     if not isinstance(name, str):
-        raise OptionError(
-            f"{'.'.join(map(str, key))} = {name!r}: expected the name of a variable", key=key
-        )
+        raise OptionError(f"{format_key(key)} = {name!r}: expected the name of a variable", key=key)
     value: Any = found
     if name in found:
         value = found[name]
@@ -37,6 +36,17 @@ def find_variable(
             value = value[part]
     _refuse_unread(value, path)
     return value
+
+
+def warn_of_omitted(omitted: Sequence[str], path: str | Path) -> None:
+    """Warn of variables with the names of items that are not read."""
+    if omitted:
+        warnings.warn(
+            f"{path}: {', '.join(omitted)} of the file not read, because variables do not select"
+            f" {'it' if len(omitted) == 1 else 'them'}",
+            UpdynWarning,
+            stacklevel=3,
+        )
 
 
 def _refuse_unread(value: Any, path: str | Path) -> None:

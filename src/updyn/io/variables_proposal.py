@@ -6,7 +6,6 @@ by stating ``variables``.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,15 +14,16 @@ import numpy as np
 
 from updyn.arrays import NumberArray
 from updyn.errors import AbsentError, FormatError
-from updyn.io.csv_proposal import FREQUENCY, has_word
+from updyn.io.csv_proposal import FREQUENCY, WORDS, has_word
 from updyn.io.items import Items
 from updyn.io.settings import FILE_TEXT
+from updyn.io.toml_text import format_toml
 
 __all__ = ["proposing_variables"]
 
 #: Names in files of the formats, for which other messages have the remedy.
 _STANDARD = ("H", "values", "K", "M", "updyn_kind")
-_PARTS = {"real": ("re", "real"), "imaginary": ("im", "imag")}
+_PARTS = ("real", "imaginary")
 _COHERENCE = ("coh", "gamma", "cxy")
 
 
@@ -33,12 +33,13 @@ def proposing_variables(found: Items, path: str | Path) -> Iterator[None]:
     try:
         yield
     except FormatError as error:
-        proposal = None if any(name in found for name in _STANDARD) else _propose(_flatten(found))
+        arrays = {} if any(name in found for name in _STANDARD) else _flatten(found)
+        proposal = _propose(arrays)
         if proposal is None:
             raise
         kind = AbsentError if isinstance(error, AbsentError) else FormatError
         out = kind(
-            f"{error}\nArrays: {_format_arrays(_flatten(found))}\nIf they are FRFs, select them"
+            f"{error}\nArrays: {_format_arrays(arrays)}\nIf they are FRFs, select them"
             " with variables in [test] of a job, or variables= of updyn.read_frf; state labels"
             f" and quantity, too:\n{proposal}",
             key=error.key,
@@ -67,14 +68,14 @@ def _propose(arrays: Mapping[str, NumberArray]) -> str | None:
         rest = {k: v for k, v in arrays.items() if k not in (*tables, freq)}
         names = _find_values({k: v for k, v in rest.items() if lines.size in v.shape})
         if names:
-            return _format_names({"freq": freq, **names})
+            return f"variables = {format_toml({'freq': freq, **names})}"
     if not tables:
         return None
     texts = [
-        f'  {{ response = "?", reference = "?", complex = {json.dumps(f"{name}(:,2)")} }},'
+        f'  {{ response = "?", reference = "?", complex = {format_toml(f"{name}(:,2)")} }},'
         for name in tables
     ]
-    freq = json.dumps(f"{tables[0]}(:,1)")
+    freq = format_toml(f"{tables[0]}(:,1)")
     return "\n".join([f"variables = {{ freq = {freq}, channels = [", *texts, "] }"])
 
 
@@ -82,7 +83,7 @@ def _find_values(arrays: Mapping[str, NumberArray]) -> dict[str, str]:
     """Return the variables of values or their parts, and of a coherence; empty without values."""
     names = {"H": next((k for k, v in arrays.items() if v.dtype.kind == "c"), "")}
     if not names["H"]:
-        names = {part: _find_name(arrays, words) for part, words in _PARTS.items()}
+        names = {part: _find_name(arrays, WORDS[part]) for part in _PARTS}
     if not all(names.values()):
         return {}
     shape = arrays[next(iter(names.values()))].shape
@@ -107,12 +108,6 @@ def _is_table(array: NumberArray) -> bool:
     if array.ndim != 2 or array.shape[1] != 2 or array.dtype.kind != "c":
         return False
     return not array[:, 0].imag.any() and _is_axis(array[:, 0].real)
-
-
-def _format_names(names: Mapping[str, str]) -> str:
-    """Return the proposal of arrays of all values."""
-    texts = [f"{item} = {json.dumps(name, ensure_ascii=False)}" for item, name in names.items()]
-    return f"variables = {{ {', '.join(texts)} }}"
 
 
 def _format_arrays(arrays: Mapping[str, NumberArray]) -> str:

@@ -13,7 +13,7 @@ from pydantic import BaseModel, ValidationError
 
 from updyn.elements import MODEL_KINDS
 from updyn.errors import JobError, OptionError, key_path, suggest
-from updyn.io.items import is_file, is_folder
+from updyn.io.items import format_key, is_file, is_folder
 from updyn.job.base import Document
 from updyn.job.files import check_encodable
 from updyn.job.job_table import JOB_TABLES
@@ -372,12 +372,12 @@ def _format_error(item: Any, place: Place, keys: Iterable[str]) -> str:
         )
     if kind == "missing":
         if isinstance(place[-1], int):
-            return f"{_format_place(table)}: expected at least {place[-1] + 1} entries"
+            return f"{format_key(table)}: expected at least {place[-1] + 1} entries"
         return f"missing key {place[-1]!r}{_format_location(table)}"
     of_a_row = bool(place) and isinstance(place[-1], int) and isinstance(given, Mapping)
     if kind == "value_error" and of_a_row:
         return f"{context['error']}{_format_location(place)}"
-    shown = _format_place(place)
+    shown = format_key(place)
     value = str(given).lower() if isinstance(given, bool) else repr(given)  # as in the file
     if len(value) <= JOB_MESSAGE.longest_value:
         shown += f" = {value}"
@@ -396,18 +396,7 @@ def _format_location(table: Place) -> str:
         return ""
     if len(table) == 2 and isinstance(table[1], int):
         return f" in [[{table[0]}]] {table[1] + 1}"
-    return f" in [{_format_place(table)}]"
-
-
-def _format_place(place: Place) -> str:
-    """Return a place as text, such as ``plant.inputs[2]``, counted from 1."""
-    out = ""
-    for part in place:
-        if isinstance(part, int):
-            out += f"[{part + 1}]"
-        else:
-            out += f".{part}" if out else part
-    return out
+    return f" in [{format_key(table)}]"
 
 
 def _find_keys(place: Place, schema: type[BaseModel]) -> list[str]:

@@ -5,7 +5,6 @@ Comments state the properties of the inputs that determine a key, and its meanin
 
 from __future__ import annotations
 
-import json
 import shlex
 import textwrap
 import tomllib
@@ -17,6 +16,7 @@ from updyn import __version__
 from updyn.errors import FormatError, InputError
 from updyn.frf import FRF, QUANTITIES
 from updyn.io import read_frf, read_model
+from updyn.io.toml_text import format_toml
 from updyn.job.folder import relative_path
 from updyn.job.schema import (
     Job,
@@ -236,7 +236,7 @@ def _describe_matching(inputs: Inputs) -> str:
     """Return how sensors were matched, with the options used."""
     assert inputs.matching is not None
     options = ", ".join(
-        f"{name} = {_format_value(value)}" for name, value in inputs.match_options.items()
+        f"{name} = {format_toml(value)}" for name, value in inputs.match_options.items()
     )
     return f"{inputs.matching.by} ({options})" if options else inputs.matching.by
 
@@ -268,22 +268,22 @@ def _format_head(inputs: Inputs, out: Path) -> list[str]:
     ]
     if inputs.missing_keys:
         lines += ["#", "# Before that, state:", *(f"# - {text}" for text in inputs.missing_keys)]
-    return [*lines, "", f"title = {_format_value(inputs.model.title or inputs.frf_file.stem)}"]
+    return [*lines, "", f"title = {format_toml(inputs.model.title or inputs.frf_file.stem)}"]
 
 
 def _format_model(inputs: Inputs, out: Path) -> list[str]:
-    lines = ["[model]", f"file = {_format_value(relative_path(inputs.model_file, out.parent))}"]
+    lines = ["[model]", f"file = {format_toml(relative_path(inputs.model_file, out.parent))}"]
     options = inputs.model_options.items()
-    return lines + [f"{name} = {_format_value(value)}" for name, value in options]
+    return lines + [f"{name} = {format_toml(value)}" for name, value in options]
 
 
 def _format_test(inputs: Inputs, out: Path) -> list[str]:
     frf = inputs.frf
-    lines = ["[test]", f"file = {_format_value(relative_path(inputs.frf_file, out.parent))}"]
+    lines = ["[test]", f"file = {format_toml(relative_path(inputs.frf_file, out.parent))}"]
     lines += [_format_key(TestTable, name, value) for name, value in inputs.frf_options.items()]
     if not inputs.has_quantity:
         lines.append("# The file does not state the measured quantity. Choose one:")
-        lines += [f"# quantity = {_format_value(name)}" for name in QUANTITIES]
+        lines += [f"# quantity = {format_toml(name)}" for name in QUANTITIES]
     band = [float(frf.freq[0]), float(frf.freq[-1])]
     lines.append(_format_key(TestTable, "band", band, off=True))
     labels = [str(dof) for dof in frf.responses]
@@ -317,7 +317,7 @@ def _format_match(inputs: Inputs, out: Path) -> list[str]:
     lines = _wrap_comment("Sensors and forces", inputs.match_error)
     lines += ["[match]", _format_key(MatchTable, "by", "label"), "", "[match.table]"]
     lines.append(f"# {_describe_key(MatchTable, 'table')}")
-    lines += [f'# {_format_value(label)} = ""' for label in inputs.unmatched]
+    lines += [f'# {format_toml(label)} = ""' for label in inputs.unmatched]
     return lines
 
 
@@ -333,7 +333,7 @@ def _format_parameters(inputs: Inputs) -> list[str]:
             f"# The unknowns: {inputs.n_unknowns}, stiffness and loss factor of"
             f" {len(elastic)} groups.",
             "# Fewer are better determined: name the groups that can be wrong, such as",
-            f"# groups = [{_format_value(next(iter(inputs.model.groups)))}].",
+            f"# groups = [{format_toml(next(iter(inputs.model.groups)))}].",
             *_format_unknown(every, "stiffness", PROPOSAL.stiffness_bounds),
             "",
             *_format_unknown(every, "loss_factor", (0.0, most)),
@@ -409,7 +409,7 @@ def _format_key(table: type[Table], key: str, value: Any, *, off: bool = False) 
     """Return a key, with its description as a comment if it has one; commented out if `off`."""
     about = _describe_key(table, key)
     comment = f"  # {about}" if about else ""
-    return f"{'# ' if off else ''}{key} = {_format_value(value)}{comment}"
+    return f"{'# ' if off else ''}{key} = {format_toml(value)}{comment}"
 
 
 def _describe_key(table: type[Table], key: str) -> str:
@@ -433,18 +433,6 @@ def _wrap_comment(title: str, text: str) -> list[str]:
                 break_on_hyphens=False,
             )
     return lines
-
-
-def _format_value(value: Any) -> str:
-    """Return a value as TOML."""
-    if isinstance(value, dict):
-        return (
-            "{ " + ", ".join(f"{key} = {_format_value(item)}" for key, item in value.items()) + " }"
-        )
-    if isinstance(value, list):
-        return "[" + ", ".join(map(_format_value, value)) + "]"
-    # Strings and booleans of JSON are valid TOML, except that TOML escapes one more character.
-    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 def _escape_line_breaks(name: str) -> str:
