@@ -68,8 +68,8 @@ def _figures(row: Row) -> tuple[str, str]:
     if row.status == "max-iterations":  # where it is by then depends on the rounding of each step
         return "not settled", "not settled"
     misfit = row.fitted["after"]["db_error_median"]
-    if row.status == "not-identifiable":  # it ends somewhere in a valley that is all but flat
-        return _number(misfit, "0.01"), "undetermined"
+    if row.status == "not-identifiable":  # rounding decides at which point of a flat valley it ends
+        return "< 0.01" if misfit < 0.01 else "> 0.01", "undetermined"
     return _number(misfit), _number(row.error_max)
 
 
@@ -77,8 +77,8 @@ def _fewest(row: Row) -> str:
     return "none" if row.fewest is None or row.fewest.count is None else str(row.fewest.count)
 
 
-def _number(value: float, least: str = "1e-6") -> str:
-    return f"< {least}" if value < float(least) else f"{value:.2g}"
+def _number(value: float) -> str:
+    return "< 1e-6" if value < 1e-6 else f"{value:.2g}"
 
 
 def _table(head: str, rows: list[str]) -> str:
