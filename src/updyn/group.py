@@ -26,6 +26,7 @@ from numpy.typing import ArrayLike
 from updyn.arrays import RealArray
 from updyn.errors import ModelError, suggest
 from updyn.exchanged import AxisExchange
+from updyn.grouping import GroupOrigin
 from updyn.settings import ROUNDING
 
 __all__ = [
@@ -67,6 +68,7 @@ DAMPING = (*VALUES, "loss_table")
 
 #: Integers from here on do not fit a double.
 _LARGEST = 2**1023
+_NO_ORIGIN = GroupOrigin()
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
@@ -98,6 +100,9 @@ class Group:
         The same part with exchanged section axes of its beams, if it was made of elements with
         known sections (`with_exchanged`); used by the search for causes. None for other matrices;
         not stored with a model.
+    origin : GroupOrigin
+        Materials and sets of the group, and the original groups of a merged one
+        (`Model.merge_groups`), of which only the latter are stored with a model.
 
     Raises
     ------
@@ -122,6 +127,7 @@ class Group:
     stiffness_damping: float
     loss_table: LossTable | None
     exchanged: AxisExchange | None = field(init=False)
+    origin: GroupOrigin = field(init=False)
 
     def __init__(
         self,
@@ -135,6 +141,7 @@ class Group:
         loss_table: LossTable | tuple[ArrayLike, ArrayLike] | None = None,
     ) -> None:
         object.__setattr__(self, "exchanged", None)
+        object.__setattr__(self, "origin", _NO_ORIGIN)
         sizes = {}
         for name, given in (("stiffness", stiffness), ("mass", mass), ("viscous", viscous)):
             matrix = None
@@ -173,11 +180,13 @@ class Group:
         mass: Matrix,
         viscous: Matrix,
         damping: Mapping[str, Any],
-        exchanged: AxisExchange | None = None,
+        exchanged: AxisExchange | None,
+        origin: GroupOrigin,
     ) -> Group:
         """Build from matrices of an existing `Group`, without a second check."""
         out = cls.__new__(cls)
         object.__setattr__(out, "exchanged", exchanged)
+        object.__setattr__(out, "origin", origin)
         for name, matrix in (("stiffness", stiffness), ("mass", mass), ("viscous", viscous)):
             if matrix is not None:
                 matrix = read_only(matrix)
@@ -187,7 +196,8 @@ class Group:
         return out
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Group._build_unchecked, (*self._matrices, self.damping, self.exchanged)
+        rest = (self.damping, self.exchanged, self.origin)
+        return Group._build_unchecked, (*self._matrices, *rest)
 
     def __repr__(self) -> str:
         has = [name for name in MATRICES if getattr(self, name) is not None]
@@ -328,7 +338,7 @@ class Group:
         ModelError
             As `Group` does.
         """
-        return Group(stiffness, mass, viscous=viscous, **self.damping)
+        return Group(stiffness, mass, viscous=viscous, **self.damping).with_origin(self.origin)
 
     def transformed(self, change: Callable[[Matrix], Matrix], T: Matrix) -> Group:
         """Return the group in other DOFs, including its variant with exchanged section axes.
@@ -360,7 +370,21 @@ class Group:
         -------
         Group
         """
-        return Group._build_unchecked(*self._matrices, self.damping, exchanged)
+        return Group._build_unchecked(*self._matrices, self.damping, exchanged, self.origin)
+
+    def with_origin(self, origin: GroupOrigin) -> Group:
+        """Return the group with a description of its source.
+
+        Parameters
+        ----------
+        origin : GroupOrigin
+            Materials, sets and original groups.
+
+        Returns
+        -------
+        Group
+        """
+        return Group._build_unchecked(*self._matrices, self.damping, self.exchanged, origin)
 
     def with_exchanged_axes(self) -> Group:
         """Return the group with the section axes of its beams exchanged.
@@ -402,7 +426,7 @@ class Group:
             if name not in DAMPING:
                 raise ModelError(f"no damping {name!r}; {suggest(str(name), DAMPING)}", key=(name,))
         changed = self.damping | dict(damping)
-        return Group._build_unchecked(*self._matrices, changed, self.exchanged)
+        return Group._build_unchecked(*self._matrices, changed, self.exchanged, self.origin)
 
     def changed(self, change: Mapping[str, float]) -> Group:
         """Return a changed copy, without checks.
@@ -425,7 +449,8 @@ class Group:
         if exchanged is not None:
             factors = (change.get(name, 1.0) for name in ("stiffness", "mass"))
             exchanged = exchanged.scale(*factors)
-        return Group._build_unchecked(stiffness, mass, viscous, self.damping | new, exchanged)
+        damping = self.damping | new
+        return Group._build_unchecked(stiffness, mass, viscous, damping, exchanged, self.origin)
 
 
 def is_number(value: object) -> bool:

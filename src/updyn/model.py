@@ -25,6 +25,7 @@ from updyn.dofs import Dof, DofSet
 from updyn.errors import ModelError, UpdynWarning, suggest
 from updyn.geometry import Geometry
 from updyn.group import GROUP_QUANTITIES, MATRICES, VALUES, Group, Matrix, is_number, read_only
+from updyn.merging import merge_groups, split_changes
 from updyn.notebook import card, render_view, structure, table
 from updyn.settings import MODEL_CHECK, ROUNDING
 
@@ -313,6 +314,61 @@ class Model:
                 _check_change(name, group, quantity, value)
             groups[name] = group.changed(change)
         return Model(groups, self.dofs, self.geometry, self.title)
+
+    def merge_groups(self, groups: Mapping[str, str | Iterable[str]]) -> Model:
+        """Return a copy with groups merged, so that one unknown acts on all of them.
+
+        Parameters
+        ----------
+        groups : mapping of str to str or iterable of str
+            Patterns by name of the new group. A pattern is a name, a glob (``"CONM2 10*"``), a
+            range of the integer in the names (``"PSHELL 1-4"``), or a material (``"MAT1 3"``) or
+            set (``"SET 5"``) that the reader of the model knows.
+
+        Returns
+        -------
+        Model
+            The copy; groups that no pattern selects are shared with this model. The matrices of a
+            merged group are sums, and ``group.origin.members`` are its original groups.
+
+        Raises
+        ------
+        ModelError
+            If a pattern selects no group or only a part of one, a group belongs to two new ones, a
+            name is invalid, or the damping of merged groups differs.
+
+        See Also
+        --------
+        updyn.link : One unknown that drives several groups by powers.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> parts = {f"PELAS {n}": updyn.Group([[1e4 * n]]) for n in (1, 2, 3)}
+        >>> model = updyn.Model.from_groups(parts, ["1:X"])
+        >>> model.merge_groups({"springs": "PELAS 1-2"})
+        Model(1 DOFs, 2 groups: springs, PELAS 3)
+        """
+        merged = merge_groups(self.groups, groups)
+        return Model(merged, self.dofs, self.geometry, self.title)
+
+    def split_changes(
+        self, changes: Mapping[str, Mapping[str, float]]
+    ) -> dict[str, dict[str, float]]:
+        """Return changes by original group, for a model with merged groups.
+
+        Parameters
+        ----------
+        changes : mapping of str to mapping of str to float
+            Changes by group, as for `scaled`.
+
+        Returns
+        -------
+        dict of str to dict of str to float
+            The same changes; those of a merged group are given for each of its members, as far as
+            the member has the matrix.
+        """
+        return split_changes(self.groups, changes)
 
     def with_element(
         self,

@@ -428,6 +428,10 @@ def test_element_matrices_become_materials(tmp_path):
         model.groups["Steel"].mass.toarray()[:2, :2], 0.785 * LINE, rtol=1e-14
     )
     assert model.groups["Steel"].mass.toarray()[2, 2] == 0.0
+    merged = read_model(tmp_path / "rod.inp", groups={"rod": ["ELSET LEFT", "Brass"]})
+    assert list(merged.group("rod").origin.members) == ["Steel", "Brass"]
+    with pytest.raises(FormatError, match="no group 'ELSET LIFT'; did you mean 'ELSET LEFT'"):
+        read_model(tmp_path / "rod.inp", groups={"rod": "ELSET LIFT"})
     job(tmp_path, "rod", 1, mass=M_rows + rows(0.85 * LINE, RIGHT, element=13))
     with pytest.raises(FormatError, match=r"rod_MASS1.mtx: element 13 has no section in the deck"):
         read_model(tmp_path / "rod.inp")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import re
 import shutil
 import warnings
@@ -189,6 +190,18 @@ class TestGroups:
         numbers = [17, 18, *range(21, 41)]
         same = updyn.read_model(folder / "beam.emat", groups={"ECOMP1": numbers})
         assert abs(model.group("ECOMP1").mass - same.group("ECOMP1").mass).max() == 0.0
+
+    def test_groups_are_merged_by_element_numbers_names_and_components(self, folder, archive):
+        numbers = {"root": range(1, 17), "end": [17, 18], "rest": [19, 20], "tip": range(21, 41)}
+        patterns = {"beam": ["root", "tip"]}
+        read = functools.partial(updyn.read_model, folder / "beam.emat", attributes=archive)
+        model = read(groups=numbers | patterns)
+        assert sorted(model.groups) == ["beam", "end", "rest"]
+        assert list(model.group("beam").origin.members) == ["root", "tip"]
+        by_component = read(groups=numbers | {"a": "component ECOMP1"})
+        assert sorted(by_component.groups) == ["a", "rest", "root"]
+        with pytest.raises(FormatError, match="'component ECOMP1' contains only a part of group"):
+            read(groups={"a": "component ECOMP1"})
 
     def test_an_element_in_two_components(self, folder, archive):
         with pytest.raises(FormatError, match=r"element 17 \(4 such\) is in 'ECOMP1' and 'ECOMP2'"):

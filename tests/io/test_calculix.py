@@ -46,6 +46,14 @@ def test_natural_frequencies_are_those_of_the_program(deck, model):
 
 
 @needs_ccx
+def test_materials_are_merged_by_element_sets(deck, model):
+    merged = updyn.read_model(deck, groups={"ends": ["ELSET PART1", "ELSET PART3"]})
+    assert list(merged.group("ends").origin.members) == [NAMES[0], NAMES[2]]
+    whole = abs(merged.stiffness - model.stiffness).max()
+    assert whole <= 1e-15 * abs(model.stiffness).max()
+
+
+@needs_ccx
 def test_groups_are_the_materials_and_add_up(deck, model):
     assert list(model.groups) == list(NAMES)
     assert model.title == "Bar of three materials"

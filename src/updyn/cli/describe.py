@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
@@ -14,6 +15,7 @@ from updyn.dynamics.modes import modes
 from updyn.errors import ModelError, SolverError
 from updyn.frf import FRF
 from updyn.geometry import Geometry
+from updyn.grouping import list_labels
 from updyn.modal import ModeSet
 from updyn.modal.level import describe_leaning
 from updyn.modal.unexplained import describe_unexplained
@@ -39,6 +41,9 @@ __all__ = [
     "describe_records",
 ]
 
+#: Name of a group that ends with its number.
+_NUMBERED = re.compile(r"(.*?\D)(\d+)")
+
 
 def describe_model(model: Model) -> str:
     """Return DOFs, groups and the first natural frequencies of a model, as text."""
@@ -57,10 +62,13 @@ def describe_model(model: Model) -> str:
     for name, group in model.groups.items():
         if len(group.damping) > 1:
             texts.append(f"{name}: {group.damping_words}")
+        if group.origin.members:
+            texts.append(f"{name} consists of {', '.join(group.origin.members)}")
     texts += [
         "mass: in rigid translation (kg), else about the axis (kg m2); stiffness, viscous:"
         " largest diagonal entry",
         *_describe_unplaced(model),
+        *_describe_merging(model),
         "",
         _natural_frequencies(model),
     ]
@@ -76,6 +84,40 @@ def _describe_unplaced(model: Model) -> list[str]:
     return [
         f"{which} no position (generalised displacements, scalar points) and no part in the masses"
     ]
+
+
+def _describe_merging(model: Model) -> list[str]:
+    """Return how to merge groups, if there are many: their families, materials and sets."""
+    if len(model.groups) <= DESCRIPTION.many_groups:
+        return []
+    examples = []
+    for family, numbers in _largest_families(model):
+        key = re.sub(r"\W+", "_", family.strip().lower())
+        examples.append(f'{key} = "{family}{min(numbers)}-{max(numbers)}"')
+    if not examples:
+        first, second, *_ = map(repr, model.groups)
+        examples.append(f"name = [{first}, {second}]")
+    lines = [
+        "",
+        f"{len(model.groups)} groups: to have one unknown for several, merge them by name, glob,"
+        " range, material or set, such as",
+        f"[model] groups = {{ {', '.join(examples)} }}",
+    ]
+    labels = list_labels(model.groups.values())
+    if labels:
+        lines.append(f"materials and sets: {', '.join(labels)}")
+    return lines
+
+
+def _largest_families(model: Model) -> list[tuple[str, list[int]]]:
+    """Return the largest families of groups, whose names differ by their last integer only."""
+    families: dict[str, list[int]] = {}
+    for name in model.groups:
+        found = _NUMBERED.fullmatch(name)
+        if found:
+            families.setdefault(found[1], []).append(int(found[2]))
+    large = [(family, numbers) for family, numbers in families.items() if len(numbers) > 1]
+    return sorted(large, key=lambda item: -len(item[1]))[: DESCRIPTION.merging_examples]
 
 
 def _group_table(model: Model) -> str:

@@ -16,6 +16,11 @@ class DescriptionSettings:
     most_mode_dofs: int = 20_000
     #: [modes] Number of natural frequencies. Why: chosen for one line of text.
     natural_frequencies: int = 8
+    #: [groups] Largest model without a hint on merging groups. Why: two unknowns of each group are
+    #: more than the modes in the band of most tests determine.
+    many_groups: int = 30
+    #: [families] Families of groups in the hint. Why: chosen for one line of text.
+    merging_examples: int = 2
     #: [rows] Rows of a table of pairs of DOFs, the worst first. Why: chosen for one screen.
     table_rows: int = 20
     #: [1] Lines with a coherence below this limit are counted. Why: a common limit in modal

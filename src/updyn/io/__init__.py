@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -48,8 +49,21 @@ class UpdateParameters(Protocol):
         """Return the changes by group for values of the unknowns."""
 
 
+class SplitsChanges(Protocol):
+    """An updated model, as used by `write_properties`."""
+
+    def split_changes(
+        self, changes: Mapping[str, Mapping[str, float]]
+    ) -> dict[str, dict[str, float]]:
+        """Return changes by original group."""
+
+
 class UpdateOutcome(Protocol):
     """The outcome of an update, as used by `write_properties`."""
+
+    @property
+    def model(self) -> SplitsChanges:
+        """The updated model."""
 
     @property
     def parameters(self) -> UpdateParameters:
@@ -355,7 +369,13 @@ def write_modes(modes: ModeSet, path: str | Path, *, format: str | None = None) 
     _find_function(path, "write_modes", format)[0](modes, path)
 
 
-def read_model(path: str | Path, *, format: str | None = None, **options: Any) -> Model:
+def read_model(
+    path: str | Path,
+    *,
+    format: str | None = None,
+    groups: Mapping[str, str | Iterable[str]] | None = None,
+    **options: Any,
+) -> Model:
     """Read a model.
 
     Parameters
@@ -364,6 +384,10 @@ def read_model(path: str | Path, *, format: str | None = None, **options: Any) -
         The file.
     format : str, optional
         Format name, to force it.
+    groups : mapping of str to str or iterable of str, optional
+        Groups to merge, as patterns by name of the new group (`Model.merge_groups`): ``{"wing":
+        "PSHELL 1-4", "tip": ["CONM2 10*", "PBAR 7"]}``. For element matrices of Ansys also
+        element numbers.
     **options
         Options of the reader, checked by name.
 
@@ -374,8 +398,8 @@ def read_model(path: str | Path, *, format: str | None = None, **options: Any) -
     Raises
     ------
     FormatError
-        If the file does not exist, no format fits, or the content is not valid; the message gives
-        the place.
+        If the file does not exist, no format fits, the content is not valid, or groups cannot be
+        merged; the message gives the place.
     OptionError
         If the format has no such option; the message gives the nearest one.
 
@@ -385,8 +409,19 @@ def read_model(path: str | Path, *, format: str | None = None, **options: Any) -
     >>> updyn.write_model(chain.build(), "chain.h5")
     >>> updyn.read_model("chain.h5").n_dofs
     12
+    >>> updyn.read_model("chain.h5", groups={"root": "part1-2"})
+    Model(12 DOFs, 3 groups: root, part3, part4)
     """
-    return _run_reader(path, "read_model", format, options)  # type: ignore[no-any-return]
+    if groups is None:
+        return _run_reader(path, "read_model", format, options)  # type: ignore[no-any-return]
+    given = _split_groups(_find_function(path, "read_model", format)[0], groups)
+    if given.elements is not None:
+        options = {**options, "groups": given.elements}
+    model: Model = _run_reader(path, "read_model", format, options)
+    if given.patterns is None:
+        return model
+    with locate_errors(path):
+        return model.merge_groups(given.patterns)
 
 
 def write_model(model: Model, path: str | Path, *, format: str | None = None) -> None:
@@ -467,7 +502,8 @@ def write_properties(
     if isinstance(result, Mapping):
         changes = {group: dict(change) for group, change in result.items()}
     else:
-        changes = dict(result.parameters.changes(list(result.values.values())))
+        by_group = result.parameters.changes(list(result.values.values()))
+        changes = result.model.split_changes(by_group)
     writer, name = _find_function(deck, "write_properties", format)
     with guard_reader(deck, name):
         writer(changes, source, target)
@@ -487,6 +523,24 @@ def _find_function(
     """Return the function `verb` of the format of the file, and the name of the format."""
     chosen = find_format(path, verb, format)
     return getattr(load(chosen), verb), chosen.name
+
+
+@dataclass(frozen=True, slots=True)
+class _GivenGroups:
+    """Groups by element numbers, for a reader of element matrices, and groups to merge."""
+
+    elements: Mapping[str, Any] | None
+    patterns: Mapping[str, Any] | None
+
+
+def _split_groups(reader: Callable[..., Any], groups: Mapping[str, Any]) -> _GivenGroups:
+    """Return the groups of `read_model` by kind: only some readers know element numbers."""
+    if "groups" not in _reader_options(reader) or not isinstance(groups, Mapping):
+        return _GivenGroups(None, groups)
+    listed = {n: [part] if isinstance(part, str) else list(part) for n, part in groups.items()}
+    patterns = {n: part for n, part in listed.items() if any(isinstance(x, str) for x in part)}
+    elements = {n: part for n, part in listed.items() if n not in patterns}
+    return _GivenGroups(elements if elements or not patterns else None, patterns or None)
 
 
 def _reader_options(reader: Callable[..., Any]) -> set[str]:

@@ -11,6 +11,8 @@ Layout (``*``: optional)::
     /groups/0000 ...       in order; attributes name, loss_factor, mass_damping *,
                            stiffness_damping *
         loss_table *       freq float64 (n,) in Hz, relative float64 (n,)
+        members *          of a merged group: name S (m,), and for stiffness, mass and viscous
+                           uint8 (m,), 1 if the original group has the matrix
         stiffness *        upper triangle with the diagonal in CSR form: data, indices, indptr;
                            attribute size = N
         mass *
@@ -36,6 +38,7 @@ from updyn.errors import AbsentError, FormatError, InputError, suggest
 from updyn.foreign.plain import Other
 from updyn.geometry import Geometry
 from updyn.group import MATRICES, VALUES, Group, LossTable, Matrix
+from updyn.grouping import GroupOrigin
 from updyn.io.attributes import PACKING, read_unit
 from updyn.io.items import build_sparse, check_names, locate_errors
 from updyn.io.native import load_native, write_native
@@ -169,6 +172,7 @@ def put_model(parent: Any, model: Model, stored: dict[int, Any] | None = None) -
     for number, (name, group) in enumerate(model.groups.items()):
         place = groups.create_group(f"{number:04d}")
         _put_text(place, "name", name)
+        _put_members(place, group)
         _put_damping(place, group)
         for what in MATRICES:
             matrix = getattr(group, what)
@@ -178,6 +182,33 @@ def put_model(parent: Any, model: Model, stored: dict[int, Any] | None = None) -
                 place[what] = stored[id(matrix)]
             else:
                 stored[id(matrix)] = _put_matrix(place.create_group(what), matrix)
+
+
+def _put_members(place: Any, group: Group) -> None:
+    """Write the original groups of a merged group, and which matrices they have."""
+    members = group.origin.members
+    if not members:
+        return
+    table = place.create_group("members")
+    _put_array(table, "name", np.array([name.encode() for name in members]))
+    for what in MATRICES:
+        has = [what in matrices for matrices in members.values()]
+        _put_array(table, what, np.array(has, dtype=np.uint8))
+
+
+def _take_origin(place: Folder, path: str | Path) -> GroupOrigin:
+    if "members" not in place.members:
+        return GroupOrigin()
+    table = _group(place, "members", path)
+    names = take_array(table, "name", path, "SO", 1)
+    has = {what: take_array(table, what, path, "iu", 1) for what in MATRICES}
+    if any(len(flags) != len(names) for flags in has.values()):
+        raise FormatError(f"{table.name}: its arrays differ in length", path)
+    members: dict[str, tuple[str, ...]] = {}
+    for i, raw in enumerate(names):
+        name = raw.decode("utf-8", "replace") if isinstance(raw, bytes) else str(raw)
+        members[name] = tuple(what for what in MATRICES if has[what][i])
+    return GroupOrigin(members=members)
 
 
 def _put_damping(place: Any, group: Group) -> None:
@@ -230,7 +261,7 @@ def take_model(parent: Folder, path: str | Path) -> Model:
 
 
 def _take_group(place: Folder, path: str | Path, name: str) -> Group:
-    check_names(place.members, (*MATRICES, "loss_table"), path, place.name)
+    check_names(place.members, (*MATRICES, "loss_table", "members"), path, place.name)
     matrices = {
         what: _take_matrix(_group(place, what, path), path)
         for what in MATRICES
@@ -238,7 +269,7 @@ def _take_group(place: Folder, path: str | Path, name: str) -> Group:
     }
     damping = _take_damping(place, path)
     with locate_errors(path, f"group {name!r}"):
-        return Group(**matrices, **damping)
+        return Group(**matrices, **damping).with_origin(_take_origin(place, path))
 
 
 def take_dofs(place: Folder, path: str | Path) -> DofSet:

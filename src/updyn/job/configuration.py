@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import fnmatch
-
 from updyn.errors import OptionError, key_path, suggest
+from updyn.grouping import match_names
 from updyn.job.schema import DampingTable, Job
 from updyn.model import Model
 
@@ -33,7 +32,7 @@ def _find_damped_groups(model: Model, number: int, table: DampingTable) -> set[s
     for pattern in table.groups:
         fits = set(model.groups)
         if pattern != "all":
-            fits = {name for name in fits if fnmatch.fnmatchcase(name, pattern)}
+            fits = set(match_names(model.groups, pattern))
         if not fits:
             text = f"damping: no group {pattern!r}; {suggest(pattern, model.groups)}"
             raise OptionError(text, key=("damping", number, "groups"))

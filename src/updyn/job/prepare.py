@@ -89,7 +89,7 @@ def prepare(job: Job) -> Prepared:
     with job.located():
         frfs = [test.data for test in tests if isinstance(test.data, FRF)]
         parameters = choose_unknowns(job, model, frfs)
-        _check_properties(job, parameters)
+        _check_properties(job, model, parameters)
         prepared = Prepared(job, tuple(tests), parameters)
         for name in job.tables:
             JOB_TABLES[name].check(prepared)
@@ -152,11 +152,12 @@ def _build_model(job: Job) -> Model:
     table = job.model
     if table.kind is not None:
         with key_path("model"):
-            return MODEL_KINDS[table.kind](table.keys)
+            model = MODEL_KINDS[table.kind](table.keys)
+            return model if table.groups is None else model.merge_groups(table.groups)
     assert table.file is not None
     path = existing_file(job, table.file, "model", "file")
     with key_path("model", otherwise=("file",)):
-        return read_model(path, format=table.format, **table.keys)
+        return read_model(path, format=table.format, groups=table.groups, **table.keys)
 
 
 def _warn_of_doubts(job: Job, tests: Sequence[PreparedTest]) -> None:
@@ -170,7 +171,7 @@ def _warn_of_doubts(job: Job, tests: Sequence[PreparedTest]) -> None:
         warnings.warn(f"[model] {question}", UpdynWarning, stacklevel=2)
 
 
-def _check_properties(job: Job, parameters: ParameterSet) -> None:
+def _check_properties(job: Job, model: Model, parameters: ParameterSet) -> None:
     """Check that the properties of the model's source can be written, by a trial write."""
     name = job.output.properties
     if name is None:
@@ -185,7 +186,7 @@ def _check_properties(job: Job, parameters: ParameterSet) -> None:
                 f"output.properties = {name!r}: expected a file name that no other output has"
             )
         deck = job.beside(job.model.file)
-        changes = parameters.changes(parameters.upper)
+        changes = model.split_changes(parameters.changes(parameters.upper))
         with tempfile.TemporaryDirectory(prefix="updyn-properties-") as folder:
             try:
                 write_properties(changes, deck, Path(folder) / name, format=job.model.format)

@@ -310,6 +310,7 @@ class ModelTable(Table):
     file: str | None = None
     format: str | None = None
     kind: str | None = None
+    groups: dict[str, Any] | None = None  # to merge, by patterns
 
     @property
     def keys(self) -> dict[str, Any]:

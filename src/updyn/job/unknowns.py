@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fnmatch
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import replace
 from typing import Any
@@ -10,6 +9,7 @@ from typing import Any
 from updyn.errors import OptionError, key_path
 from updyn.frf import FRF
 from updyn.group import GROUP_QUANTITIES
+from updyn.grouping import match_names
 from updyn.job.configuration import add_all_masses
 from updyn.job.schema import Job, ParameterTable
 from updyn.model import Model
@@ -102,10 +102,7 @@ def _matches_groups(
     names = list(model.groups)
     if quantities:
         names = [f"{name}.{quantity}" for name in names for quantity in quantities]
-    for pattern in patterns:
-        if pattern != "all" and not any(fnmatch.fnmatchcase(name, pattern) for name in names):
-            return False
-    return True
+    return all(pattern == "all" or match_names(names, pattern) for pattern in patterns)
 
 
 def _find_sensor_mass(job: Job, group: str) -> float | None:

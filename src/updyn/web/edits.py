@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fnmatch
 import math
 from collections.abc import Callable, Collection, Mapping, MutableMapping, Sequence
 from typing import Any, cast
@@ -12,6 +11,7 @@ from tomlkit import TOMLDocument
 from tomlkit.items import AoT, Array, Comment, Item, Table, Whitespace
 
 from updyn.errors import InputError
+from updyn.grouping import match_names
 from updyn.web.settings import WEB_PAGE
 
 __all__ = [
@@ -327,12 +327,10 @@ def set_bounds(name: str, low: float, high: float, groups: Sequence[str]) -> Edi
 
 def _match_groups(groups: Sequence[str], patterns: Any) -> list[str]:
     """Return the groups that match the patterns of a table."""
-    texts = _as_texts(patterns)
-    return [
-        name
-        for name in groups
-        if any(text == "all" or fnmatch.fnmatchcase(name, text) for text in texts)
-    ]
+    found: set[str] = set()
+    for text in _as_texts(patterns):
+        found.update(groups if text == "all" else match_names(groups, text))
+    return [name for name in groups if name in found]
 
 
 def _keep_lines(document: TOMLDocument, keep: Callable[[float], bool]) -> None:

@@ -15,6 +15,7 @@ from updyn.cli.describe import (
 from updyn.cli.reading import read_anything
 from updyn.frf import FRF
 from updyn.geometry import Geometry
+from updyn.grouping import GroupOrigin
 from updyn.io import write_modes
 from updyn.modal import ModeSet
 from updyn.model import Group, Model
@@ -148,3 +149,25 @@ def test_modes_of_a_file_are_told(tmp_path: Path) -> None:
         "1                 10  0.02         0.01  0.003  unit mass               1.000   0.9950",
         "2               20.5     -            -      -        any               1.000        -",
     ]
+
+
+def many_groups(n: int) -> Model:
+    """Return a model of n springs, four of them of another family, and a mass."""
+    groups = {f"PELAS {k}": Group([[float(k)]], [[1.0]]) for k in range(1, n - 4)}
+    groups |= {f"PBUSH {k}": Group([[float(k)]]) for k in (7, 3, 5, 9)}
+    mass = Group(mass=[[1.0]]).with_origin(GroupOrigin(labels=("MAT1 3", "SET 5")))
+    return Model.from_groups({**groups, "mass": mass}, ["1:X"])
+
+
+def test_merging_of_many_groups_is_shown() -> None:
+    lines = describe_model(many_groups(31)).splitlines()
+    assert '[model] groups = { pelas = "PELAS 1-26", pbush = "PBUSH 3-9" }' in lines
+    assert "materials and sets: MAT1 3, SET 5" in lines
+    assert "[model] groups" not in describe_model(many_groups(30))
+
+
+def test_members_of_a_merged_group_are_shown() -> None:
+    model = many_groups(31).merge_groups({"bushes": "PBUSH *"})
+    text = describe_model(model)
+    assert "bushes consists of PBUSH 7, PBUSH 3, PBUSH 5, PBUSH 9" in text.splitlines()
+    assert "[model] groups" not in text

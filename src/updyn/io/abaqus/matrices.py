@@ -12,7 +12,7 @@ import re
 import warnings
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -24,6 +24,7 @@ from updyn.arrays import BoolArray, IndexArray, IntArray, RealArray
 from updyn.dofs import DIRECTIONS, DofSet
 from updyn.errors import FormatError, OptionError, UpdynWarning, suggest
 from updyn.geometry import Geometry
+from updyn.grouping import GroupOrigin
 from updyn.io.consistent_units import UnitSystem
 from updyn.io.items import locate_errors, unreadable_error
 from updyn.io.keyword_deck.sets import distinct
@@ -302,6 +303,7 @@ class AbaqusGroup:
     name: str
     files: Mapping[str, AbaqusEntries]
     loss_factor: float | None = None
+    origin: GroupOrigin = field(default_factory=GroupOrigin)
 
 
 def assemble(
@@ -448,7 +450,9 @@ def _build_group(part: AbaqusGroup, matrices: Mapping[str, Matrix], path: Path) 
             )
         gamma = _find_loss_factor(D, K, part, path)
     with locate_errors(path, f"group {part.name!r}"):
-        return Group(K, matrices.get("mass"), loss_factor=gamma, viscous=matrices.get("viscous"))
+        C = matrices.get("viscous")
+        group = Group(K, matrices.get("mass"), loss_factor=gamma, viscous=C)
+        return group.with_origin(part.origin)
 
 
 def _find_loss_factor(D: Matrix, K: Matrix | None, part: AbaqusGroup, path: Path) -> float:

@@ -21,6 +21,7 @@ from updyn.dofs import DofSet
 from updyn.errors import FormatError, UpdynWarning, suggest
 from updyn.geometry import Geometry
 from updyn.group import VALUES
+from updyn.grouping import label_groups
 from updyn.io.abaqus.deck import DeckFacts, read_facts
 from updyn.io.abaqus.matrices import (
     FIXED_DIAGONAL,
@@ -45,6 +46,7 @@ from updyn.io.keyword_deck.cards import (
     read_cards,
 )
 from updyn.io.keyword_deck.changes import write_changes
+from updyn.io.keyword_deck.structure import label_sets
 from updyn.io.settings import MATRIX_FILE
 from updyn.model import Group, Matrix, Model
 
@@ -204,10 +206,13 @@ def _split_by_material(
     for elset, material in facts.sections.items():
         if elset in sets:
             members.setdefault(material, []).append(sets[elset])
+    elements_of = {name: np.unique(np.concatenate(found)) for name, found in members.items()}
+    origins = label_groups(
+        {name: elements.tolist() for name, elements in elements_of.items()}, label_sets(sets)
+    )
     parts = []
     assigned = np.empty(0, dtype=np.int64)
-    for material, found in members.items():
-        elements = np.unique(np.concatenate(found))
+    for material, elements in elements_of.items():
         chosen = {}
         for what, file in files.items():
             of_material = file.of(elements)
@@ -215,7 +220,8 @@ def _split_by_material(
                 chosen[what] = of_material
         assigned = np.union1d(assigned, elements)
         if chosen:
-            parts.append(AbaqusGroup(facts.properties[material].name, chosen))
+            name = facts.properties[material].name
+            parts.append(AbaqusGroup(name, chosen, origin=origins[material]))
     for file in files.values():
         assert file.elements is not None
         lost = np.setdiff1d(file.elements, assigned)

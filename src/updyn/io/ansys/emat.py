@@ -20,6 +20,7 @@ from updyn.arrays import IndexArray, IntArray, NumberArray, RealArray
 from updyn.dofs import Dof, DofSet
 from updyn.elements.settings import ELEMENT
 from updyn.errors import FormatError, OptionError, UpdynWarning
+from updyn.grouping import GroupOrigin, label_groups
 from updyn.io.ansys.attributes import Attributes, find_neighbour, name_groups, read_attributes
 from updyn.io.ansys.binary import BinaryFile, dofs_of_nodes
 from updyn.io.ansys.full import FullSystem, read_system
@@ -78,13 +79,24 @@ def read_model(
     if system is not None:
         _check_sum(parts, system, kept, path)
     geometry = None if known is None else known.geometry(units.length)
+    origins = _label_groups(file.elements, names, known)
     with locate_errors(path):
         built = {
-            name: _build_group(matrices, loss_factor)
+            name: _build_group(matrices, loss_factor).with_origin(origins.get(name, GroupOrigin()))
             for name, matrices in parts.items()
             if matrices
         }
         return Model.from_groups(built, kept, geometry=geometry)
+
+
+def _label_groups(
+    elements: IntArray, names: NDArray[np.object_], known: Attributes | None
+) -> dict[str, GroupOrigin]:
+    """Return the components that contain all or some elements of each group."""
+    parts = {name: elements[names == name].tolist() for name in dict.fromkeys(names.tolist())}
+    components = {} if known is None else known.components
+    sets = {f"component {name}": set(part.tolist()) for name, part in components.items()}
+    return label_groups(parts, sets)
 
 
 def _attributes(path: str | Path, given: str | Path | None) -> Attributes | None:

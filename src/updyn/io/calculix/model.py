@@ -118,6 +118,8 @@ def read_model(
         C = sum(viscous) if viscous else None
         with locate_errors(path, f"group {name!r}"):
             groups[name] = Group(K, M, loss_factor=gamma, viscous=C)
+    for name, origin in deck.origins(groups).items():
+        groups[name] = groups[name].with_origin(origin)
     heading = read_heading(model)
     with locate_errors(path):
         solids = nodes_by_shape(deck)

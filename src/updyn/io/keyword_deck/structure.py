@@ -7,7 +7,7 @@ a group of the model.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -16,6 +16,7 @@ import numpy as np
 
 from updyn.arrays import IntArray, RealArray
 from updyn.errors import FormatError, suggest
+from updyn.grouping import GroupOrigin, label_groups
 from updyn.io.keyword_deck.cards import (
     KeywordCard,
     KeywordRow,
@@ -99,6 +100,16 @@ class KeywordDeck:
         """Return the numbers of the elements made of a material, ascending."""
         sets = [self.elsets[s.elset] for s in self.sections if s.material == material.upper()]
         return distinct(concatenate(sets))
+
+    def origins(self, materials: Iterable[str]) -> dict[str, GroupOrigin]:
+        """Return the element sets that contain all or some elements of each material."""
+        elements = {name: self.elements_of(name).tolist() for name in materials}
+        return label_groups(elements, label_sets(self.elsets))
+
+
+def label_sets(elsets: Mapping[str, IntArray]) -> dict[str, set[int]]:
+    """Return element sets by their labels as patterns of groups."""
+    return {f"ELSET {name}": set(members.tolist()) for name, members in elsets.items()}
 
 
 def split_steps(cards: Sequence[KeywordCard]) -> tuple[list[KeywordCard], list[list[KeywordCard]]]:

@@ -111,9 +111,10 @@ def read_model(
         if not matrices:
             raise deck.group(name).error(f"group {name} has neither stiffness, mass nor damping")
         loss_factor = losses[name] if found.stiffness is not None else 0.0
-        groups[name] = Group(**matrices, loss_factor=loss_factor)
+        group = Group(**matrices, loss_factor=loss_factor).with_origin(deck.origins[name])
+        groups[name] = group
         if bars is not None:
-            groups[name] = groups[name].with_exchanged(bars.exchange_axes(name))
+            groups[name] = group.with_exchanged(bars.exchange_axes(name))
     with locate_errors(deck.path):
         free = Model(groups, assembled.dofs, geometry, _title(deck))
         held, ties = _constraints(deck, assembled, units.length)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -17,10 +17,12 @@ import numpy as np
 from updyn.arrays import IntArray, RealArray
 from updyn.errors import FormatError, nearest, suggest
 from updyn.geometry import Geometry
+from updyn.grouping import GroupOrigin, label_groups
 from updyn.io.consistent_units import find_units
 from updyn.io.items import locate_errors
 from updyn.io.nastran.cards import NastranCard, parse, read_lines
 from updyn.io.nastran.fields import NastranLine
+from updyn.io.nastran.sets import read_sets
 from updyn.io.settings import DECK
 from updyn.shapes import (
     HEXAHEDRON,
@@ -331,6 +333,21 @@ class NastranDeck:
             defining_card = self.group_of(card)
             found[f"{defining_card.name} {defining_card.integer(0)}"] = defining_card
         return found
+
+    @cached_property
+    def origins(self) -> dict[str, GroupOrigin]:
+        """Materials of each group, and sets with all or some of its elements, by group."""
+        elements: dict[str, list[int]] = {name: [] for name in self.groups}
+        for card in self.elements:
+            defining_card = self.group_of(card)
+            name = f"{defining_card.name} {defining_card.integer(0)}"
+            elements[name].append(card.integer(0))
+        origins = label_groups(elements, {found.label: found for found in read_sets(self.case)})
+        for name, card in self.groups.items():
+            materials = [f"{m.name} {m.integer(0)}" for m in self.materials_of(card)]
+            labels = dict.fromkeys([*materials, *origins[name].labels])
+            origins[name] = replace(origins[name], labels=tuple(labels))
+        return origins
 
     def group_of(self, element: NastranCard) -> NastranCard:
         """Return the card that defines the group of an element: its property, or the element."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fnmatch
 import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -16,6 +15,7 @@ from numpy.typing import ArrayLike
 from updyn.arrays import BoolArray, NumberArray, RealArray
 from updyn.errors import ParameterError, suggest
 from updyn.group import GROUP_QUANTITIES, VALUES
+from updyn.grouping import match_names
 from updyn.model import Model
 from updyn.text_table import format_count, printable, text_table
 from updyn.updating.problem.settings import UNKNOWN_DEFAULTS
@@ -573,11 +573,12 @@ def parameters(
     model : Model
         The model to update.
     stiffness, mass, loss_factor, viscous, mass_damping, stiffness_damping : str or iterable of str
-        Group names or globs (``"gear*"``), or ``"all"``. A glob selects the matching groups that
-        have the quantity, ``"all"`` every group that has it. Stiffness, mass and viscous unknowns
-        are factors relative to the initial group (1 = unchanged). The others are values and start
-        at those of the group: loss factors and stiffness damping (s) relative to the updated
-        stiffness, mass damping (1/s) to the updated mass.
+        Group names, globs (``"gear*"``), ranges of the integer in the name (``"PSHELL 1-4"``), or
+        ``"all"``. Globs and ranges select the matching groups that have the quantity, ``"all"``
+        every group that has it. Stiffness, mass and viscous unknowns are factors relative to the
+        initial group (1 = unchanged). The others are values and start at those of the group: loss
+        factors and stiffness damping (s) relative to the updated stiffness, mass damping (1/s) to
+        the updated mass.
     bounds : mapping of str to (float, float), optional
         By quantity (``"stiffness"``), by unknown (``"shaft.stiffness"``) or by glob over unknowns.
         The most specific key has precedence: the unknown, then the first matching glob, then the
@@ -657,9 +658,9 @@ def link(
     name : str
         Name of the unknown with one dot, such as ``"dish.thickness"``.
     drives : mapping of str to float, or iterable of str
-        ``group.quantity``, or a glob over these, and the power of the unknown: ``{"skin.stiffness":
-        1, "bend.stiffness": 3, "skin.mass": 1}``. Without a mapping, all powers are 1. If several
-        unknowns drive a quantity, it is multiplied by all of them.
+        ``group.quantity``, or a glob or range over these, and the power of the unknown:
+        ``{"skin.stiffness": 1, "bend.stiffness": 3, "skin.mass": 1}``. Without a mapping, all
+        powers are 1. If several unknowns drive a quantity, it is multiplied by all of them.
     start : float, optional
         Start value; by default 1, and for loss factors and Rayleigh coefficients the common value
         of the groups.
@@ -741,11 +742,6 @@ def _start_is_stated(stated: bool) -> Iterator[None]:
         raise
 
 
-def _match_names(names: Iterable[str], pattern: str) -> list[str]:
-    """Return the names that match a glob, case-sensitive."""
-    return [name for name in names if fnmatch.fnmatchcase(name, pattern)]
-
-
 def _find_drives(model: Model, name: str, key: str, power: float) -> list[Drive]:
     """Return the drives for a key of `link`."""
     available = []
@@ -753,7 +749,7 @@ def _find_drives(model: Model, name: str, key: str, power: float) -> list[Drive]
         available += [f"{group_name}.{q}" for q in GROUP_QUANTITIES if group.has(q)]
     found = []
     if isinstance(key, str):
-        found = _match_names(available, key)
+        found = match_names(available, key)
     if not found:
         raise ParameterError(
             f"unknown {name!r}: the model has no {key!r}; {suggest(str(key), available)}",
@@ -782,7 +778,7 @@ def _select_groups(model: Model, quantity: str, patterns: str | Iterable[str]) -
     for pattern in patterns:
         if not isinstance(pattern, str):
             raise ParameterError(f"{quantity}: expected a group name or a glob, found {pattern!r}")
-        matching = _match_names(model.groups, pattern)
+        matching = match_names(model.groups, pattern)
         if not matching:
             raise ParameterError(
                 f"{quantity}: no group {pattern!r}; {suggest(pattern, model.groups)}"
@@ -801,7 +797,7 @@ def _most_specific(table: Mapping[str, Any], parameter: Parameter) -> Any:
     if parameter.name in table:
         return table[parameter.name]
     for key, value in table.items():
-        if key not in GROUP_QUANTITIES and fnmatch.fnmatchcase(parameter.name, key):
+        if key not in GROUP_QUANTITIES and match_names([parameter.name], key):
             return value
     return table.get(parameter.quantity)
 
@@ -819,7 +815,7 @@ def _check_keys(
     names = [p.name for p in items]
     known = dict.fromkeys([p.quantity for p in items] + names)
     for key in given:
-        if key in known or (isinstance(key, str) and _match_names(names, key)):
+        if key in known or (isinstance(key, str) and match_names(names, key)):
             continue
         raise ParameterError(
             f"{what}: {key!r} is neither a quantity nor an unknown that is chosen;"
