@@ -136,3 +136,17 @@ def test_other_matrices_have_no_variant():
     assert replace(group, stiffness=2.0 * group.stiffness).exchanged is None
     with pytest.raises(ModelError, match="no beams whose section axes are known"):
         group.with_exchanged_axes().with_exchanged_axes()
+
+
+def test_a_merged_group_has_the_axes_of_all_its_beams_exchanged():
+    model = frame(rectangle(0.06, 0.02)).with_damping({"stay": {"loss_factor": 0.01}})
+    alone = [model.group(name).with_exchanged_axes() for name in ("girders", "cross")]
+    merged = model.merge_groups({"all of it": "*"}).group("all of it")
+    doubled = merged.changed({"stiffness": 2.0})
+    parts = [*alone, model.group("stay")]
+    for what, found, factor in (("stiffness", doubled, 2.0), ("mass", merged, 1.0)):
+        expected = factor * sum(getattr(part, what).toarray() for part in parts)
+        turned = getattr(found.with_exchanged_axes(), what).toarray()
+        np.testing.assert_allclose(turned, expected, rtol=0, atol=1e-12 * abs(expected).max())
+    assert "cross" in merged.exchanged.what
+    assert "girders" in merged.exchanged.what
