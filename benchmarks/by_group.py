@@ -297,7 +297,7 @@ class Case:
         red, freq = self.reduction, self.freq
         system, start = red.system, red.system.start
         points, samples = drawn(system, 24, away, 6), drawn(system, 40, away, 7)
-        diagonal = red._matrix(start, -red._top).diagonal()
+        diagonal = red.shifted.matrix(start, -red.shifted.top).diagonal()
         weight = np.sqrt(np.maximum(diagonal, 1e-16 * diagonal.max()))
 
         def near(number: int) -> Basis:
@@ -316,10 +316,10 @@ class Case:
                 return None
             W = np.eye(len(groups.shared))
             if states:
-                W = characteristic(groups, [start, *points[: states - 1]], 16.0 * red._top)
+                W = characteristic(groups, [start, *points[: states - 1]], 16.0 * red.shifted.top)
                 U, size, _ = np.linalg.svd(weight[groups.shared, None] * W, full_matrices=False)
                 W = U[:, size > 1e-3 * size[0]] / weight[groups.shared, None]
-            return craig_bampton(groups, weight, reach**2 * red._top, W)
+            return craig_bampton(groups, weight, reach**2 * red.shifted.top, W)
 
         def cut(share: float) -> Basis:
             before = near(0)

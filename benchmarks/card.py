@@ -57,7 +57,7 @@ def factorised(A: sp.csc_array, at: np.ndarray, backend: str, repeats: int) -> n
     analysed = time.perf_counter() - begun
     factor, solve = seconds(lambda: made.factor(A), repeats)
     solved, X = seconds(lambda: solve(B), repeats)
-    error = accuracy(A, unit_scale(A.diagonal()), X, B)[0].max()
+    error = accuracy(A, unit_scale(A.diagonal()), X, B, 0.0)[0].max()
     print(
         f"{A.shape[0]:>8} {'real' if real else 'complex':<8} {backend:<8} {analysed:>8.2f}"
         f" {factor:>8.3f} {solved:>8.3f} {(made.peak_bytes or np.nan) / 2**30:>8.2f} {error:>9.1e}"

@@ -93,7 +93,8 @@ class Structure:
 
 def solid(n: int, K=None, M=None, C=None, loss: float = 0.0) -> Part:
     zero = np.zeros((n, n))
-    return Part(*(zero if A is None else A for A in (K, M, C)), loss)
+    K, M, C = (zero if A is None else A for A in (K, M, C))
+    return Part(K, M, C, loss)
 
 
 def spring(n: int, i: int, j: int | None, k: float) -> np.ndarray:
@@ -455,8 +456,8 @@ def few(lines: int, channels: int, relative: float, floor: float, draw: int) -> 
         values[f"{name}.loss_factor"] = part.loss
     model = Model.from_groups(groups, truth.labels)
     sprung = [name for name in truth.parts if name != "mass"]
-    labels = [[truth.labels[i] for i in which] for which in (rows, columns)]
-    frf = FRF(freq, H, *labels, "receptance")
+    responses, references = ([truth.labels[i] for i in which] for which in (rows, columns))
+    frf = FRF(freq, H, responses, references, "receptance")
     unknowns = updyn.parameters(model, stiffness=sprung, loss_factor=sprung)
     begun = time.perf_counter()
     with warnings.catch_warnings():

@@ -536,13 +536,14 @@ def missing_element(bench, frf, rng, cause):
     evidence = at_truth(bench, frf)
     places = list(cause.list_places(frf))
     for i in rng.permutation(len(places)):
-        element = AddedElement(cause.quantity, *places[i], 1.0, cause.loss)
+        labels, between = places[i]
+        element = AddedElement(cause.quantity, labels, between, 1.0, cause.loss)
         size = rng.uniform(0.1, 0.4) / evidence.receptances.flexibility(element)
         sized = replace(element, value=size)
         if is_imitated(evidence, size * evidence.receptances.slope(replace(element, value=0.0))):
             continue
         faulty = measured_on(bench, with_element(bench.case.true, sized), rng)
-        fault = cause(element.labels, size, element.between, len(places))
+        fault = cause(element.labels, size, element.between, n_places=len(places))
         return Seeded(faulty, frf, cause.kind, element.labels, fault=fault)
     return None
 

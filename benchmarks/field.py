@@ -20,8 +20,12 @@ import json
 import shutil
 import time
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from updyn.model import Model
 
 #: By problem: the structure of `structures.py`, or None.
 PROBLEMS = {
@@ -79,7 +83,7 @@ def _made(there: Path, name: str) -> None:
     _write_rows(there / TRUTH, [(p.name, one.truth(p, start)) for p in unknowns])
 
 
-def _write_matrices(model: object, there: Path) -> None:
+def _write_matrices(model: Model, there: Path) -> None:
     """Stiffness and mass of each group as Matrix Market files, for programs that read no HDF5."""
     from scipy.io import mmwrite
 

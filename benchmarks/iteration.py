@@ -27,6 +27,7 @@ from models import SOLIDS, sensors, solid
 
 import updyn
 from updyn.linalg.solver import BACKENDS
+from updyn.updating.fit.monitor import Progress
 from updyn.updating.problem.problem import FRFPart, Problem
 from updyn.updating.problem.residuals import LogError
 
@@ -81,7 +82,7 @@ def stepped(model: updyn.Model, backend: str, n_lines: int) -> tuple[float, int,
     unknowns = updyn.parameters(model, stiffness="all", mass="all", loss_factor="all")
     times: list[float] = []
 
-    def shown(now: updyn.Progress) -> None:
+    def shown(now: Progress) -> None:
         if now.stage == "maximum-likelihood":
             times.append(time.process_time())
 

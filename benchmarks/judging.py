@@ -26,6 +26,7 @@ import updyn
 import updyn.updating.judged as judged_module
 from updyn.updating.judge import assessment
 from updyn.updating.judge.causes.of_run import CauseSearch
+from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.problem.problem import Problem
 from updyn.updating.problem.residuals import make_log_error
 from updyn.updating.problem.session import Session
@@ -91,7 +92,7 @@ def evaluation(problem: Problem, x: np.ndarray) -> float:
     return min(found)
 
 
-def case(name: str, model: updyn.Model, lines: int) -> tuple[updyn.FRF, updyn.ParameterSet]:
+def case(name: str, model: updyn.Model, lines: int) -> tuple[updyn.FRF, ParameterSet]:
     """Noisy data of the truth, and the unknowns of a model that is off."""
     rng = np.random.default_rng(3)
     layers = list(model.groups)

@@ -29,6 +29,7 @@ import updyn.updating.assembly as assembly_module
 from updyn.dynamics.affine import AffineSystem
 from updyn.dynamics.fields import LineSolver
 from updyn.updating.fit import reducing
+from updyn.updating.fit.monitor import Progress
 
 BANDS = {
     "10k": (100, 2140),
@@ -123,18 +124,22 @@ def reduced(result: updyn.UpdateResult, sensors: list[str], lines: np.ndarray) -
     return solver.at(solver.solve(c, at[:3], lines), at).transpose(1, 0, 2)
 
 
-def progress(now: updyn.Progress) -> None:
-    if (now.stage, now.iteration) != progress.shown:
-        progress.shown = now.stage, now.iteration
-        seconds = time.perf_counter() - progress.begun
+class Log:
+    """Prints a line for each iteration."""
+
+    def __init__(self) -> None:
+        self.begun = time.perf_counter()
+        self.shown = ("", 0)
+
+    def __call__(self, now: Progress) -> None:
+        if (now.stage, now.iteration) == self.shown:
+            return
+        self.shown = now.stage, now.iteration
         print(
-            f"  {seconds:6.0f} s  {now.stage} {now.iteration}  cost {now.cost:.6g} "
-            f" {peak():.2f} GiB",
+            f"  {time.perf_counter() - self.begun:6.0f} s  {now.stage} {now.iteration}"
+            f"  cost {now.cost:.6g}  {peak():.2f} GiB",
             flush=True,
         )
-
-
-progress.shown, progress.begun = ("", 0), 0.0
 
 
 def main() -> None:
@@ -167,7 +172,7 @@ def main() -> None:
     wanted = changes(model)
     unknowns = updyn.parameters(model, stiffness=list(wanted), loss_factor=list(wanted))
     assembly_module.Reducing = Kept
-    progress.begun, begun = time.perf_counter(), time.process_time()
+    log, begun = Log(), time.process_time()
     with busy(given.busy):
         result = updyn.update(
             model,
@@ -175,10 +180,10 @@ def main() -> None:
             unknowns,
             tier="reduced",
             starts=given.starts,
-            callback=progress,
+            callback=log,
             backend=given.backend,
         )
-    job, by_the_clock = time.process_time() - begun, time.perf_counter() - progress.begun
+    job, by_the_clock = time.process_time() - begun, time.perf_counter() - log.begun
     print(result.summary())
     print({k: round(v, 1) for k, v in result.timing_s.items()}, result.options)
     off = []

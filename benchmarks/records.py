@@ -265,8 +265,11 @@ LOSS = 0.01
 
 def chain(factors: dict[str, float], loss: float) -> updyn.Model:
     """A chain of four masses held at one end."""
-    springs = {"root": [(None, 0, 2.0e5)], "middle": [(0, 1, 2.0e5), (1, 2, 2.0e5)]}
-    springs["tip"] = [(2, 3, 1.2e5)]
+    springs: dict[str, list[tuple[int | None, int, float]]] = {
+        "root": [(None, 0, 2.0e5)],
+        "middle": [(0, 1, 2.0e5), (1, 2, 2.0e5)],
+        "tip": [(2, 3, 1.2e5)],
+    }
     groups = {"masses": updyn.Group(mass=np.diag([2.0, 1.5, 1.0, 1.2]))}
     for name, parts in springs.items():
         K = np.zeros((4, 4))

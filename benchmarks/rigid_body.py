@@ -186,7 +186,8 @@ def drawn(free: Free, fault: str, seed: int) -> tuple[str, bool]:
     frf = with_variance(frf, choose_noise(None, frf))
     shapes = RigidShapes.of(FRFPart.build(model, frf, updyn.parameters(model, stiffness="all")))
     assert shapes is not None
-    found = [one.fault for one in RigidBody.detect_in(frf, shapes)]
+    faults = [one.fault for one in RigidBody.detect_in(frf, shapes)]
+    found = [fault for fault in faults if isinstance(fault, RigidBody)]
     if not found:
         return "missed", False
     channels = set(found[0].channels)

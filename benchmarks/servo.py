@@ -46,9 +46,9 @@ from updyn.control.servo.controller import Controller, Notch
 from updyn.control.servo.record import Servo
 from updyn.control.space import projection
 from updyn.control.spectrum import SpectralDecomposition
+from updyn.control.structure import CompiledStructure
 from updyn.demos.antenna import TRUTH
 from updyn.demos.antenna_model import antenna
-from updyn.dynamics.affine import AffineSystem
 from updyn.model import Model
 from updyn.updating.result import UpdateResult
 
@@ -200,10 +200,10 @@ def receptance(truth: Model) -> Callable[[np.ndarray], np.ndarray]:
 
     Compared with `updyn.response` of the whole model at some lines.
     """
-    system = AffineSystem.compile(truth)
+    structure = CompiledStructure.of(truth)
     ports = as_ports([MOTOR], "input"), as_ports([MOTOR, TURNTABLE], "output")
     found = SpectralDecomposition.of(
-        projection(truth, system, *ports, BAND), system.start
+        projection(structure, *ports, BAND), structure.system.start
     ).receptance
     freq = np.geomspace(*BAND, 12)
     exact = updyn.response(truth, freq, [MOTOR, TURNTABLE], [MOTOR], tier="sparse").values

@@ -49,8 +49,8 @@ def measured(size: str, sensors: int) -> tuple[updyn.Model, FRF, np.ndarray]:
     unknowns = everything(true)
     part = FRFPart.build(true, clean, unknowns)
     x = part.coordinates.to_x(unknowns.start)
-    size = np.abs(clean.values)
-    spread = NOISE * np.maximum(size, FAINTEST * size.max(axis=(1, 2), keepdims=True))
+    level = np.abs(clean.values)
+    spread = NOISE * np.maximum(level, FAINTEST * level.max(axis=(1, 2), keepdims=True))
     R = OutputError(np.sqrt(2.0) / spread).local(Problem.of([part]), x).R
     return true, clean, np.linalg.norm(np.linalg.solve(R.T, np.eye(len(R))), axis=0)
 

@@ -141,9 +141,9 @@ def _watch(cls: type, read: set[str]) -> None:
     def record(self: Any, name: str) -> Any:
         if not name.startswith("__"):
             read.add(f"{cls.__module__}:{cls.__name__}.{name}")
-        return plain(self, name)
+        return plain(self, name)  # type: ignore[call-arg]
 
-    cls.__getattribute__ = record  # type: ignore[method-assign, assignment]
+    cls.__getattribute__ = record  # type: ignore[method-assign]
 
 
 def key_of(setting: Setting) -> str:

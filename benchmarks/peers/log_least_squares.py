@@ -15,7 +15,7 @@ from functools import lru_cache
 import numpy as np
 from scipy.optimize import OptimizeResult, least_squares
 
-import updyn
+from updyn.errors import SolverError
 from updyn.frf import FRF
 from updyn.model import Model
 from updyn.updating.problem.parameters import ParameterSet
@@ -59,7 +59,7 @@ def fit(
             found.append(outcome)
             used += outcome.nfev
     if not found:
-        raise updyn.SolverError("least_squares: the model is singular at every start")
+        raise SolverError("least_squares: the model is singular at every start")
     best = min(found, key=lambda outcome: outcome.cost)
     values = part.coordinates.to_values(best.x)
     std, full_rank = deviations(best)
@@ -114,7 +114,7 @@ def descend(part: FRFPart, x: np.ndarray) -> OptimizeResult | None:
             gtol=TOLERANCE,
             max_nfev=EVALUATIONS,
         )
-    except updyn.SolverError:
+    except SolverError:
         return None
 
 

@@ -171,7 +171,9 @@ class Case:
 
     def condensed(self, problem: FRFPart) -> tuple[np.ndarray, np.ndarray]:
         """Z_red H_X (n_f, n_i, n_j) and its derivatives (n, n_f, n_i, n_j) at the start."""
-        return sensitivity.condensed_product(*self._at(problem), problem.rows, self.data.values)
+        return sensitivity.condensed_product(
+            *self._at(problem), retained=problem.rows, motion=self.data.values
+        )
 
     def _at(self, problem: FRFPart) -> tuple[Any, ...]:
         return problem.solver, problem.unknowns, self.unknowns.start, self.data.freq
