@@ -28,8 +28,10 @@ __all__ = [
     "FRF",
     "QUANTITIES",
     "ROUNDING",
+    "TRANSMISSIBILITY",
     "check_band",
     "check_decay",
+    "check_force_quantity",
     "check_lines",
     "check_quantity",
     "unit",
@@ -37,6 +39,8 @@ __all__ = [
 
 #: Power of (i omega) relative to receptance.
 QUANTITIES = {"receptance": 0, "mobility": 1, "accelerance": 2}
+#: Quantity of a response over the motion of a base or of another sensor.
+TRANSMISSIBILITY = "transmissibility"
 #: Suffix to the unit of displacement.
 _POWER_UNITS = {"receptance": "", "mobility": "/s", "accelerance": "/s²"}
 #: Dimensions of the variables of a dataset.
@@ -53,9 +57,9 @@ _INVERSES = {
 
 
 def check_quantity(quantity: object) -> str:
-    """Return `quantity` if it is one of receptance, mobility, accelerance; else raise DataError."""
+    """Return `quantity` if it is a key of `QUANTITIES` or a transmissibility; else DataError."""
     if isinstance(quantity, str):
-        if quantity in QUANTITIES:
+        if quantity in QUANTITIES or quantity == TRANSMISSIBILITY:
             return quantity
         plain = quantity.casefold().replace("_", " ").replace("-", " ").strip()
         if plain in _INVERSES:
@@ -65,11 +69,26 @@ def check_quantity(quantity: object) -> str:
                 f" it is not converted: supply {_INVERSES[plain]}, measured with one force at a"
                 " time"
             )
-    raise DataError(f"quantity {quantity!r}: {suggest(str(quantity), QUANTITIES)}")
+    raise DataError(
+        f"quantity {quantity!r}: {suggest(str(quantity), [*QUANTITIES, TRANSMISSIBILITY])}"
+    )
+
+
+def check_force_quantity(quantity: object) -> str:
+    """Return `quantity` if it is a motion over a force; else raise DataError."""
+    if check_quantity(quantity) == TRANSMISSIBILITY:
+        raise DataError(
+            f"quantity {quantity!r} is no motion over a force; expected one of"
+            f" {', '.join(map(repr, QUANTITIES))}"
+        )
+    return str(quantity)
 
 
 def unit(quantity: str, response: str, reference: str) -> str:
     """Return the unit of a channel, from its two DOFs: ``"(m/s²)/N"``, ``"rad/(N m)"``, ..."""
+    if quantity == TRANSMISSIBILITY:
+        above, below = ("rad" if "R" in dof else "m" for dof in (response, reference))
+        return "1" if above == below else f"{above}/{below}"
     motion = ("rad" if "R" in response else "m") + _POWER_UNITS[quantity]
     force = "(N m)" if "R" in reference else "N"
     return f"({motion})/{force}" if "/" in motion else f"{motion}/{force}"
@@ -84,10 +103,12 @@ class FRF:
     freq : array_like of float, shape (n_f,)
         Lines in Hz, finite, not negative, strictly increasing.
     values : array_like of complex, shape (n_f, n_responses, n_references)
-        Motion over force: m/N, m/s/N or m/s2/N for translations (rad and N m for rotations).
+        Motion over force: m/N, m/s/N or m/s2/N for translations (rad and N m for rotations). A
+        transmissibility is a motion over a motion, without unit if both are translations.
     responses, references : iterable of str or Dof
-        Signed DOF labels of the sensors and of the forces, each DOF once.
-    quantity : {"receptance", "mobility", "accelerance"}
+        Signed DOF labels of the sensors and of the forces, each DOF once. The reference of a
+        transmissibility is the sensor whose motion divides the responses.
+    quantity : {"receptance", "mobility", "accelerance", "transmissibility"}
         Quantity of `values`. There is no default: if a file does not give it, the user must.
     coherence : array_like of float, shape of `values`, optional
         Ordinary coherence gamma^2 between 0 and 1 (stored as "coherence" by analysers). Values
@@ -104,6 +125,12 @@ class FRF:
         Decay rate in 1/s of an exponential window exp(-decay t) on all records whose added damping
         was not removed: the values are H at i omega + decay, not at i omega. Comparisons evaluate
         the model there.
+    base : iterable of str or Dof, optional
+        Of a transmissibility under base excitation: DOFs of the model that move together as the
+        rigid base, the reference among them. A sign reverses the motion of a DOF.
+    force : str or Dof, optional
+        Of a transmissibility between two sensors: DOF of the model where the only force acts, of
+        unknown size.
 
     Raises
     ------
@@ -133,6 +160,8 @@ class FRF:
     geometry: Geometry | None
     source: str
     decay: float
+    base: DofSet | None
+    force: Dof | None
 
     def __init__(
         self,
@@ -147,6 +176,8 @@ class FRF:
         geometry: Geometry | None = None,
         source: str = "",
         decay: float = 0.0,
+        base: Iterable[str | Dof] | None = None,
+        force: str | Dof | None = None,
     ) -> None:
         set_ = partial(object.__setattr__, self)
         set_("quantity", check_quantity(quantity))
@@ -171,6 +202,25 @@ class FRF:
         set_("geometry", geometry)
         set_("source", source)
         set_("decay", check_decay(decay))
+        set_("base", None if base is None else _check_base(base))
+        set_("force", None if force is None else _check_force(force))
+        self._check_excitation()
+
+    def _check_excitation(self) -> None:
+        """Refuse a base or a force that the quantity does not have, and both at once."""
+        for name in ("base", "force"):
+            if getattr(self, name) is not None and self.quantity != TRANSMISSIBILITY:
+                raise DataError(
+                    f"{name}: only for the quantity {TRANSMISSIBILITY!r}; the data are"
+                    f" {self.quantity}, whose forces are its references",
+                    key=(name,),
+                )
+        if self.base is not None and self.force is not None:
+            raise DataError(
+                "base and force: expected one of them; the structure is excited by its base, or by"
+                " a force",
+                key=("force",),
+            )
 
     def _check_range(
         self, name: str, given: ArrayLike | None, high: float, shape: tuple[int, ...]
@@ -234,10 +284,13 @@ class FRF:
         title = f"{self.quantity} ({units})"
         if len(shown) == 1:
             title += f": {shown[0].name}"
+        over = _format_labels(self.references)
         facts = {
             "lines": f"{len(self.freq)} from {self.freq[0]:g} to {self.freq[-1]:g} Hz",
             "responses": _format_labels(self.responses),
-            "forces": _format_labels(self.references),
+            "over" if self.quantity == TRANSMISSIBILITY else "forces": over,
+            "base": "" if self.base is None else _format_labels(self.base),
+            "force": "" if self.force is None else str(self.force),
             "coherence": "" if self.coherence is None else "known",
             "variance": "" if self.variance is None else "known",
             "window": f"exp(-{self.decay:g} t)" if self.decay else "",
@@ -250,6 +303,20 @@ class FRF:
         return FRF, tuple(getattr(self, f.name) for f in fields(self))  # makes arrays read-only
 
     # -- conversion ----------------------------------------------------------------------------
+    @property
+    def power(self) -> int:
+        """Power of s relative to receptance; 0 for a transmissibility, a ratio of receptances."""
+        return QUANTITIES.get(self.quantity, 0)
+
+    @property
+    def modal_power(self) -> int:
+        """Power of s in the contribution of a mode, s^power / (s^2 - pole^2).
+
+        2 for a transmissibility, as for an accelerance: relative to the motion of a base, a mode is
+        excited by the inertia forces of the base acceleration.
+        """
+        return QUANTITIES.get(self.quantity, QUANTITIES["accelerance"])
+
     @property
     def s(self) -> ComplexArray:
         """Laplace variable s = i omega + decay of the values, in 1/s, shape (n_f,)."""
@@ -264,7 +331,8 @@ class FRF:
         Parameters
         ----------
         quantity : {"receptance", "mobility", "accelerance"}
-            The target quantity; the variance is converted, too.
+            The target quantity; the variance is converted, too. A transmissibility is not
+            converted: its force was not measured.
 
         Returns
         -------
@@ -274,11 +342,17 @@ class FRF:
         Raises
         ------
         DataError
-            If the quantity is unknown, or there is a 0 Hz line, which cannot be converted.
+            If the quantity is unknown, there is a 0 Hz line, which cannot be converted, or one of
+            the two quantities is a transmissibility.
         """
-        power = QUANTITIES[check_quantity(quantity)] - QUANTITIES[self.quantity]
-        if power == 0:
+        if check_quantity(quantity) == self.quantity:
             return self
+        if TRANSMISSIBILITY in (quantity, self.quantity):
+            raise DataError(
+                f"{self.quantity} cannot be converted to {quantity}: a transmissibility is a motion"
+                " over a motion, and its force is not known"
+            )
+        power = QUANTITIES[quantity] - QUANTITIES[self.quantity]
         if self.s[0] == 0.0:
             positive = "a positive frequency"
             if len(self.freq) > 1:
@@ -292,6 +366,39 @@ class FRF:
         if variance is not None:
             variance = variance * np.abs(factor) ** 2
         return replace(self, values=self.values * factor, variance=variance, quantity=quantity)
+
+    def with_excitation(
+        self, base: Iterable[str | Dof] | None = None, force: str | Dof | None = None
+    ) -> FRF:
+        """Return a transmissibility with its excitation in the model.
+
+        Parameters
+        ----------
+        base : iterable of str or Dof, optional
+            DOFs of the model that move together as the rigid base, the reference among them.
+        force : str or Dof, optional
+            DOF of the model where the only force acts.
+
+        Returns
+        -------
+        FRF
+            The same values.
+
+        Raises
+        ------
+        DataError
+            If the values are no transmissibility, or both are given.
+        DofError
+            If a label cannot be read or occurs twice.
+
+        Examples
+        --------
+        >>> frf = updyn.FRF([5.0], [[[1.2]]], ["4:Z"], ["1:Z"], "transmissibility")
+        >>> frf.with_excitation(base=["1:Z", "2:Z"]).base.labels
+        ['1:Z', '2:Z']
+        """
+        more: dict[str, Any] = {"base": base, "force": force}
+        return replace(self, **more)
 
     # -- selection -----------------------------------------------------------------------------
     def select(
@@ -515,6 +622,10 @@ class FRF:
             attrs["averages"] = self.averages
         if self.decay:
             attrs["decay"] = self.decay
+        if self.base is not None:
+            attrs["base"] = " ".join(self.base.labels)
+        if self.force is not None:
+            attrs["force"] = str(self.force)
         coords = {
             "freq": self.freq,
             "response": self.responses.labels,
@@ -603,8 +714,8 @@ class FRF:
         quantity_label = data.attrs.get("quantity", _find_quantity(data))
         if quantity_label is None and quantity is None:
             raise DataError(
-                "the dataset does not say what it measured: give quantity='receptance', 'mobility'"
-                " or 'accelerance'"
+                "the dataset does not say what it measured: give quantity='receptance', 'mobility',"
+                " 'accelerance' or 'transmissibility'"
             )
         if quantity_label is not None and quantity is not None and quantity_label != quantity:
             raise DataError(
@@ -632,8 +743,27 @@ class FRF:
             geometry=_geometry(data),
             source=str(data.attrs.get("source", "")),
             decay=_attribute(data, "decay", 0.0),
+            base=str(data.attrs["base"]).split() if "base" in data.attrs else None,
+            force=str(data.attrs["force"]) if "force" in data.attrs else None,
             **arrays,
         )
+
+
+def _check_base(base: object) -> DofSet:
+    with key_path("base"):
+        if isinstance(base, str | Dof) or not isinstance(base, Iterable):
+            raise DataError(f'base {base!r}: expected a list of DOFs, such as ["0:Z"]')
+        dofs = DofSet(base)
+        if not len(dofs):
+            raise DataError("base: expected at least one DOF, found none")
+        return dofs
+
+
+def _check_force(force: object) -> Dof:
+    with key_path("force"):
+        if not isinstance(force, str | Dof):
+            raise DataError(f'force {force!r}: expected one DOF, such as "12:Z"')
+        return DofSet([force])[0]
 
 
 def _format_labels(dofs: DofSet) -> str:
@@ -710,7 +840,7 @@ def _find_quantity(data: xr.Dataset) -> str | None:
 
 def _check_units(data: xr.Dataset, quantity: str) -> None:
     """Reject units that are not SI."""
-    frf = f"m{RATES[check_quantity(quantity)]}/N"
+    frf = "1" if quantity == TRANSMISSIBILITY else f"m{RATES[check_quantity(quantity)]}/N"
     units: dict[str, tuple[str, Callable[[str], Unit | None]]] = {
         "freq": ("Hz", lambda label: find_unit(label, "frequency")),
         "frf": (frf, find_ratio),

@@ -486,8 +486,8 @@ def test_a_dataset_that_does_not_say_what_it_measured(frf):
     data = frf.to_xarray()
     del data.attrs["quantity"]
     with raises(
-        "the dataset does not say what it measured: give quantity='receptance', 'mobility' or"
-        " 'accelerance'"
+        "the dataset does not say what it measured: give quantity='receptance', 'mobility',"
+        " 'accelerance' or 'transmissibility'"
     ):
         FRF.from_xarray(data)
     assert FRF.from_xarray(data, quantity="mobility").quantity == "mobility"

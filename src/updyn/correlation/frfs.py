@@ -163,14 +163,12 @@ def correlate_frfs(model_or_frf: Model | FRF, frf: FRF) -> Correlation:
     if not isinstance(frf, FRF):
         raise DataError(f"correlate: expected a measured FRF, found {type(frf).__name__}")
     if isinstance(model_or_frf, Model):
-        from updyn.dynamics.response import response
+        from updyn.dynamics.response import response_like
         from updyn.dynamics.zero_line import leave_out_zero_line
 
         warn_of_labels(model_or_frf, frf)
         frf = leave_out_zero_line(model_or_frf, frf)
-        computed = response(
-            model_or_frf, frf.freq, frf.responses, frf.references, frf.quantity, decay=frf.decay
-        )
+        computed = response_like(model_or_frf, frf)
     elif isinstance(model_or_frf, FRF):
         computed = _align(model_or_frf, frf)
     else:

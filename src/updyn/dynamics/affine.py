@@ -158,6 +158,17 @@ class AffineSystem:
         """Return the system for data with an exponential window of rate `decay`."""
         return self if decay == self.decay else replace(self, decay=decay)
 
+    def with_springs(self, stiffness: Any) -> AffineSystem:
+        """Return the system with a further stiffness, in a term without a group.
+
+        Its entries must be in the pattern, as those of the diagonal always are.
+        """
+        term = _Places(self.indptr, self.indices).term("", "stiffness", stiffness, None)
+        terms, start = (*self.terms, term), self.start
+        more = State(np.append(start.factor, 1), np.append(start.loss, 0), np.append(start.rate, 0))
+        columns = _combine_terms(terms, len(self.indices))
+        return replace(self, terms=terms, start=more, columns=columns)
+
     @property
     def n(self) -> int:
         """Number of equations: the N DOFs, or the coordinates of a reduced model."""

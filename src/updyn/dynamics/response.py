@@ -8,18 +8,19 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from updyn.arrays import IndexArray, RealArray
+from updyn.arrays import RealArray
 from updyn.dofs import Dof, DofSet
 from updyn.dynamics.affine import AffineSystem
+from updyn.dynamics.excitation import DrivenSolver, Excitation, find_channels, find_excitation
 from updyn.dynamics.fields import FieldSolver, LineSolver, split_into_blocks
 from updyn.dynamics.reduction import Reduction
 from updyn.dynamics.settings import REDUCTION
 from updyn.errors import SolverError
-from updyn.frf import FRF, QUANTITIES, check_decay, check_lines, check_quantity
+from updyn.frf import FRF, check_lines
 from updyn.linalg.solver import check_backend
 from updyn.model import Model
 
-__all__ = ["response"]
+__all__ = ["response", "response_like"]
 
 
 def response(
@@ -33,6 +34,8 @@ def response(
     backend: str | None = None,
     accuracy: float = REDUCTION.accuracy,
     decay: float = 0.0,
+    base: Iterable[str | Dof] | None = None,
+    force: str | Dof | None = None,
 ) -> FRF:
     """Compute frequency response functions exactly, with one full factorisation per line.
 
@@ -46,9 +49,9 @@ def response(
     freq : array_like of float, shape (n_f,)
         Lines in Hz, increasing.
     responses, references : iterable of str or Dof
-        Signed DOFs of sensors and forces.
-    quantity : {"receptance", "mobility", "accelerance"}
-        Motion over force.
+        Signed DOFs of sensors and forces; of a transmissibility, the sensor whose motion divides.
+    quantity : {"receptance", "mobility", "accelerance", "transmissibility"}
+        Motion over force, or response over the motion of the reference.
     tier : {"dense", "sparse", "reduced"}, optional
         The way of solving; by default an exact tier chosen by size.
     backend : str, optional
@@ -58,17 +61,23 @@ def response(
     decay : float
         Rate in 1/s of an exponential window exp(-decay t) on the records. The result is then H at
         i omega + decay.
+    base : iterable of str or Dof, optional
+        Of a transmissibility: DOFs that move together as the rigid base, the reference among them;
+        all other DOFs respond. A sign reverses the motion of a DOF.
+    force : str or Dof, optional
+        Of a transmissibility without `base`: DOF of the only force.
 
     Returns
     -------
     FRF
         Values of shape (n_f, n_responses, n_references), in m/N, m/s/N or m/s2/N (rad and N m for
-        rotations).
+        rotations); a transmissibility has no unit.
 
     Raises
     ------
     DataError
-        If a line is not finite, negative or out of order, or the decay is negative.
+        If a line is not finite, negative or out of order, the decay is negative, or a
+        transmissibility has no base or force, several references, or a base without its reference.
     DofError
         If a DOF is not in the model.
     OptionError
@@ -79,7 +88,9 @@ def response(
 
     Notes
     -----
-    H = Z^-1 with Z = K + i D - omega^2 M (Bao, Wang & Cheng 2010, eqs. 2, 3).
+    H = Z^-1 with Z = K + i D - omega^2 M (Bao, Wang & Cheng 2010, eqs. 2, 3). With base excitation,
+    T = -Z_ff^-1 Z_fb d for the free DOFs f and a unit motion d of the base b; with one force at k,
+    T_ij = H_ik / H_jk (Maia, Silva & Ribeiro, Mech. Syst. Signal Process. 15 (2001) 129).
 
     Examples
     --------
@@ -88,71 +99,105 @@ def response(
     >>> frf.values.shape
     (2, 1, 1)
     """
-    check_quantity(quantity)
+    lines = check_lines(np.atleast_1d(freq) if np.isscalar(freq) else freq)
     rows, columns = DofSet(responses), DofSet(references)
-    at_rows, at_columns = model.dofs.match(rows, "response"), model.dofs.match(columns, "reference")
-    if np.isscalar(freq):
-        freq = np.atleast_1d(freq)
-    lines = check_lines(freq)
-    system = AffineSystem.compile(model).with_decay(check_decay(decay))
-    solver, source = _solver(
-        system, at_rows.index, at_columns.index, lines, tier, backend, accuracy
-    )
+    zeros = np.zeros((len(lines), len(rows), len(columns)))
+    like = FRF(lines, zeros, rows, columns, quantity, decay=decay, base=base, force=force)
+    return response_like(model, like, tier=tier, backend=backend, accuracy=accuracy)
+
+
+def response_like(
+    model: Model,
+    frf: FRF,
+    freq: RealArray | None = None,
+    *,
+    tier: str | None = None,
+    backend: str | None = None,
+    accuracy: float = REDUCTION.accuracy,
+) -> FRF:
+    """Return the FRF of a model in the channels, quantity and excitation of a measurement.
+
+    `freq` are other lines than those of the measurement, in Hz. Options and errors are those of
+    `response`.
+    """
+    lines = frf.freq if freq is None else check_lines(freq)
+    blank = np.zeros((len(lines), *frf.values.shape[1:]))
+    frf = replace(frf, freq=lines, values=blank, coherence=None, variance=None, averages=None)
+    model.dofs.match(frf.references, "reference")
+    system = AffineSystem.compile(model).with_decay(frf.decay)
+    solver, source = _solver(system, frf, tier, backend, accuracy)
+    channels = find_channels(solver, frf)
     # By symmetry, the forces can act on the side with fewer DOFs.
-    swap = len(rows) < len(columns)
-    loaded, read = at_columns, at_rows
+    loaded, read = channels.columns, channels.rows
+    swap = len(read) < len(loaded)
     if swap:
-        loaded, read = at_rows, at_columns
-    values = np.empty((len(lines), len(rows), len(columns)), dtype=np.complex128)
+        loaded, read = read, loaded
+    values = np.empty(frf.values.shape, dtype=np.complex128)
     omega, start = 2.0 * np.pi * lines, solver.system.start
     pencil = solver.pencil(start, lines)
     if pencil is not None:
         pencil = replace(pencil, refines=True)
-    for block in split_into_blocks(len(lines), solver.block_size(len(loaded.index))):
+    for block in split_into_blocks(len(lines), solver.block_size(len(loaded))):
         c = solver.system.coefficients(start, omega[block])
-        X = solver.solve(c, loaded.index, lines[block], pencil)
-        X = solver.at(X, read.index).transpose(1, 0, 2)
+        X = solver.solve(c, loaded, lines[block], pencil)
+        X = solver.at(X, read).transpose(1, 0, 2)
         if swap:
             X = X.transpose(0, 2, 1)
         values[block] = X
-    values *= at_rows.sign[:, None] * at_columns.sign[None, :]
-    values *= ((1j * omega + system.decay) ** QUANTITIES[quantity])[:, None, None]
-    return FRF(
-        lines,
-        values,
-        rows,
-        columns,
-        quantity,
+    values *= channels.sign
+    values *= (frf.s**frf.power)[:, None, None]
+    return replace(
+        frf,
+        values=values,
         geometry=model.geometry,
         source=source,
-        decay=system.decay,
     )
 
 
 def _solver(
+    system: AffineSystem, frf: FRF, tier: str | None, backend: str | None, accuracy: float
+) -> tuple[FieldSolver, str]:
+    """Return the solver, and a description of it as the source of the FRF."""
+    excitation = find_excitation(system.dofs, frf)
+    if excitation is not None:
+        system = excitation.hold(system, float(frf.freq[-1]))
+    if tier == "reduced":
+        solver, source = _reduce(system, frf, excitation, backend, accuracy)
+    else:
+        solver, source = LineSolver.choose(system, tier, backend), "model"
+    return (solver if excitation is None else DrivenSolver(solver, excitation)), source
+
+
+def _reduce(
     system: AffineSystem,
-    rows: IndexArray,
-    columns: IndexArray,
-    lines: RealArray,
-    tier: str | None,
+    frf: FRF,
+    excitation: Excitation | None,
     backend: str | None,
     accuracy: float,
 ) -> tuple[FieldSolver, str]:
-    """Return the solver, and a description of it as the source of the FRF."""
-    if tier != "reduced":
-        return LineSolver.choose(system, tier, backend), "model"
-    reduction = Reduction(
-        system, rows, columns, (float(lines[0]), float(lines[-1])), check_backend(backend), accuracy
-    )
+    """Return the solver of a reduced model, and its description."""
+    rows, columns = (system.dofs.match(dofs).index for dofs in (frf.responses, frf.references))
+    if excitation is not None:
+        rows, columns = np.union1d(rows, excitation.moved), excitation.forced
+    band = float(frf.freq[0]), float(frf.freq[-1])
+    reduction = Reduction(system, rows, columns, band, check_backend(backend), accuracy)
     reduction.build(system.start)
-    found = reduction.certify(system.start, lines)
-    if found.error > accuracy:
+    largest = 1.0
+    if excitation is not None:  # a ratio multiplies the error of a receptance
+        solver = DrivenSolver(reduction.solver(), excitation)
+        c = system.coefficients(system.start, 2.0 * np.pi * frf.freq)
+        T = solver.at(solver.solve(c, solver.drive, frf.freq), rows)
+        largest = max(largest, float(np.abs(T).max()))
+        reduction.accuracy /= largest
+    found = reduction.certify(system.start, frf.freq)
+    error = largest * found.error
+    if error > accuracy:
         raise SolverError(
-            f"tier 'reduced': {found.size} basis vectors reach an error of {found.error:.1g} of the"
+            f"tier 'reduced': {found.size} basis vectors reach an error of {error:.1g} of the"
             f" largest receptance of a line, not {accuracy:g}; use tier 'sparse', or a larger"
             " accuracy="
         )
     return (
         reduction.solver(),
-        f"model, reduced to {found.size} basis vectors, error at most {found.error:.1g}",
+        f"model, reduced to {found.size} basis vectors, error at most {error:.1g}",
     )

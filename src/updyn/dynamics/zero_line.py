@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 
-from updyn.dynamics.response import response
+from updyn.dynamics.response import response_like
 from updyn.errors import SolverError, UpdynWarning
 from updyn.frf import FRF
 from updyn.model import Model
@@ -28,7 +28,7 @@ def leave_out_zero_line(model: Model, frf: FRF, name: str = "") -> FRF:
 def _is_free(model: Model, frf: FRF) -> bool:
     """Return whether the dynamic stiffness is singular at 0 Hz (with the decay of the data)."""
     try:
-        response(model, [0.0], frf.responses, frf.references, decay=frf.decay)
+        response_like(model, frf.select(lines=frf.freq[:1]))
     except SolverError as error:
         return not isinstance(error.__cause__, MemoryError)
     return False

@@ -12,7 +12,7 @@ import numpy as np
 
 from updyn.arrays import RealArray
 from updyn.correlation import Correlation, correlate
-from updyn.dynamics.response import response
+from updyn.dynamics.response import response_like
 from updyn.errors import SolverError
 from updyn.frf import FRF
 from updyn.job.folder import check_out, default_out
@@ -56,9 +56,7 @@ def start_correlation(test: PreparedTest, unknowns: ParameterSet | Selection) ->
     model, tier = start_model(test, unknowns), method.tier
     if is_reduced(tier, model.n_dofs, len(frf.freq), method.name):
         tier = "reduced"
-    where = (frf.freq, frf.responses, frf.references, frf.quantity)
-    computed = response(model, *where, decay=frf.decay, tier=tier, backend=method.backend)
-    return correlate(computed, frf)
+    return correlate(response_like(model, frf, tier=tier, backend=method.backend), frf)
 
 
 def start_figures(test: PreparedTest, found: Correlation) -> dict[str, float]:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from updyn.errors import DataError
-from updyn.frf import FRF, QUANTITIES
+from updyn.frf import FRF
 from updyn.modal.settings import DECAY_REMOVAL, VECTOR_FITTING
 from updyn.modal.vector_fitting import RationalBasis, fit_by_cross_validation
 
@@ -40,7 +40,7 @@ def remove_decay(frf: FRF) -> FRF:
     with_decay, without_decay = (
         np.asarray(-(((1j * omega + a) / unit) ** 2)) for a in (frf.decay, 0.0)
     )
-    power = 2 - QUANTITIES[frf.quantity]
+    power = 2 - frf.modal_power
     factor = ((1j * omega + frf.decay) ** power)[:, None]
     flat = frf.values[moving].reshape(len(omega), -1) * factor
     size = np.sqrt(np.mean(np.abs(flat) ** 2, axis=0))

@@ -9,7 +9,7 @@ import numpy as np
 from updyn.arrays import RealArray
 from updyn.errors import DataError
 from updyn.frf import FRF, unit
-from updyn.modal.sides import Sides
+from updyn.modal.sides import Sides, as_accelerance
 
 __all__ = ["Indicator", "cmif"]
 
@@ -66,7 +66,7 @@ def cmif(frf: FRF) -> Indicator:
     moving = np.flatnonzero(np.abs(frf.s) > 0.0)
     if not moving.size:
         raise DataError("cmif: 0 Hz is the only line; expected lines above")
-    found = frf.select(lines=frf.freq[moving]).converted("accelerance")
+    found = as_accelerance(frf.select(lines=frf.freq[moving]))
     sides = Sides.of(found)
     scaled = found.values * sides.row_scale[:, None] * sides.column_scale
     units = {

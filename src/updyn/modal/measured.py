@@ -8,7 +8,7 @@ import numpy as np
 
 from updyn.arrays import BoolArray, ComplexArray, IndexArray, RealArray
 from updyn.errors import DataError
-from updyn.frf import FRF, QUANTITIES
+from updyn.frf import FRF
 from updyn.modal.axis import Axis
 from updyn.modal.envelope import Envelope
 from updyn.modal.refine import LineWindow
@@ -40,9 +40,7 @@ class Measured:
                 f" {MODE_WINDOW.least_lines}, better 30"
             )
         omega = 2.0 * np.pi * freq
-        values = (
-            frf.values[moving] * ((1j * omega) ** (2 - QUANTITIES[frf.quantity]))[:, None, None]
-        )
+        values = frf.values[moving] * ((1j * omega) ** (2 - frf.modal_power))[:, None, None]
         if not np.abs(values).any():
             raise DataError("modes: all values are zero")
         kind = 2 * (frf.responses.axes >= 3)[:, None] + (frf.references.axes >= 3)[None, :]

@@ -12,7 +12,7 @@ from updyn.arrays import ComplexArray, IndexArray, RealArray
 from updyn.frf import FRF
 from updyn.modal.mode_set import ModeSet
 from updyn.modal.settings import RESONANCE_PEAK
-from updyn.modal.sides import Sides
+from updyn.modal.sides import Sides, as_accelerance
 
 __all__ = ["find_resonance_peaks"]
 
@@ -24,7 +24,7 @@ def find_resonance_peaks(frf: FRF) -> ModeSet | None:
         return None
     if frf.values[0].size < RESONANCE_PEAK.least_channels:
         return None
-    found = frf.select(lines=frf.freq[moving]).converted("accelerance")
+    found = as_accelerance(frf.select(lines=frf.freq[moving]))
     sides = Sides.of(found)
     scaled = found.values * sides.row_scale[:, None] * sides.column_scale
     level = np.linalg.svd(scaled, compute_uv=False)[:, 0]

@@ -14,10 +14,15 @@ import scipy.linalg
 
 from updyn.arrays import ComplexArray, IndexArray, RealArray
 from updyn.dofs import Dof
-from updyn.frf import FRF
+from updyn.frf import FRF, TRANSMISSIBILITY
 from updyn.modal.settings import CHANNEL_FIT, PHYSICAL_MODE
 
-__all__ = ["Sides"]
+__all__ = ["Sides", "as_accelerance"]
+
+
+def as_accelerance(frf: FRF) -> FRF:
+    """Return a measurement as accelerance; a transmissibility has the same modal form already."""
+    return frf if frf.quantity == TRANSMISSIBILITY else frf.converted("accelerance")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,7 +58,8 @@ class Sides:
     @classmethod
     def of(cls, frf: FRF) -> Sides:
         """Return the sides of a measurement."""
-        driven = np.array([d in frf.responses for d in frf.references])
+        is_force = frf.quantity != TRANSMISSIBILITY
+        driven = np.array([is_force and d in frf.responses for d in frf.references])
         columns, more = np.flatnonzero(driven), np.flatnonzero(~driven)
         match = frf.responses.match(frf.references[columns], "reference")
         responses, references = list(frf.responses), list(frf.references)

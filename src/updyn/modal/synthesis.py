@@ -8,7 +8,7 @@ import numpy as np
 
 from updyn.arrays import BoolArray, ComplexArray, RealArray
 from updyn.errors import DataError
-from updyn.frf import FRF, QUANTITIES
+from updyn.frf import FRF
 from updyn.modal.mode_set import ModeSet
 from updyn.modal.settings import SYNTHESIS, UNEXPLAINED_PEAK
 
@@ -108,4 +108,4 @@ def _terms(modes: ModeSet, frf: FRF) -> ComplexArray:
     moving = np.abs(s) > 0.0
     lower = np.divide(1.0, s**2, out=np.zeros_like(s), where=moving)
     receptances = np.concatenate([1.0 / (poles + s**2), lower, np.ones_like(s)], axis=1)
-    return np.asarray(receptances * s ** QUANTITIES[frf.quantity])
+    return np.asarray(receptances * s**frf.modal_power)

@@ -283,7 +283,7 @@ def compute_frfs(
     None if they cannot be computed, with a note on `what`. `freq` is in Hz; `options` are those of
     the update, which determine how a large model is solved.
     """
-    from updyn.dynamics.response import response
+    from updyn.dynamics.response import response_like
 
     if freq.size == 0:
         return None
@@ -293,8 +293,7 @@ def compute_frfs(
     if options.get("tier") == "reduced":
         how = {key: options[key] for key in ("tier", "accuracy") if key in options}
     try:
-        where = (freq, frf.responses, frf.references, frf.quantity)
-        return response(model, *where, decay=frf.decay, **how).values
+        return response_like(model, frf, freq, **how).values
     except UpdynError as error:  # a failed fit also gets a report
         notes.append(f"The {what} could not be computed and is not drawn: {error}")
         return None

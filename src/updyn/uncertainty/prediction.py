@@ -13,7 +13,7 @@ from updyn.arrays import BoolArray, ComplexArray, RealArray
 from updyn.dofs import Dof, DofSet
 from updyn.dynamics.settings import REDUCTION
 from updyn.errors import DataError, OptionError, SolverError
-from updyn.frf import FRF, check_lines
+from updyn.frf import FRF, TRANSMISSIBILITY, check_lines
 from updyn.uncertainty.draws import Draws
 from updyn.uncertainty.likelihood import select_furthest
 from updyn.uncertainty.restored import estimate_of, restore, solver_options
@@ -136,6 +136,8 @@ def _build_part(
     lines, rows, columns = check_lines(freq), DofSet(responses), DofSet(references)
     blank = np.zeros((len(lines), len(rows), len(columns)), dtype=np.complex128)
     frf = FRF(lines, blank, rows, columns, quantity or result.frf.quantity)
+    if frf.quantity == TRANSMISSIBILITY:
+        frf = frf.with_excitation(result.frf.base, result.frf.force)
     # Calibration factors belong to a measurement by the same sensors, not to the structure.
     tier, backend = solver_options(result)
     part = FRFPart.build(result.start, frf, result.parameters, tier=tier, backend=backend)

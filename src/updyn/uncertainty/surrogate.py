@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -74,7 +74,7 @@ class Surrogate:
         parts = []
         for part, reduction in zip(self.exact.parts, self._reductions, strict=True):
             solver = reduction.solver(f"reduced, {reduction.basis.size}")
-            parts.append(replace(part, solver=solver))
+            parts.append(part.with_solver(solver))
         return Problem.of(parts)
 
     def error(self, points: Sequence[RealArray]) -> float:

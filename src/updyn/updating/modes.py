@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from updyn.dynamics.excitation import hold_base
 from updyn.errors import OptionError, UpdynError
 from updyn.frf import FRF
 from updyn.modal import ModeSet
@@ -118,6 +119,9 @@ def _make_table(
     if isinstance(test, ModeSet):
         return compare_modes(start, updated, test)
     try:
+        if updated is not None:
+            updated, _ = hold_base(updated, test)
+        start, test = hold_base(start, test)
         found = identify_modes_for(updated or start, test)
     except (UpdynError, np.linalg.LinAlgError) as error:
         why = str(error).removeprefix("modes: ")

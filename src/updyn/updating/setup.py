@@ -18,8 +18,14 @@ from updyn.modal import ModeSet
 from updyn.positions import warn_of_labels
 from updyn.updating.before_search import ModeComparison
 from updyn.updating.fit.method import Method
-from updyn.updating.fit.methods import check_channels, check_modes, make_method
+from updyn.updating.fit.methods import (
+    check_channels,
+    check_modes,
+    check_quantities,
+    make_method,
+)
 from updyn.updating.fit.monitor import Progress
+from updyn.updating.fit.reducing import are_modes_reduced
 from updyn.updating.fit.regularisation import add_regularisation
 from updyn.updating.problem.data import (
     ModalSplit,
@@ -82,11 +88,22 @@ class RunOptions:
                 key=("accuracy",),
             )
 
-    def check_without_lines(self) -> None:
-        """Raise `OptionError` for options of the line-by-line solution in an update to modes."""
-        for key in ("tier", "backend"):
-            if getattr(self, key) is not None:
-                raise OptionError(f"{key}: modes are computed by one way; leave it out", key=(key,))
+    def check_without_lines(self, largest: int) -> None:
+        """Raise `OptionError` for options of the line-by-line solution in an update to modes.
+
+        `largest` is the number of DOFs of the largest model.
+        """
+        reduced = are_modes_reduced(self.tier, largest)
+        if self.tier == "dense":
+            raise OptionError(
+                "tier 'dense': modes are computed with 'sparse' or 'reduced'", key=("tier",)
+            )
+        if self.backend is not None and not reduced:
+            raise OptionError(
+                f"backend: modes of a full model ({largest} DOFs) are computed by one way; leave it"
+                " out, or use tier 'reduced'",
+                key=("backend",),
+            )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -162,8 +179,9 @@ def prepare_setup(
     pairs = zip(frf_tests, splits, strict=True)
     noises = [choose_noise(test.noise, split.fitted) for test, split in pairs]
     check_modes(tests, method)
+    check_quantities(tests, method)
     if not frf_tests:
-        options.check_without_lines()
+        options.check_without_lines(max(test.model.n_dofs for test in tests))
     before = ModeComparison.of(tests, selection.parameters, options.method_options)
     modal_splits = [
         split_modes(test.data, test.validation) for test in tests if isinstance(test.data, ModeSet)

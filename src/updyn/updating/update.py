@@ -61,6 +61,8 @@ def update(
     resume: bool = False,
     regularise: str | float | None = None,
     progress: bool = False,
+    base: Iterable[str | Dof] | None = None,
+    force: str | Dof | None = None,
     **options: Any,
 ) -> UpdateResult:
     """Fit the unknowns of a model to measured FRFs, or to measured modes.
@@ -123,6 +125,11 @@ def update(
     progress : bool
         Whether to show a progress bar on a terminal or in a notebook, and plain lines elsewhere (on
         stderr).
+    base : iterable of str or Dof, optional
+        For transmissibilities: DOFs of the model that move together as the rigid base, the
+        reference among them (`FRF`).
+    force : str or Dof, optional
+        For transmissibilities between two sensors: DOF of the only force (`FRF`).
     **options
         Options of the method: ``max_iterations``, ``tolerance``; ``starts``, ``seed``
         (maximum-likelihood, log); ``solver`` (equation-error).
@@ -155,6 +162,10 @@ def update(
     >>> result.status, round(result.values["part3.stiffness"], 2)
     ('converged', 0.9)
     """
+    if base is not None or force is not None:
+        if not isinstance(frf, FRF):
+            raise OptionError("base and force: modes have none; leave them out")
+        frf = frf.with_excitation(base, force)
     test = Test(model, frf, "", lines, noise, validation)
     run_options = RunOptions(
         method,

@@ -111,7 +111,7 @@ def test_short_memory_is_not_a_free_model(monkeypatch: pytest.MonkeyPatch) -> No
     def fail(*_: object, **__: object) -> None:
         raise SolverError("not enough memory") from MemoryError()
 
-    monkeypatch.setattr(zero_line, "response", fail)
+    monkeypatch.setattr(zero_line, "response_like", fail)
     frf = measure()
     assert leave_out_zero_line(chain(), frf) is frf
 

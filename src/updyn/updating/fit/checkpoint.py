@@ -24,7 +24,7 @@ import numpy as np
 
 from updyn import __version__
 from updyn.errors import FormatError, OptionError, UpdynWarning
-from updyn.frf import FRF
+from updyn.frf import FRF, TRANSMISSIBILITY
 from updyn.modal import ModeSet
 from updyn.settings import MESSAGES
 from updyn.updating.fit.settings import CHECKPOINT
@@ -226,6 +226,8 @@ def fingerprint(
     for frf in frfs:
         measured += [frf.freq, frf.values, frf.quantity, str(frf.averages)]
         measured += [*frf.responses.labels, "/", *frf.references.labels]
+        if frf.quantity == TRANSMISSIBILITY:
+            measured += [*(() if frf.base is None else frf.base.labels), "/", str(frf.force)]
         for array in (frf.variance, frf.coherence):
             measured.append("None" if array is None else array)
     unknowns: dict[str, list[object]] = {}

@@ -25,7 +25,7 @@ from updyn.dynamics.fields import TIERS, FieldSolver
 from updyn.dynamics.kept_basis import KeptBasis
 from updyn.dynamics.reduction import Reduction
 from updyn.errors import OptionError, SolverError, suggest
-from updyn.frf import FRF
+from updyn.frf import FRF, TRANSMISSIBILITY
 from updyn.linalg.solver import Factorised
 from updyn.model import Model
 from updyn.updating.fit.acceptance import Acceptance
@@ -60,7 +60,7 @@ from updyn.updating.problem.problem import FRFPart, Problem, relative_levels
 from updyn.updating.problem.residuals import make_log_error
 from updyn.updating.problem.session import Stopped
 
-__all__ = ["Reducing", "is_reduced", "make_reduction", "record_fallback"]
+__all__ = ["Reducing", "are_modes_reduced", "is_reduced", "make_reduction", "record_fallback"]
 
 
 def is_reduced(
@@ -84,6 +84,13 @@ def is_reduced(
     return not exact and n > REDUCED_TIER.most_exact_dofs and n_lines >= REDUCED_TIER.least_lines
 
 
+def are_modes_reduced(tier: str | None, n: int) -> bool:
+    """Return whether a model with n DOFs is to be reduced for its modes; OptionError if invalid."""
+    if tier is not None and tier not in TIERS:
+        raise OptionError(f"tier {tier!r}: {suggest(str(tier), TIERS)}", key=("tier",))
+    return tier == "reduced" or (tier is None and n > REDUCED_TIER.most_exact_dofs_of_modes)
+
+
 def make_reduction(part: FRFPart, accuracy: float, others: IndexArray | None = None) -> Reduction:
     """Return the reduction of a part's model for its responses, references and band, not yet built.
 
@@ -95,8 +102,7 @@ def make_reduction(part: FRFPart, accuracy: float, others: IndexArray | None = N
         others = np.zeros(0, dtype=np.intp)
     return Reduction(
         part.solver.system,
-        part.rows,
-        part.columns,
+        *part.receptance_dofs,
         (float(freq[0]), float(freq[-1])),
         part.solver.backend,
         accuracy,
@@ -118,13 +124,13 @@ class _Part:
 
     @classmethod
     def of(cls, part: FRFPart, accuracy: float, *, keeps: bool) -> _Part:
-        others = part.solver.other_dofs(np.union1d(part.rows, part.columns))
+        others = part.solver.other_dofs(np.union1d(*part.receptance_dofs))
         stride = max(1, -(-len(others) // REDUCED_TIER.most_other_dofs))
         reduction = make_reduction(part, accuracy, others[::stride])
-        reduction.accuracy = min(
-            accuracy,
-            max(REDUCED_TIER.faintest_share * _faintest_level(part.frf), REDUCED_TIER.finest_error),
-        )
+        allowed = min(accuracy, REDUCED_TIER.faintest_share * _faintest_level(part.frf))
+        if part.frf.quantity == TRANSMISSIBILITY:  # a ratio multiplies the error of a receptance
+            allowed /= max(1.0, float(np.abs(part.frf.values).max()))
+        reduction.accuracy = min(accuracy, max(allowed, REDUCED_TIER.finest_error))
         reduction.shifted.keeps = keeps
         return cls(part, reduction)
 
@@ -224,7 +230,7 @@ class Reducing:
         parts = []
         for part, reduced in zip(problem.parts, self._parts, strict=True):
             if reduced.solver is not None:
-                parts.append(replace(part, solver=reduced.solver))
+                parts.append(part.with_solver(reduced.solver))
         return problem.with_parts(parts)
 
     def fit(
@@ -329,7 +335,8 @@ class Reducing:
             assert reduced.lost is not None
             rows = reduced.exact.rows  # includes held-out responses
             at = np.argsort(rows)[np.searchsorted(rows, part.rows, sorter=np.argsort(rows))]
-            out.append(Approximate(noise, SEARCH_BASIS.error_ratio * reduced.lost[at]))
+            lost = reduced.exact.channel_errors(reduced.lost)[at]
+            out.append(Approximate(noise, SEARCH_BASIS.error_ratio * lost))
         return out
 
     def _fit_in_rounds(

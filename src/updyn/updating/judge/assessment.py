@@ -426,7 +426,7 @@ def _correlate_part(
     part: FRFPart, x: RealArray, split: Split, first: FieldSolver
 ) -> dict[str, Any]:
     part_of_all_data = part.with_data(split.whole)
-    start_part = replace(part_of_all_data, solver=first)
+    start_part = part_of_all_data.with_solver(first)
     start = part.coordinates.start
     # Only the unbounded plain iteration can end at a negative loss factor; the updated model uses
     # zero instead.

@@ -19,6 +19,7 @@ from updyn.correlation.clusters import PairingRule, pair_clusters, pair_frequenc
 from updyn.correlation.modes import undamped_modes
 from updyn.correlation.settings import MODE_PAIRING
 from updyn.correlation.shapes import find_moving
+from updyn.dynamics.excitation import hold_base
 from updyn.dynamics.modes import Modes
 from updyn.errors import DataError, InputError, SolverError
 from updyn.frf import FRF
@@ -125,6 +126,9 @@ def find_counterparts(
         )
     given = modes if modes is not None else data
     try:
+        if isinstance(data, FRF):
+            model, measured = hold_base(model, data)
+            given = measured if modes is None else modes
         if isinstance(given, ModeSet):
             return _pair_modes(model, given, "given")
         if len(given.freq) < COUNTERPARTS.least_lines:

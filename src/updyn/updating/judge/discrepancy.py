@@ -14,7 +14,6 @@ import scipy.linalg
 
 from updyn.arrays import BoolArray, ComplexArray, IndexArray, RealArray
 from updyn.errors import SolverError
-from updyn.frf import QUANTITIES
 from updyn.updating.fit.method import Fit
 from updyn.updating.fit.null_space import complement
 from updyn.updating.fit.settings import NULL_SPACE
@@ -251,7 +250,7 @@ def _choose_dofs(problem: Problem) -> list[IndexArray]:
     chosen: dict[str, None] = {}
     labels_by_part = [part.solver.system.dofs.labels for part in problem.parts]
     for part, labels in zip(problem.parts, labels_by_part, strict=True):
-        measured = np.union1d(part.rows, part.columns)
+        measured = np.union1d(*part.receptance_dofs)
         dofs = np.union1d(measured, part.solver.other_dofs(measured))
         chosen |= dict.fromkeys(labels[i] for i in dofs[:: -(-len(dofs) // most)])
     found = []
@@ -303,7 +302,7 @@ def _error_effects(part: FRFPart, x: RealArray, lines: slice, dofs: IndexArray) 
     rows, columns = order[: len(part.rows)], order[len(part.rows) :]
     H = np.zeros((len(dofs), len(freq), *part.sign.shape), dtype=np.complex128)
     H[is_present] = -fields[:, :, rows, None] * fields[:, :, None, columns]
-    H *= part.gains(x) * part.sign * (s ** QUANTITIES[part.frf.quantity])[:, None, None]
+    H *= part.gains(x) * part.sign * (s**part.frf.power)[:, None, None]
     # A loss is an imaginary stiffness of unit size; columns are scaled to equal norm later.
     by_kind = (np.ones_like(s), 1j * np.ones_like(s), s, s**2)
     return np.concatenate([H * kind[:, None, None] for kind in by_kind])

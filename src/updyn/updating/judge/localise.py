@@ -18,7 +18,6 @@ import numpy as np
 
 from updyn.arrays import ComplexArray, RealArray
 from updyn.errors import SolverError
-from updyn.frf import QUANTITIES
 from updyn.sensitivity import Unknowns
 from updyn.updating.fit.method import descend
 from updyn.updating.fit.methods.constitutive import constitutive_weights
@@ -52,7 +51,7 @@ def constitutive_error(
     omega = 2.0 * np.pi * freq
     system = part.solver.system
     c, w = constitutive_weights(system, part.state(x), omega)
-    power = (part.frf.s[lines] ** QUANTITIES[part.frf.quantity])[:, None, None]
+    power = (part.frf.s[lines] ** part.frf.power)[:, None, None]
     rows, place = np.unique(part.rows, return_inverse=True)
     P = part.solver.solve(c, rows, freq)[:, :, place.ravel()]
     S = np.zeros((len(freq), P.shape[2], P.shape[2]), dtype=np.complex128)
@@ -387,8 +386,9 @@ def _compute_energies(
         share = found / np.maximum(found.sum(axis=0), np.finfo(float).tiny)
         counted = np.sum(share * square[worst].sum(axis=1), axis=(1, 2))
         for term, value in zip(part.solver.system.terms, counted.tolist(), strict=True):
-            key = (term.group, term.quantity)
-            out[key] = out.get(key, 0.0) + value
+            if term.group:
+                key = (term.group, term.quantity)
+                out[key] = out.get(key, 0.0) + value
     return out
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -32,8 +32,7 @@ class ReducedPart:
             return None
         reduction = Reduction(
             solver.system,
-            part.rows,
-            part.columns,
+            *part.receptance_dofs,
             (float(freq[0]), float(freq[-1])),
             solver.backend,
             NEARBY_MODEL.accuracy,
@@ -46,7 +45,7 @@ class ReducedPart:
             reduction.compress(state, freq[:: -(-len(freq) // NEARBY_MODEL.basis_lines)])
         except (SolverError, np.linalg.LinAlgError):
             return None
-        reduced = replace(part, solver=reduction.solver("reduced, judged"))
+        reduced = part.with_solver(reduction.solver("reduced, judged"))
         reduction.basis = whole  # further states are orthogonalised against the full basis
         return cls(reduced, reduction)
 
@@ -58,4 +57,4 @@ class ReducedPart:
         self.reduction.extend(states)
         freq = self.part.frf.freq
         self.reduction.compress_around(states, freq, NEARBY_MODEL.dropped_energy_root)
-        return replace(self.part, solver=self.reduction.solver("reduced, judged again"))
+        return self.part.with_solver(self.reduction.solver("reduced, judged again"))

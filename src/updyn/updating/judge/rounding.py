@@ -10,6 +10,7 @@ import numpy as np
 from updyn.arrays import RealArray
 from updyn.dynamics.fields import EXACT_TIERS
 from updyn.errors import SolverError
+from updyn.frf import TRANSMISSIBILITY
 from updyn.updating.judge.settings import EFFORT, ROUNDING_CHECK, SIGNIFICANCE
 from updyn.updating.problem.problem import FRFPart
 
@@ -36,7 +37,7 @@ class Rounding:
     @property
     def message(self) -> str:
         """Description of the error in two sentences."""
-        at = f"{self.response} (force {self.reference})" + (
+        at = f"{self.response} / {self.reference}" + (
             f" of test {self.test!r}" if self.test else ""
         )
         return (
@@ -101,5 +102,7 @@ def _relative_rounding(part: FRFPart, x: RealArray, freq: RealArray) -> RealArra
         for times in (1.0, 3.0)
     )
     size = np.abs(X)
+    if part.frf.quantity != TRANSMISSIBILITY:  # a ratio of motions does not change with Z
+        Y = 3.0 * Y
     # A response that is exactly zero has no rounding error.
-    return np.asarray(np.abs(3.0 * Y - X) / np.where(size > 0.0, size, np.inf)).transpose(1, 0, 2)
+    return np.asarray(np.abs(Y - X) / np.where(size > 0.0, size, np.inf)).transpose(1, 0, 2)

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from updyn.arrays import BoolArray, IndexArray, NumberArray, RealArray
 from updyn.dofs import DIRECTIONS, Dof, DofSet
+from updyn.dynamics.excitation import find_excitation
 from updyn.dynamics.zero_line import leave_out_zero_line
 from updyn.errors import DataError, OptionError, ParameterError, UpdynWarning
 from updyn.frf import FRF, check_lines
@@ -111,6 +112,7 @@ def check_tests(tests: Sequence[Test], parameters: ParameterSet) -> None:
         else:
             test.model.dofs.match(test.data.responses, "response")
             test.model.dofs.match(test.data.references, "reference")
+            find_excitation(test.model.dofs, test.data)
             check_measured(test.data, test.name)
             _warn_of_no_mass(test.model, test.data, test.name)
             _warn_of_axes(test.model, test.data)

@@ -11,10 +11,11 @@ import numpy as np
 from updyn import sensitivity
 from updyn.arrays import ComplexArray, IndexArray, RealArray
 from updyn.dynamics.affine import AffineSystem, State
+from updyn.dynamics.excitation import DrivenSolver, find_channels, find_excitation
 from updyn.dynamics.fields import FieldSolver, LineSolver, split_into_blocks
 from updyn.dynamics.pencil import saves_time
 from updyn.dynamics.settings import PENCIL
-from updyn.frf import FRF, QUANTITIES
+from updyn.frf import FRF
 from updyn.model import Model
 from updyn.sensitivity import Unknowns
 from updyn.updating.problem.channels import Gains
@@ -55,8 +56,9 @@ class LineBlock:
 class FRFPart:
     """Model, data and unknowns of one test.
 
-    `rows` and `columns` are the model DOFs of responses and references; `sign`, shape (n_i, n_j),
-    is the product of their signs, 0 if symmetry forbids the response. Unless `as_read`, FRFs of the
+    `rows` and `columns` are the model DOFs of responses and references, or the column of a
+    `DrivenSolver`; `sign`, shape (n_i, n_j), is the product of their signs, 0 if symmetry forbids
+    the response. Unless `as_read`, FRFs of the
     model exclude the calibration factors. `variants` are the model without frequent mistakes.
     Copies in other processes have a default `session` and no variants.
     """
@@ -99,16 +101,21 @@ class FRFPart:
     ) -> FRFPart:
         """Return the part for a model, data and unknowns."""
         system = AffineSystem.compile(model)
-        rows = model.dofs.match(frf.responses, "response")
-        columns = model.dofs.match(frf.references, "reference")
+        excitation = find_excitation(model.dofs, frf)
+        if excitation is not None:
+            system = excitation.hold(system, float(frf.freq[-1]))
+        solver: FieldSolver = LineSolver.choose(system, tier, backend)
+        if excitation is not None:
+            solver = DrivenSolver(solver, excitation)
+        channels = find_channels(solver, frf)
         return cls(
-            LineSolver.choose(system, tier, backend),
+            solver,
             Unknowns.find(system, parameters),
             Coordinates(parameters, omega=_middle_frequency(frf.freq)),
             frf,
-            rows.index,
-            columns.index,
-            rows.sign[:, None] * columns.sign,
+            channels.rows,
+            channels.columns,
+            channels.sign,
             session or Session(),
             name,
             variants=build_variants(model),
@@ -116,10 +123,30 @@ class FRFPart:
 
     def with_data(self, frf: FRF) -> FRFPart:
         """Return the part with other data of the same model."""
-        rows = self.solver.system.dofs.match(frf.responses, "response")
-        columns = self.solver.system.dofs.match(frf.references, "reference")
-        sign = rows.sign[:, None] * columns.sign
-        return replace(self, frf=frf, rows=rows.index, columns=columns.index, sign=sign)
+        found = find_channels(self.solver, frf)
+        return replace(self, frf=frf, rows=found.rows, columns=found.columns, sign=found.sign)
+
+    def with_solver(self, solver: FieldSolver) -> FRFPart:
+        """Return the part with another solver of the same model, under the same excitation."""
+        if isinstance(self.solver, DrivenSolver) and not isinstance(solver, DrivenSolver):
+            solver = replace(self.solver, inner=solver)
+        return replace(self, solver=solver)
+
+    @property
+    def receptance_dofs(self) -> tuple[IndexArray, IndexArray]:
+        """DOFs of responses and forces of the receptances that give the responses of the part.
+
+        Those of the part come first; under a prescribed motion, its DOFs and forces are added.
+        """
+        if not isinstance(self.solver, DrivenSolver):
+            return self.rows, self.columns
+        driven = self.solver.excitation
+        return np.append(self.rows, np.setdiff1d(driven.moved, self.rows)), driven.forced
+
+    def channel_errors(self, errors: RealArray) -> RealArray:
+        """Return the errors of the channels from those of `receptance_dofs`, (..., n_i, n_j)."""
+        own = errors[..., : len(self.rows), :]
+        return own.max(axis=-1, keepdims=True) if isinstance(self.solver, DrivenSolver) else own
 
     def thin(self, largest: int) -> FRFPart:
         """Return the part on every k-th line, with at most `largest` lines."""
@@ -248,7 +275,7 @@ class FRFPart:
 
     def block(self, x: RealArray, lines: slice, *, derivatives: bool = True) -> LineBlock:
         """Return the model, times the calibration factors, and the data at a block of lines."""
-        freq, rate = self.frf.freq[lines], self.frf.s[lines] ** QUANTITIES[self.frf.quantity]
+        freq, rate = self.frf.freq[lines], self.frf.s[lines] ** self.frf.power
         H, dH = sensitivity.receptance(
             self.solver,
             self.unknowns,

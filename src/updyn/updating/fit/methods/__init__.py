@@ -19,6 +19,7 @@ from typing import Any, cast
 import numpy as np
 
 from updyn.errors import OptionError, suggest
+from updyn.frf import FRF, TRANSMISSIBILITY
 from updyn.modal import ModeSet
 from updyn.registry import Registry, load_object
 from updyn.updating.fit.method import Method
@@ -26,7 +27,15 @@ from updyn.updating.problem.data import Test
 from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.problem.residuals import RESIDUALS
 
-__all__ = ["METHODS", "check_channels", "check_modes", "make_method", "methods_with", "options_of"]
+__all__ = [
+    "METHODS",
+    "check_channels",
+    "check_modes",
+    "check_quantities",
+    "make_method",
+    "methods_with",
+    "options_of",
+]
 
 _HERE = "updyn.updating.fit.methods."
 
@@ -115,6 +124,19 @@ def check_modes(tests: Sequence[Test], method: Method) -> None:
         return
     names = " or ".join(repr(name) for name in methods_with("fits_modes"))
     raise OptionError(f"method {method.name!r} fits FRFs, not modes; use {names}", key=("name",))
+
+
+def check_quantities(tests: Sequence[Test], method: Method) -> None:
+    """Raise OptionError if a test measured a transmissibility and the method needs forces."""
+    ratios = [isinstance(t.data, FRF) and t.data.quantity == TRANSMISSIBILITY for t in tests]
+    if method.calibrates or not any(ratios):
+        return
+    *others, last = map(repr, methods_with("calibrates"))
+    raise OptionError(
+        f"method {method.name!r} needs measured forces, and a transmissibility has none; use"
+        f" {', '.join(others)} or {last}",
+        key=("name",),
+    )
 
 
 def _check(key: str, value: Any, default: Any) -> None:

@@ -5,14 +5,15 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
 from updyn.arrays import ComplexArray, RealArray
 from updyn.dynamics.affine import AffineSystem
+from updyn.dynamics.excitation import DrivenSolver
 from updyn.dynamics.fields import FieldSolver
-from updyn.frf import FRF
+from updyn.frf import FRF, TRANSMISSIBILITY
 from updyn.updating.problem.problem import FRFPart, LineBlock
 
 __all__ = [
@@ -105,12 +106,17 @@ def replace_channels(
     """Return a part with other channels, whose values are 1."""
     frf = part.frf
     values = np.ones((part.n_lines, len(responses), len(references)))
-    return part.with_data(FRF(frf.freq, values, responses, references, quantity, decay=frf.decay))
+    more: dict[str, Any] = {"decay": frf.decay}
+    if quantity == TRANSMISSIBILITY:
+        more |= {"base": frf.base, "force": frf.force}
+    return part.with_data(FRF(frf.freq, values, responses, references, quantity, **more))
 
 
 def replace_system(part: FRFPart, system: AffineSystem) -> FieldSolver:
     """Return the solver of a part for another system of the same pattern."""
     solver: Any = part.solver
+    if isinstance(solver, DrivenSolver):
+        return replace(solver, inner=replace(cast("Any", solver.inner), system=system))
     found: FieldSolver = replace(solver, system=system)
     return found
 

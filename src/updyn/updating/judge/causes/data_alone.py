@@ -62,9 +62,9 @@ def detect_data_faults(frf: FRF, rigid: RigidShapes | None = None) -> list[Detec
     found: list[Detection] = []
     for kind in CAUSES:
         cause = CAUSES[kind]
-        if issubclass(cause, DataFault):
+        if issubclass(cause, DataFault) and cause.applies_to(frf):
             found += cause.detect_faults(frf)
-    if rigid is not None:
+    if rigid is not None and RigidBody.applies_to(frf):
         found += RigidBody.detect_in(frf, rigid)
     imitated = {kind for one in found for kind in one.fault.imitated_kinds}
     clear = [one for one in found if one.fault.kind not in imitated]

@@ -7,14 +7,14 @@ With the dynamic stiffness D(s) of the element and its incidence vectors U, exac
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
 
 from updyn import sensitivity
 from updyn.arrays import ComplexArray, IndexArray, RealArray
-from updyn.frf import FRF, QUANTITIES
+from updyn.frf import FRF, TRANSMISSIBILITY
 from updyn.updating.judge.causes.altered import Alteration, replace_channels
 from updyn.updating.judge.causes.labels import list_unsigned_labels
 from updyn.updating.problem.channels import Gains
@@ -54,7 +54,7 @@ class AddedElement(Alteration):
         """Return the model with the element and the data of a part at a block of lines."""
         frf, s = part.frf, part.frf.s[lines]
         dofs = part.solver.system.dofs.match(list(self.labels)).index
-        rate = s ** QUANTITIES[frf.quantity]
+        rate = s**frf.power
         H, dH = sensitivity.receptance(
             part.solver,
             part.unknowns,
@@ -117,7 +117,10 @@ class MeasuredDofs:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Receptances:
-    """Receptances between all measured DOFs, shape (n_f, m, m) in m/N; `s` is in 1/s."""
+    """Receptances between all measured DOFs, shape (n_f, m, m) in m/N; `s` is in 1/s.
+
+    Under base excitation, the base is held, and a last column has the transmissibilities.
+    """
 
     dofs: MeasuredDofs
     H: ComplexArray
@@ -128,7 +131,13 @@ class Receptances:
         """Return the receptances of the model of a part at x."""
         dofs = MeasuredDofs.of(part.frf)
         square = replace_channels(part, dofs.labels, dofs.labels, "receptance")
-        return cls(dofs, square.responses(x), square.frf.s)
+        H = square.responses(x)
+        if part.frf.quantity == TRANSMISSIBILITY:
+            references = list_unsigned_labels(part.frf.references)
+            driven = replace_channels(part, dofs.labels, references, TRANSMISSIBILITY)
+            H = np.concatenate([H, driven.responses(x)], axis=2)
+            dofs = replace(dofs, columns=np.array([len(dofs.labels)]))
+        return cls(dofs, H, square.frf.s)
 
     def log_change(self, element: AddedElement) -> ComplexArray:
         """Return ln(H' / H) at the channels, shape (n_f, n_i, n_j); 0 where either is 0."""

@@ -203,7 +203,7 @@ class Evidence:
         stiffnesses to the model itself.
         """
         scaled = replace(self.frf, freq=self.frf.freq * np.exp(log_factor))
-        power = QUANTITIES["accelerance"] - QUANTITIES[self.frf.quantity]
+        power = QUANTITIES["accelerance"] - self.frf.modal_power
         return self._log_ratio_on_lines("stretched", log_factor, scaled) + power * log_factor
 
     def _log_ratio_on_lines(self, kind: str, value: float, other_lines: FRF) -> ComplexArray:

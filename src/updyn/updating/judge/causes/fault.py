@@ -187,6 +187,24 @@ class Fault(ABC):
         return False
 
     @classmethod
+    def applies_to(cls, frf: FRF) -> bool:
+        """Return whether data of this kind can have the fault.
+
+        By default always. Relations between forces and responses do not exist in a
+        transmissibility.
+
+        Parameters
+        ----------
+        frf : FRF
+            Measured data.
+
+        Returns
+        -------
+        bool
+        """
+        return True
+
+    @classmethod
     def propose_faults(cls, evidence: Evidence) -> Iterable[Self]:
         """Return the faults of this kind that are worth testing at a point.
 

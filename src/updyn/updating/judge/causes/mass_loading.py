@@ -31,6 +31,11 @@ class MassLoading(IrreparableFault):
     is_positive: ClassVar[bool] = True
 
     @classmethod
+    def applies_to(cls, frf: FRF) -> bool:
+        """Return whether the receptances of the excited structure are symmetric."""
+        return frf.force is None
+
+    @classmethod
     def propose_faults(cls, evidence: Evidence) -> Iterable[Self]:
         """Yield the only fault of this kind, if the responses are translations."""
         turns = any(dof.direction.startswith("R") for dof in evidence.frf.responses)

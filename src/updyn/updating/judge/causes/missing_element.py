@@ -39,6 +39,11 @@ class MissingElement(AlteringFault):
     loss: ClassVar[float] = 0.0
 
     @classmethod
+    def applies_to(cls, frf: FRF) -> bool:
+        """Return whether the receptances of the excited structure are symmetric."""
+        return frf.force is None
+
+    @classmethod
     def list_places(cls, frf: FRF) -> Iterator[tuple[tuple[str, ...], bool]]:
         """Yield the DOFs of each tested place, and whether the element acts between them."""
         yield from list_directed_places(frf)

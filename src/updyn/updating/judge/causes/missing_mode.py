@@ -11,7 +11,7 @@ import numpy as np
 from updyn.arrays import ComplexArray, RealArray
 from updyn.dofs import Dof
 from updyn.errors import DataError, OptionError, in_all
-from updyn.frf import FRF, QUANTITIES
+from updyn.frf import FRF
 from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.fault import FORCE, Fault, list_sides
 from updyn.updating.judge.causes.misfit import compute_log_misfit
@@ -97,7 +97,7 @@ class MissingMode(Fault):
     def pole_factor(self, frf: FRF) -> ComplexArray:
         """Return s^k / (1 + i eta + s^2), s = i omega / omega_0, shape (n_f,)."""
         s = frf.s / (2.0 * np.pi * self.value)
-        return np.asarray(s ** QUANTITIES[frf.quantity] / (1.0 + 1j * self.loss + s**2))
+        return np.asarray(s**frf.modal_power / (1.0 + 1j * self.loss + s**2))
 
     def fit_all_data(self, part: FRFPart, x: RealArray) -> Self:
         """Return the mode with its shape, fitted to all data together with the unknowns."""
@@ -105,7 +105,7 @@ class MissingMode(Fault):
         evidence = Evidence(part, x)
         residues = _LocalResidual.near(evidence, self.value).residues(self)
         u, s, vh = np.linalg.svd(residues)
-        size = s[0] / (2.0 * np.pi * self.value) ** QUANTITIES[frf.quantity]
+        size = s[0] / (2.0 * np.pi * self.value) ** frf.modal_power
         pole = fit_pole(part, x, Pole(self.value, self.loss, size * u[:, 0], vh[0]))
         labels = [name for _, names in list_sides(frf) for name in names]
         signed = np.concatenate([pole.a * frf.responses.signs, pole.b * frf.references.signs])
@@ -235,7 +235,7 @@ class _LocalResidual:
 
     def _basis(self, mode: MissingMode) -> ComplexArray:
         """Return the mode and a constant receptance by channel, weighted, (n_i, n_j, n, 2)."""
-        flat = (self.frf.s / (2.0 * np.pi * mode.value)) ** QUANTITIES[self.frf.quantity]
+        flat = (self.frf.s / (2.0 * np.pi * mode.value)) ** self.frf.modal_power
         both = np.stack([mode.pole_factor(self.frf), flat], axis=-1)
         return np.asarray(self.weight.transpose(1, 2, 0)[..., None] * both)
 

@@ -56,7 +56,7 @@ class ModelUnit(IrreparableFault):
         a, b = (self.value, 1.0) if self.quantity == "stiffness" else (1.0, self.value)
         stretch = float(np.sqrt(b / a))
         # Other quantities than receptance contain powers of the frequency.
-        factor = a * stretch ** QUANTITIES[frf.quantity]
+        factor = a * stretch**frf.power if frf.quantity in QUANTITIES else 1.0
         variance = None if frf.variance is None else factor**2 * frf.variance
         return replace(
             frf,

@@ -90,7 +90,7 @@ class OtherTest(Fault):
     def slope(self, evidence: Evidence) -> ComplexArray:
         """Return d ln A / d ln f at the channels, with A the accelerance."""
         frf = evidence.frf
-        power = QUANTITIES["accelerance"] - QUANTITIES[frf.quantity]
+        power = QUANTITIES["accelerance"] - frf.modal_power
         return (frf.freq[:, None, None] * evidence.slope_by_frequency + power) * self._channel_mask(
             frf
         )

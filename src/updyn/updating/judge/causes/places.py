@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from updyn.dofs import Dof
+from updyn.frf import TRANSMISSIBILITY
 from updyn.updating.judge.causes.settings import CAUSE_CANDIDATES
 from updyn.updating.problem.problem import FRFPart
 
@@ -29,6 +30,8 @@ def iter_force_places(part: FRFPart) -> Iterator[tuple[Dof, Dof]]:
 
     These are near places, as for sensors, and the measured DOFs, whose labels are easily confused.
     """
+    if part.frf.quantity == TRANSMISSIBILITY:
+        return
     known = _KnownDofs.of(part)
     taken = {str(abs(dof)) for dof in part.frf.references}
     measured = [abs(dof) for dof in part.frf.responses]

@@ -8,7 +8,7 @@ import numpy as np
 import scipy.optimize
 
 from updyn.arrays import ComplexArray, RealArray
-from updyn.frf import FRF, QUANTITIES
+from updyn.frf import FRF
 from updyn.updating.judge.causes.evidence import Evidence, compute_spread
 from updyn.updating.judge.causes.misfit import compute_log_misfit
 from updyn.updating.judge.causes.settings import CAUSE_MISFIT, MISSING_MODE
@@ -32,7 +32,7 @@ class Pole:
     def frequency_factor(self, frf: FRF) -> ComplexArray:
         """Return its factor over the lines of data, shape (n_f,)."""
         share = (frf.s / (2.0 * np.pi * self.frequency)) ** 2
-        return np.asarray(frf.s ** QUANTITIES[frf.quantity] / (1.0 + 1j * self.loss + share))
+        return np.asarray(frf.s**frf.modal_power / (1.0 + 1j * self.loss + share))
 
     def contribution(self, frf: FRF) -> ComplexArray:
         """Return its contribution to the FRFs at the lines of data, shape (n_f, n_i, n_j)."""

@@ -50,7 +50,7 @@ class RayleighIncrement(SystemAlteration):
         if self.group != ALL:
             return [self.group]
         matrix = MATRICES[self.quantity]
-        return [term.group for term in system.terms if term.quantity == matrix and term.data.any()]
+        return [t.group for t in system.terms if t.group and t.quantity == matrix and t.data.any()]
 
     def make_unknowns(self, system: AffineSystem) -> list[Parameter]:
         """Return the coefficient of each affected group as an unknown."""

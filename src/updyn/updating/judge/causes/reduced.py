@@ -16,7 +16,7 @@ import numpy as np
 from updyn.arrays import RealArray
 from updyn.dynamics.fields import FieldSolver
 from updyn.dynamics.reduction import Reduction, VectorsPerState
-from updyn.frf import QUANTITIES
+from updyn.frf import TRANSMISSIBILITY
 from updyn.updating.fit.search import scatter_points
 from updyn.updating.judge.causes.evidence import compute_spread, scale_stiffness
 from updyn.updating.judge.causes.holding import (
@@ -66,8 +66,7 @@ class ReducedModels:
             near = np.unique(part.solver.system.dofs.match(places).index)
         self._reduction = Reduction(
             part.solver.system,
-            part.rows,
-            part.columns,
+            *part.receptance_dofs,
             (float(freq[0]), float(freq[-1])),
             part.solver.backend,
             CAUSE_MODEL.accuracy,
@@ -102,14 +101,14 @@ class ReducedModels:
                 self._enrich(x)
         frf = part.frf
         if frf.values.shape == self._error.shape and frf.variance is not None:
-            power = QUANTITIES[frf.quantity]
-            factor = np.abs(frf.s[:, None, None]) ** power
+            factor = np.abs(frf.s[:, None, None]) ** frf.power
             frf = replace(frf, variance=frf.variance + (factor * self._error) ** 2)
-        return replace(part, solver=self._solver, frf=frf)
+        return replace(part.with_solver(self._solver), frf=frf)
 
     def _enrich(self, x: RealArray) -> None:
         certificate = self._reduction.certify(self.part.state(x), self.part.frf.freq)
-        self._error = np.maximum(self._error, certificate.errors)
+        if self.part.frf.quantity != TRANSMISSIBILITY:  # errors are those of receptances
+            self._error = np.maximum(self._error, certificate.errors)
         self._certified.append(x)
         self._solver = self._make_solver(f"reduced, causes {len(self._certified)}")
 

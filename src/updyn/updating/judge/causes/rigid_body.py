@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from updyn.frf import FRF
+from updyn.frf import FRF, TRANSMISSIBILITY
 from updyn.updating.judge.causes.rigid_explanation import explain_sensors
 from updyn.updating.judge.causes.rigid_motion import RigidMotion
 from updyn.updating.judge.causes.rigid_shapes import RigidShapes
@@ -32,6 +32,11 @@ class RigidBody(DataFault):
     kind: ClassVar[str] = "rigid-body"
     odds: ClassVar[float] = 1e-2
     is_symptom: ClassVar[bool] = True
+
+    @classmethod
+    def applies_to(cls, frf: FRF) -> bool:
+        """Return whether forces were measured."""
+        return frf.quantity != TRANSMISSIBILITY
 
     @classmethod
     def detect_faults(cls, frf: FRF) -> Iterable[Detection]:

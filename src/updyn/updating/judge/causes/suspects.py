@@ -49,6 +49,8 @@ def score_faults(part: FRFPart, x: RealArray, *, promising: bool = False) -> lis
     unheld = _log_evidence(evidence, None) if weighs else 0.0
     found: list[ScoredFault] = []
     for kind in CAUSES:
+        if not CAUSES[kind].applies_to(part.frf):
+            continue
         for fault in CAUSES[kind].propose_faults(evidence):
             part.session.check(often=True)
             if fault.channels and evidence.noise_channels.issuperset(fault.channels):

@@ -319,6 +319,8 @@ def free_held_quantities(part: FRFPart) -> tuple[FRFPart, RealArray]:
     loss = part.state(part.coordinates.start).loss
     items: list[HeldQuantity] = []
     for t, term in enumerate(system.terms):
+        if not term.group:
+            continue
         held = (term.group, term.quantity) not in sought and term.quantity in ("stiffness", "mass")
         if held and term.data.any():
             std = HELD_QUANTITIES.factor_std
