@@ -150,6 +150,9 @@ class Receptances:
         U, at = element.incidence, self.dofs.find_positions(element.labels)
         left, right = self._cross_receptances(at, U)
         unit = element.unit_stiffness(self.s)[:, None, None]
+        if element.value == 0.0:
+            H = self._channel_response()
+            return np.asarray(-unit * (left @ right) / np.where(H == 0.0, 1.0, H))
         k = U.shape[1]
         own_receptance = np.eye(k) + element.value * unit * (U.T @ self.H[:, at][:, :, at] @ U)
         by_size = -unit * (
@@ -162,15 +165,18 @@ class Receptances:
 
     def _cross_receptances(self, at: list[int], U: RealArray) -> tuple[ComplexArray, ComplexArray]:
         rows, columns = self.dofs.rows, self.dofs.columns
-        return self.H[:, rows][:, :, at] @ U, U.T @ self.H[:, at][:, :, columns]
+        places = np.array(at)
+        return self.H[:, rows[:, None], places] @ U, U.T @ self.H[:, places[:, None], columns]
+
+    def _channel_response(self) -> ComplexArray:
+        return np.asarray(self.H[:, self.dofs.rows[:, None], self.dofs.columns])
 
     def _response_and_reduction(self, element: AddedElement) -> tuple[ComplexArray, ComplexArray]:
         """Return H and H - H' at the channels."""
         U, at = element.incidence, self.dofs.find_positions(element.labels)
         left, right = self._cross_receptances(at, U)
         G = element._effective_stiffness(U.T @ self.H[:, at][:, :, at] @ U, self.s)
-        H = self.H[:, self.dofs.rows][:, :, self.dofs.columns]
-        return H, left @ G @ right
+        return self._channel_response(), left @ G @ right
 
     def flexibility(self, element: AddedElement) -> float:
         """Return the median over the lines of |D(s) u^T H u| for an element of size 1."""

@@ -16,7 +16,7 @@ from updyn.frf import FRF, QUANTITIES
 from updyn.updating.judge.causes.altered import divide_logs, replace_channels
 from updyn.updating.judge.causes.element import Receptances
 from updyn.updating.judge.causes.labels import list_response_labels, list_unsigned_labels
-from updyn.updating.judge.causes.misfit import compute_log_misfit
+from updyn.updating.judge.causes.misfit import compute_log_misfit, count_values
 from updyn.updating.judge.causes.places import iter_force_places, iter_sensor_places, list_labels
 from updyn.updating.judge.causes.rates import compute_rayleigh_slopes, list_fixed_coefficients
 from updyn.updating.judge.causes.settings import CAUSE_MISFIT, CAUSE_SEARCH, SUPPORT_FAULT
@@ -293,6 +293,11 @@ class Evidence:
         labels = list_response_labels(self.frf)
         too_few = clear < CAUSE_SEARCH.least_lines
         return frozenset(one for one, few in zip(labels, too_few, strict=True) if few)
+
+    @cached_property
+    def n_values(self) -> int:
+        """Number of real values of the data with weight."""
+        return count_values(self.frf)
 
     def misfit(self, frf: FRF) -> RealArray:
         """Return the misfit of data on the same lines, real parts above imaginary parts."""

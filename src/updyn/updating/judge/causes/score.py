@@ -9,7 +9,7 @@ import numpy as np
 
 from updyn.updating.judge.causes.evidence import Evidence, stack_real_imag
 from updyn.updating.judge.causes.fault import Fault
-from updyn.updating.judge.causes.misfit import add_perfect_fit, count_values
+from updyn.updating.judge.causes.misfit import add_perfect_fit
 from updyn.updating.judge.causes.settings import CAUSE_MISFIT
 
 __all__ = ["fit_first_order"]
@@ -43,6 +43,4 @@ def fit_first_order(evidence: Evidence, fault: _MaybeFault) -> tuple[float, _May
             fault = replace(fault, value=fault.value + step)
     e, held = b[: -len(offset)], b[-len(offset) :]
     power = 2.0 * float(e @ e) * unit**2 / e.size
-    return count_values(evidence.frf) * float(np.log(add_perfect_fit(power))) + float(
-        held @ held
-    ), fault
+    return evidence.n_values * float(np.log(add_perfect_fit(power))) + float(held @ held), fault

@@ -12,7 +12,6 @@ from updyn.errors import SolverError
 from updyn.updating.judge.causes.catalogue import CAUSES
 from updyn.updating.judge.causes.evidence import Evidence, find_held
 from updyn.updating.judge.causes.fault import Fault
-from updyn.updating.judge.causes.misfit import count_values
 from updyn.updating.judge.causes.quadratic import QuadraticMisfit
 from updyn.updating.judge.causes.score import fit_first_order
 from updyn.updating.judge.causes.settings import CAUSE_CANDIDATES
@@ -66,9 +65,7 @@ def score_faults(part: FRFPart, x: RealArray, *, promising: bool = False) -> lis
                 gain = max(gain, _log_evidence(evidence, tuned) - unheld)
             gain += float(np.log(fault.prior))
             gain -= (
-                0.5
-                * fault.count_parameters(part.frf)
-                * float(np.log(max(count_values(part.frf), 2)))
+                0.5 * fault.count_parameters(part.frf) * float(np.log(max(evidence.n_values, 2)))
             )
             found.append(ScoredFault(tuned, x, gain, gain - 0.5 * without))
     return sorted(found, key=lambda one: -one.gain)
@@ -94,6 +91,4 @@ def _log_evidence(evidence: Evidence, fault: Fault | None) -> float:
     if fault is not None:
         frf, slope = fault.repair_with_model(evidence), fault.slope(evidence)
     quadratic = QuadraticMisfit.at_point(evidence, frf, slope)
-    return quadratic.find_best_share(count_values(evidence.frf), evidence.rms_misfit**2)[
-        1
-    ].log_evidence
+    return quadratic.find_best_share(evidence.n_values, evidence.rms_misfit**2)[1].log_evidence

@@ -201,8 +201,9 @@ def level_of_units(squared: RealArray, responses: DofSet, references: DofSet) ->
     """Return the rms, above 0, over all channels of one unit for the mean squares, (n_i, n_j)."""
     kind = unit_kinds(responses, references)
     level = np.zeros(kind.shape)
-    for k in np.unique(kind):
-        level[kind == k] = np.sqrt(np.mean(squared[kind == k]))
+    for k in np.flatnonzero(np.bincount(kind.ravel())):
+        is_of_unit = kind == k
+        level[is_of_unit] = np.sqrt(np.mean(squared[is_of_unit]))
     return np.asarray(np.maximum(level, np.finfo(float).tiny ** 0.25))
 
 
