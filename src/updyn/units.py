@@ -42,7 +42,7 @@ class Unit:
 
     `kind` is "force" (moments included), "receptance", "mobility" or "accelerance" for a
     displacement, velocity or acceleration, "time", "frequency" or "length"; for a ratio
-    (`find_ratio`), the quantity of the FRF.
+    (`find_ratio`), the quantity of the FRF, "transmissibility" for a motion over a motion.
     """
 
     kind: str
@@ -203,19 +203,25 @@ def find_ratio(label: str) -> Unit | None:
     found = split_ratio(label)
     if found is None:
         return None
-    motion, force = found
-    return Unit(motion.kind, motion.factor / force.factor)
+    motion, below = found
+    kind = motion.kind if below.kind == "force" else "transmissibility"
+    return Unit(kind, motion.factor / below.factor)
 
 
 def split_ratio(label: str) -> tuple[Unit, Unit] | None:
-    """Return the units of motion and force of an FRF from a label such as ``g/N``, or None."""
+    """Return the two units of an FRF from a label such as ``g/N``, or None.
+
+    They are a motion and a force, or two motions of one kind (``g/g``).
+    """
     text = _normal(label)
     for at, letter in enumerate(text):
         if letter == "/":
             motion = find_unit(text[:at], *_MOTIONS)
-            force = find_unit(text[at + 1 :], "force")
-            if motion and force:
-                return motion, force
+            if motion is None:
+                continue
+            below = find_unit(text[at + 1 :], "force", motion.kind)
+            if below is not None:
+                return motion, below
     return None
 
 

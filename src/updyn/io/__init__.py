@@ -92,7 +92,7 @@ def read_frf(
         The file: universal file (58, 58b), netCDF-4/HDF5, ``.npz``, ``.mat`` or CSV.
     format : str, optional
         Format name, to force it: "uff", "netcdf", "npz", "mat", "csv".
-    quantity : {"receptance", "mobility", "accelerance"}, optional
+    quantity : {"receptance", "mobility", "accelerance", "transmissibility"}, optional
         Measured quantity, required if the file does not state it. A contradiction is an error.
     duplicates : {"raise", "average"}
         Treatment of several functions at one pair of response and reference: an error, or their

@@ -89,7 +89,7 @@ class Values:
     @property
     def quantity(self) -> str | None:
         """Quantity by the unit."""
-        return None if self.unit is None else self.unit.motion.kind
+        return None if self.unit is None else self.unit.quantity
 
 
 def check_keys(given: Any, known: Iterable[str], required: Iterable[str], key: Key) -> None:

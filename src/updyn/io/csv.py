@@ -27,6 +27,7 @@ from updyn.io.csv_modes import holds_frequencies, read_modes, write_modes
 from updyn.io.csv_proposal import propose_columns
 from updyn.io.csv_records import read_records
 from updyn.io.csv_text import (
+    EXCITATION,
     UNITS,
     Comments,
     check_comments,
@@ -34,6 +35,7 @@ from updyn.io.csv_text import (
     plain_numbers,
     read_averages,
     read_decay,
+    read_excitation,
     single_comment,
     split_axis,
 )
@@ -57,7 +59,7 @@ _WHAT = ("re", "im", "abs", "phase_deg", "coh", "var")
 _OPTIONAL = {"coh": "coherence", "var": "variance"}
 _COMMENT = re.compile(rb"(?:#.*)?")
 #: Names of comments with a meaning.
-_KNOWN = ("quantity", "averages", "source", "decay", *UNITS)
+_KNOWN = ("quantity", "averages", "source", "decay", *EXCITATION, *UNITS)
 #: Names of the first column.
 _FREQ = ("freq", "frequency", "f")
 #: Accepted units of columns whose kind defines the unit, and the expected unit for messages.
@@ -144,6 +146,7 @@ def _read_by_header(path: str | Path, quantity: str | None, real_valued: bool) -
             averages=read_averages(head, path),
             source="\n".join(value for _, value in head.get("source", [])),
             decay=read_decay(head, path),
+            **read_excitation(head, path),
         )
 
 
@@ -240,7 +243,7 @@ def _units(
         unit = column_unit or general
         if unit is not None:
             unit.check(column.pair, path, line)
-            quantities.setdefault(unit.motion.kind, column.name)
+            quantities.setdefault(unit.quantity, column.name)
         out[column.pair, column.kind] = unit
     if len(quantities) > 1:
         found_kinds = " and ".join(f"{name!r} of {kind}" for kind, name in quantities.items())
@@ -411,7 +414,7 @@ def _quantity(head: Comments, given: str | None, units: _Units, path: str | Path
     """Return the quantity stated by the file, its units or the user."""
     comment_value = single_comment(head, "quantity", path)
     unit = next((unit for unit in units.values() if unit is not None), None)
-    by_unit = None if unit is None else unit.motion.kind
+    by_unit = None if unit is None else unit.quantity
     if comment_value is not None and given is not None and comment_value != given:
         raise FormatError(
             f"quantity {given!r} contradicts the file, which states {comment_value!r}",
@@ -429,7 +432,7 @@ def _quantity(head: Comments, given: str | None, units: _Units, path: str | Path
     if stated is None:
         raise FormatError(
             "does not state the measured quantity: expected a line '# quantity: accelerance' (or"
-            " mobility, receptance), or quantity= when reading",
+            " mobility, receptance, transmissibility), or quantity= when reading",
             path,
         )
     return stated
@@ -448,6 +451,10 @@ def write_frf(frf: FRF, path: str | Path) -> None:
         head.append(f"# averages: {frf.averages}")
     if frf.decay:
         head.append(f"# decay: {frf.decay!r}")
+    if frf.base is not None:
+        head.append(f"# base: {' '.join(frf.base.labels)}")
+    if frf.force is not None:
+        head.append(f"# force: {frf.force}")
     if frf.source:
         head += [f"# source: {line}" for line in frf.source.split("\n")]
     parts = {"re": frf.values.real, "im": frf.values.imag}

@@ -17,11 +17,13 @@ from updyn.frf import FRF
 from updyn.io.channels import check_keys, read_channels, read_frequency
 from updyn.io.csv_table import Line, TextTable, find_table
 from updyn.io.csv_text import (
+    EXCITATION,
     Comments,
     check_comments,
     comment,
     read_averages,
     read_decay,
+    read_excitation,
     single_comment,
 )
 from updyn.io.items import read_windows_text, require_file
@@ -31,7 +33,7 @@ from updyn.io.text_numbers import check_last_line
 __all__ = ["read_columns"]
 
 _KEYS = ("frequency", "frequency_unit", "unit", "channels")
-_COMMENTS = ("quantity", "averages", "decay", "source")
+_COMMENTS = ("quantity", "averages", "decay", "source", *EXCITATION)
 
 
 def read_columns(
@@ -66,13 +68,15 @@ def read_columns(
         items["quantity"] = stated
     if quantity is None and "quantity" not in items:
         raise FormatError(
-            "states no quantity; state quantity ('accelerance', 'mobility' or 'receptance'), or"
+            "states no quantity; state quantity ('accelerance', 'mobility', 'receptance' or"
+            " 'transmissibility'), or"
             " unit in columns, such as 'g/N'",
             path,
             key=("quantity",),
         )
     averages, decay = read_averages(comments, path), read_decay(comments, path)
     items |= {"decay": decay} if averages is None else {"decay": decay, "averages": averages}
+    items |= read_excitation(comments, path)
     return build_frf(items, path, quantity=quantity, real_valued=real_valued)
 
 

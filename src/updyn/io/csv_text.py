@@ -6,6 +6,7 @@ import difflib
 import re
 from collections.abc import Collection, Iterable
 from pathlib import Path
+from typing import Any
 
 from updyn.errors import FormatError
 from updyn.io.settings import FILE_TEXT
@@ -13,6 +14,7 @@ from updyn.io.text_numbers import parse_real
 from updyn.units import find_unit
 
 __all__ = [
+    "EXCITATION",
     "UNITS",
     "Comments",
     "check_comments",
@@ -20,6 +22,7 @@ __all__ = [
     "plain_numbers",
     "read_averages",
     "read_decay",
+    "read_excitation",
     "single_comment",
     "split_axis",
 ]
@@ -31,6 +34,8 @@ Comments = dict[str, list[tuple[int, str]]]
 _COMMENT = re.compile(r"#+\s*([^\W\d_][^:=]{0,30}?)\s*[:=][ \t]?(.*)")
 #: Names of comments that state the unit of all values.
 UNITS = ("unit", "units")
+#: Comments on the excitation of a transmissibility.
+EXCITATION = ("base", "force")
 #: Names of comments that would change the meaning of the numbers and are not supported.
 _MEANINGS = {
     *UNITS,
@@ -131,6 +136,13 @@ def read_averages(head: Comments, path: str | Path) -> int | None:
     if not re.fullmatch(r"[0-9]+", stated):
         raise FormatError(f"averages: {stated!r}; expected a whole number of at least 1", path)
     return int(stated)
+
+
+def read_excitation(head: Comments, path: str | Path) -> dict[str, Any]:
+    """Return the base and the force of a transmissibility that comments state, as items."""
+    base, force = (single_comment(head, name, path) for name in EXCITATION)
+    items: dict[str, Any] = {} if base is None else {"base": base.split()}
+    return items if force is None else {**items, "force": force}
 
 
 def read_decay(head: Comments, path: str | Path) -> float:

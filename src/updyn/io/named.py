@@ -22,10 +22,12 @@ and an FRF is::
     H (or values)           complex, (n_f, n_responses, n_references)
     responses, references   signed labels, or tables of node and direction, negative for the
                             opposite sense
-    quantity                "receptance", "mobility" or "accelerance"
+    quantity                "receptance", "mobility", "accelerance" or "transmissibility"
     coherence, variance     of the shape of H, optional
     averages, source        optional
     decay                   of an exponential window whose damping is in H, in 1/s, optional
+    base, force             of a transmissibility: labels of the moving base, or label of the only
+                            force, optional
     nodes, xyz, lines, axes, faces
                             geometry, optional
 """
@@ -94,6 +96,8 @@ _FRF = (
     "averages",
     "source",
     "decay",
+    "base",
+    "force",
 )
 #: Names of the items of FRFs.
 FRF_ITEMS = (*_FRF, *_GEOMETRY, *_MARKS)
@@ -270,6 +274,8 @@ def build_frf(
             geometry=_geometry(items, path),
             source=_text(items, "source", path),
             decay=as_number(items["decay"], "decay", path) if "decay" in items else 0.0,
+            base=as_dofs(items["base"], "base", path) if "base" in items else None,
+            force=_text(items, "force", path) or None,
         )
 
 
@@ -381,6 +387,10 @@ def frf_items(frf: FRF) -> dict[str, Any]:
         items["source"] = frf.source
     if frf.decay:
         items["decay"] = frf.decay
+    if frf.base is not None:
+        items["base"] = frf.base.labels
+    if frf.force is not None:
+        items["force"] = str(frf.force)
     return {**items, **_geometry_items(frf.geometry)}
 
 

@@ -9,7 +9,7 @@ the convention of the netCDF library). For programs that cannot write this, two 
     response, reference                    labels such as "12:-Z"
     coherence, variance *                  with the same dimensions
     node, xyz, trace, face, node_axes *    geometry
-    attributes quantity, averages *, source *, decay *
+    attributes quantity, averages *, source *, decay *, base *, force *
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Units of FRFs as stated in files and by users: a motion per force."""
+"""Units of FRFs as stated in files and by users: a motion per force, or per motion."""
 
 from __future__ import annotations
 
@@ -12,9 +12,15 @@ from updyn.units import Unit, split_ratio
 __all__ = ["Ratio"]
 
 
+_ACCELERATION = Unit("accelerance", 1.0)
+
+
 @dataclass(frozen=True, slots=True)
 class Ratio:
-    """A stated unit of values: its label, and the units of the motion and the force."""
+    """A stated unit of values: its label, and the units of the motion and the force.
+
+    Instead of a force, a transmissibility has another motion of the same kind.
+    """
 
     label: str
     motion: Unit
@@ -24,6 +30,8 @@ class Ratio:
     def of(cls, label: str, where: str, path: str | Path, line: int | None = None) -> Ratio:
         """Return the unit of a label."""
         found = split_ratio(label)
+        if label.strip() == "1":
+            found = _ACCELERATION, _ACCELERATION
         if found is None:
             hint = ""
             if "db" in label.casefold():
@@ -37,13 +45,18 @@ class Ratio:
         return cls(label, *found)
 
     @property
+    def quantity(self) -> str:
+        """Quantity of the values."""
+        return self.motion.kind if self.force.kind == "force" else "transmissibility"
+
+    @property
     def factor(self) -> float:
         """Factor to SI."""
         return self.motion.factor / self.force.factor
 
     def agrees(self, other: Ratio) -> bool:
         """Return whether another unit has the same quantity and size."""
-        return (self.motion.kind, self.factor) == (other.motion.kind, other.factor)
+        return (self.quantity, self.factor) == (other.quantity, other.factor)
 
     def check(
         self,
@@ -55,7 +68,7 @@ class Ratio:
         """Refuse a unit of a translation or a force for a rotation or a moment, or the reverse."""
         for dof, unit, what in (
             (pair[0], self.motion, "motion"),
-            (pair[1], self.force, "force"),
+            (pair[1], self.force, "force" if self.force.kind == "force" else "motion"),
         ):
             if unit.angular != dof.direction.startswith("R"):
                 raise FormatError(

@@ -1,9 +1,11 @@
 """FRFs of universal files: functions of dataset 58, text or binary, as a complete matrix.
 
-Function type 4 is an FRF, type 6 the coherence (gamma^2) of the same pair of DOFs. The reader never
-interpolates or fills gaps. Directions in a displacement system of a node become global if they
-coincide with global axes to 1e-6, unless ``local_axes=True`` keeps them for `updyn.match`. pyuff
-2.5.8 is only a reference in the tests, because it misreads some real files without a warning.
+Function type 4 is an FRF, type 5 a transmissibility, type 6 the coherence (gamma^2) of the same
+pair of DOFs. If a file has types 4 and 5, type 4 is read unless the user states the quantity
+"transmissibility". The reader never interpolates or fills gaps. Directions in a displacement system
+of a node become global if they coincide with global axes to 1e-6, unless ``local_axes=True`` keeps
+them for `updyn.match`. pyuff 2.5.8 is only a reference in the tests, because it misreads some real
+files without a warning.
 """
 
 from __future__ import annotations
@@ -20,7 +22,7 @@ import numpy as np
 from updyn.arrays import ComplexArray, NumberArray, RealArray
 from updyn.dofs import DIRECTIONS, Dof, DofSet
 from updyn.errors import AbsentError, FormatError, InputError, OptionError, UpdynWarning, key_path
-from updyn.frf import FRF, check_quantity
+from updyn.frf import FRF, TRANSMISSIBILITY, check_quantity
 from updyn.geometry import Geometry
 from updyn.io.items import format_counts, locate_errors, parse_selection
 from updyn.io.lengths import length
@@ -45,6 +47,7 @@ _INVERSE = {
 }
 #: Function types.
 _FRF = 4
+_TRANSMISSIBILITY = 5
 _COHERENCE = 6
 
 
@@ -80,11 +83,11 @@ def read_frf(
             collector.take(dataset)
         else:
             others[dataset.number] += 1
-    measured = [f for f in functions if f.kind == _FRF]
+    measured = _select_measured(functions, quantity)
     coherences = [f for f in functions if f.kind == _COHERENCE]
     if not measured:
         raise AbsentError(_describe_absence(functions, collector, others), path)
-    _warn_of_others(functions, path)
+    _warn_of_others(functions, measured[0].kind, path)
     found = _quantity(measured, quantity, path)
     measured = [_to_hertz(f, path) for f in measured]
     coherences = [_to_hertz(f, path) for f in coherences]
@@ -180,6 +183,12 @@ def _options(duplicates: str, scalar_direction: str | None, scale: float | None)
     return Dof(0, found[2], -1 if found[1] == "-" else 1)
 
 
+def _select_measured(functions: Sequence[Function], quantity: str | None) -> list[Function]:
+    """Return the FRFs, or the transmissibilities if these are asked for or alone."""
+    frfs, ratios = ([f for f in functions if f.kind == kind] for kind in (_FRF, _TRANSMISSIBILITY))
+    return ratios if ratios and (quantity == TRANSMISSIBILITY or not frfs) else frfs
+
+
 # -- quantity and values ------------------------------------------------------------------------
 def _quantity(measured: Sequence[Function], given: str | None, path: str | Path) -> str:
     if given is not None:
@@ -187,7 +196,7 @@ def _quantity(measured: Sequence[Function], given: str | None, path: str | Path)
             check_quantity(given)
     stated: dict[str, int] = {}
     for function in measured:
-        name = _find_quantity(function, path)
+        name = _find_quantity(function, given, path)
         if name is not None:
             stated.setdefault(name, function.line)
     if len(stated) > 1:
@@ -206,7 +215,7 @@ def _quantity(measured: Sequence[Function], given: str | None, path: str | Path)
     if given is not None:
         return given
     for function in measured:
-        if _find_quantity(function, path) is None:
+        if _find_quantity(function, given, path) is None:
             above, below = function.numerator, function.denominator
             raise FormatError(
                 f"records 9 and 10 do not define the measured quantity (data types {above.kind}"
@@ -218,10 +227,20 @@ def _quantity(measured: Sequence[Function], given: str | None, path: str | Path)
     return next(iter(stated))
 
 
-def _find_quantity(function: Function, path: str | Path) -> str | None:
-    """Return the quantity stated in records 9 and 10; None if one of them is unknown."""
+def _find_quantity(function: Function, given: str | None, path: str | Path) -> str | None:
+    """Return the quantity stated in records 6, 9 and 10; None if 9 or 10 is unknown."""
     above, below = function.numerator.kind, function.denominator.kind
     line = function.numerator.line
+    one_motion = len({above, below} & set(MOTION)) <= 1 and {above, below} <= {*UNKNOWN, *MOTION}
+    if function.kind == _TRANSMISSIBILITY or (given == TRANSMISSIBILITY and above == below):
+        if not one_motion:
+            raise FormatError(
+                f"records 9 and 10 state {type_name(above)} over {type_name(below)}; expected two"
+                " displacements, velocities or accelerations of a transmissibility",
+                path,
+                line,
+            )
+        return TRANSMISSIBILITY
     if above in FORCE and below in MOTION:
         try:
             check_quantity(_INVERSE[MOTION[below]])
@@ -230,7 +249,8 @@ def _find_quantity(function: Function, path: str | Path) -> str | None:
     if above not in (*MOTION, *UNKNOWN) or below not in (*FORCE, *UNKNOWN):
         raise FormatError(
             f"records 9 and 10 state {type_name(above)} over {type_name(below)}; expected a"
-            " displacement, velocity or acceleration over a force",
+            " displacement, velocity or acceleration over a force (two equal ones are read with"
+            " quantity='transmissibility')",
             path,
             line,
         )
@@ -291,8 +311,8 @@ def _datasets(others: Counter[int]) -> str:
     return ", ".join(shown) or "nothing"
 
 
-def _warn_of_others(functions: Sequence[Function], path: str | Path) -> None:
-    left_out = [f for f in functions if f.kind not in (_FRF, _COHERENCE)]
+def _warn_of_others(functions: Sequence[Function], used: int, path: str | Path) -> None:
+    left_out = [f for f in functions if f.kind not in (used, _COHERENCE)]
     if left_out:
         kinds = format_counts(Counter(f.name for f in left_out))
         warnings.warn(

@@ -144,11 +144,15 @@ def frf_factor(
 ) -> float:
     """Return the factor that converts the values of an FRF to SI.
 
-    `turns` states whether response and reference are rotations.
+    `turns` states whether response and reference are rotations. The two motions of a
+    transmissibility are accelerations if their data types are unknown.
     """
     above, below = function.numerator, function.denominator
-    motion = _AxisUnit(9, above, quantity, turns[0], units, _REMEDY, path)
-    force = _AxisUnit(10, below, "force", turns[1], units, _REMEDY, path)
+    kinds = quantity, "force"
+    if quantity == "transmissibility":
+        kinds = (MOTION.get(above.kind, "accelerance"),) * 2
+    motion = _AxisUnit(9, above, kinds[0], turns[0], units, _REMEDY, path)
+    force = _AxisUnit(10, below, kinds[1], turns[1], units, _REMEDY, path)
     ratio = split_ratio(above.unit)
     if ratio is None:
         factors = _unit_value(motion), _unit_value(force)

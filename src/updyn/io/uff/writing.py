@@ -12,7 +12,7 @@ import numpy as np
 from updyn.arrays import NumberArray, RealArray
 from updyn.dofs import DIRECTIONS, Dof
 from updyn.errors import FormatError, UpdynWarning
-from updyn.frf import FRF
+from updyn.frf import FRF, TRANSMISSIBILITY
 from updyn.geometry import Geometry
 from updyn.io.atomic import atomic_path
 
@@ -23,6 +23,8 @@ _MOTION = {
     "mobility": (11, "m/s", "rad/s"),
     "accelerance": (12, "m/s^2", "rad/s^2"),
 }
+#: Motion of both sides of a transmissibility.
+_MEASURED = {TRANSMISSIBILITY: "accelerance"}
 _PAIRS_A_TRACE = 80  # at most 250 entries, three per pair
 _WIDEST = 10**10  # node numbers have ten columns
 _COLUMNS = 13  # width of abscissa minimum and increment
@@ -47,6 +49,7 @@ def write_frf(frf: FRF, path: str | Path) -> None:
             path,
         )
     lacking = [name for name in ("variance", "averages") if getattr(frf, name) is not None]
+    lacking += [name for name in ("base", "force") if getattr(frf, name) is not None]
     if frf.geometry is not None and len(frf.geometry.faces):
         lacking.append("faces")
     if lacking:
@@ -151,9 +154,12 @@ def _function(frf: FRF, response: Dof, reference: Dof, y: NumberArray) -> bytes:
     data = table.astype("<f4" if single else "<f8").tobytes()
     if is_frf:
         function, ordinate, title = 4, 5, f"H {response} / {reference}"
-        motion, unit, angle = _MOTION[frf.quantity]
+        motion, unit, angle = _MOTION[_MEASURED.get(frf.quantity, frf.quantity)]
         numerator = _axis(motion, "NONE", angle if _is_rotation(response) else unit)
         denominator = _axis(13, "NONE", "N m" if _is_rotation(reference) else "N")
+        if frf.quantity == TRANSMISSIBILITY:
+            function, title = 5, f"T {response} / {reference}"
+            denominator = _axis(motion, "NONE", angle if _is_rotation(reference) else unit)
     else:
         function, ordinate, title = 6, 2, f"Coherence {response} / {reference}"
         numerator = denominator = _axis(0, "NONE", "NONE")
