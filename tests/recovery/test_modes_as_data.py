@@ -334,7 +334,9 @@ def test_unknowns_are_selected_by_modes() -> None:
         ({"validation": "1:X"}, DataError, "validation '1:X': expected two frequencies in Hz"),
         ({"validation": (0.1, 0.2)}, DataError, "no measured mode lies in it"),
         ({"validation": (0.0, 1e3)}, DataError, "no measured mode lies outside it"),
-        ({"tier": "reduced"}, OptionError, "tier: modes are computed by one way"),
+        ({"tier": "dense"}, OptionError, "tier 'dense': modes are computed with 'sparse' or 'reduced'"),
+        ({"tier": "fast"}, OptionError, "tier 'fast'"),
+        ({"backend": "superlu"}, OptionError, "backend: modes of a full model .* are computed by one way"),
     ],
 )  # fmt: skip
 def test_options_that_do_not_fit_modes(

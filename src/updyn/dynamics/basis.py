@@ -35,6 +35,11 @@ class Basis:
         """Number of basis vectors r."""
         return sum(b.shape[1] for b in self._blocks)
 
+    @property
+    def blocks(self) -> tuple[RealArray, ...]:
+        """The columns of V in blocks; vectors that are appended later are not included."""
+        return tuple(self._blocks)
+
     def at(self, dofs: IndexArray) -> RealArray:
         """Return V at some DOFs, shape (len(dofs), r)."""
         return np.hstack([b[dofs] for b in self._blocks])

@@ -21,6 +21,7 @@ from updyn.errors import SolverError
 from updyn.linalg.threads import use_one_thread
 
 __all__ = [
+    "all_dense_pairs",
     "all_pairs",
     "complex_pairs",
     "mass_rank",
@@ -86,15 +87,21 @@ def real_pairs(K: Any, M: Any, n: int) -> Pairs:
         return fine(shift)
 
 
-@use_one_thread
 def all_pairs(K: Any, M: Any, n: int) -> tuple[NumberArray, NumberArray, tuple[Any, Any, Any]]:
     """Return the n lowest eigenpairs of a small model, and a basis that diagonalises it.
 
     The basis is (V, diagonal of V^T K V, diagonal of V^T M V), the last 0 for motions without mass.
     Raises SolverError if K + s M is singular for every s.
     """
-    k, m = K.toarray(), M.toarray()
-    shift, value = _definite(partial(_dense, k, m, n), _first_shift(K, M))
+    return all_dense_pairs(K.toarray(), M.toarray(), n)
+
+
+@use_one_thread
+def all_dense_pairs(
+    k: RealArray, m: RealArray, n: int
+) -> tuple[NumberArray, NumberArray, tuple[Any, Any, Any]]:
+    """Return `all_pairs` of dense matrices."""
+    shift, value = _definite(partial(_dense, k, m, n), _first_shift(k, m))
     for s in dict.fromkeys((_second_shift(value, shift, EIGEN.dense_shift), shift)):
         try:
             nu, V = _decompose(k, m, s, 0)

@@ -29,7 +29,10 @@ from updyn.modal.settings import MODE_DERIVATIVE
 from updyn.sensitivity import Unknowns
 
 __all__ = [
+    "CompleteBasis",
     "RealModes",
+    "assemble",
+    "derivative_forces",
     "differentiate_mode",
     "differentiate_modes",
     "separate_repeated_modes",
@@ -40,22 +43,49 @@ _SINGULAR = "the equations of the derivative of a mode shape are singular"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class CompleteBasis:
+    """All modes of a model, or of a reduced one, as V C; K and M are diagonal in it.
+
+    `blocks` are the columns of V, shape (N, r) together, and `rotation` is C, shape (r, r), or None
+    for the identity. `stiffness` and `mass`, shape (r,), are the diagonals; the mass is 0 for
+    motions without mass.
+    """
+
+    blocks: tuple[RealArray, ...]
+    rotation: RealArray | None
+    stiffness: RealArray
+    mass: RealArray
+
+    def at(self, rows: Any) -> RealArray:
+        """Return the modes at some DOFs, shape (k, r)."""
+        V = self.blocks[0][rows]
+        if len(self.blocks) > 1:
+            V = np.hstack([block[rows] for block in self.blocks])
+        return V if self.rotation is None else np.asarray(V @ self.rotation)
+
+    def project(self, rows: Any, forces: RealArray) -> RealArray:
+        """Return the modal forces, shape (r, ...), of forces at some DOFs, shape (k, ...)."""
+        projected = np.concatenate([block[rows].T @ forces for block in self.blocks])
+        return projected if self.rotation is None else np.asarray(self.rotation.T @ projected)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class RealModes:
     """The lowest undamped modes, without rigid-body modes.
 
     K (N/m) and M (kg), shape (N, N), are sparse, real and symmetric. `value`, shape (n,), are
-    omega^2 in 1/s2, ascending; `shapes`, shape (N, n), have unit modal mass. `complete`: these are
-    all modes of the model. `whole`, for a small model, is a complete basis, shape (N, N), in which
-    K and M are diagonal, and these diagonals.
+    omega^2 in 1/s2, ascending; `shapes`, shape (N, n), and `rigid`, the rigid-body modes, have unit
+    modal mass. `complete`: these are all modes of the model. `whole`, for a small or a reduced
+    model, are all its modes.
     """
 
     K: Any
     M: Any
     value: RealArray
     shapes: RealArray
-    n_rigid: int
+    rigid: RealArray
     complete: bool
-    whole: tuple[RealArray, RealArray, RealArray] | None = None
+    whole: CompleteBasis | None = None
 
     @classmethod
     def lowest(cls, system: AffineSystem, state: State, n: int, highest: float) -> RealModes:
@@ -63,34 +93,45 @@ class RealModes:
 
         The highest mode exceeds this frequency; there are fewer if the model has no more.
         """
-        K = _assemble(system, state, "stiffness")
-        M = _assemble(system, state, "mass")
+        K, M = assemble(system, state, "stiffness"), assemble(system, state, "mass")
         finite, limit = eigen.mass_rank(M), (2.0 * np.pi * highest) ** 2
         wanted = min(n + 6, finite)
-        whole, zero = None, MODE_DERIVATIVE.zero_energy_roundings * np.finfo(np.float64).eps
+        whole = None
         while True:
             if K.shape[0] <= MODE_DERIVATIVE.most_decomposed_dofs:
-                value, shapes, whole = eigen.all_pairs(K, M, wanted)
+                value, shapes, (V, *diagonals) = eigen.all_pairs(K, M, wanted)
+                whole = CompleteBasis((V,), None, *diagonals)
             else:
                 value, shapes = eigen.real_pairs(K, M, wanted)
-            noise = zero * np.einsum("in,in->n", np.abs(shapes), abs(K) @ np.abs(shapes))
-            elastic = np.einsum("in,in->n", shapes, K @ shapes) > noise
+            elastic = np.einsum("in,in->n", shapes, K @ shapes) > _energy_rounding(K, shapes)
             if wanted == finite or (elastic.sum() >= n and value[-1] > limit):
                 break
             wanted = min(2 * wanted, finite)
-        value, shapes = value[elastic], shapes[:, elastic]
         shapes = shapes / np.sqrt(np.einsum("in,in->n", shapes, M @ shapes))
-        return cls(K, M, value, shapes, wanted - len(value), wanted == finite, whole)
+        found = value[elastic], shapes[:, elastic], shapes[:, ~elastic]
+        return cls(K, M, *found, wanted == finite, whole)
 
     @property
     def frequency(self) -> RealArray:
         """Natural frequencies in Hz, shape (n,)."""
         return np.asarray(np.sqrt(self.value) / (2.0 * np.pi))
 
+    @property
+    def rounding(self) -> RealArray:
+        """Bound of the relative rounding errors of the eigenvalues, shape (n,)."""
+        return _energy_rounding(self.K, self.shapes) / self.value
+
     def find_repeated(self, which: int) -> IndexArray:
         """Return all modes with the eigenvalue of mode `which`, including itself."""
         reach = MODE_DERIVATIVE.equal_eigenvalues * self.value[which]
         return np.flatnonzero(np.abs(self.value - self.value[which]) <= reach)
+
+
+def _energy_rounding(K: Any, shapes: RealArray) -> RealArray:
+    """Return a bound of the rounding errors of phi^T K phi."""
+    roundings = MODE_DERIVATIVE.zero_energy_roundings * np.finfo(np.float64).eps
+    sizes = np.abs(shapes)
+    return np.asarray(roundings * np.einsum("in,in->n", sizes, abs(K) @ sizes))
 
 
 def differentiate_mode(
@@ -128,7 +169,7 @@ def differentiate_mode(
         Z = _solve_with_pivots(modes, value, pivots, loads)
     by_value, by_mass = np.zeros((2, unknowns.n, len(group)))
     loaded = np.zeros((unknowns.n, Z.shape[1]))
-    for owner, rows_of_term, force, is_mass in _derivative_forces(system, unknowns, values, phi):
+    for owner, rows_of_term, force, is_mass in derivative_forces(system, unknowns, values, phi):
         if is_mass:
             by_mass[owner] += force @ basis[rows_of_term]
             force = -value * force
@@ -194,7 +235,7 @@ def differentiate_modes(
 
 def _differentiate_by_expansion(
     modes: RealModes,
-    whole: tuple[RealArray, RealArray, RealArray],
+    whole: CompleteBasis,
     which: IndexArray,
     system: AffineSystem,
     unknowns: Unknowns,
@@ -203,30 +244,32 @@ def _differentiate_by_expansion(
     along: RealArray | None,
 ) -> tuple[RealArray, RealArray]:
     """Return `differentiate_modes` by the sum over all modes of the model."""
-    V, stiffness, mass = whole
+    stiffness, mass = whole.stiffness, whole.mass
     phi, value = modes.shapes[:, which], modes.value[which]
-    projected, by_mass = np.zeros((2, unknowns.n, V.shape[1], len(which)))
-    for owner, own_rows, force, is_mass in _derivative_forces(system, unknowns, values, phi):
-        pushed = V[own_rows].T @ force
+    projected, by_mass = np.zeros((2, unknowns.n, len(mass), len(which)))
+    for owner, own_rows, force, is_mass in derivative_forces(system, unknowns, values, phi):
+        pushed = whole.project(own_rows, force)
         if is_mass:
             by_mass[owner] += pushed
             pushed = pushed * -value
         projected[owner] += pushed
-    # V^T (K - lambda M) V is diagonal, and zero for the modes of the eigenvalue itself.
+    # K - lambda M is diagonal in this basis, and zero for the modes of the eigenvalue itself.
     own_value = np.full(len(mass), np.inf)
     np.divide(stiffness, mass, out=own_value, where=mass > 0.0)
     same = np.abs(own_value[:, None] - value) <= MODE_DERIVATIVE.equal_eigenvalues * value
     gap = np.where(same, 1.0, stiffness[:, None] - mass[:, None] * value)
     shares = np.where(same, 0.0, -projected / gap)
-    wanted = V if rows is None else V[rows]
     number = 0 if rows is None else len(rows)
+    wanted = whole.at(rows) if number else np.zeros((0, len(mass)))
     d_value = np.zeros((len(which), unknowns.n))
     shape = np.zeros((len(which), unknowns.n, number + (along is not None)))
-    for i, mode in enumerate(which):
-        group = modes.find_repeated(int(mode))
-        # phi_j = V a, because modes of one eigenvalue may have been rotated.
-        basis = modes.shapes[:, group]
-        at = np.linalg.lstsq(V[:, same[:, i]], basis, rcond=None)[0]
+    groups = [modes.find_repeated(int(mode)) for mode in which]
+    needed = np.unique(np.concatenate([np.zeros(0, dtype=np.intp), *groups]))
+    mass_forces = whole.project(slice(None), modes.M @ modes.shapes[:, needed])
+    for i, (mode, group) in enumerate(zip(which, groups, strict=True)):
+        # phi_j is a sum of them, because modes of one eigenvalue may have been rotated.
+        at = mass_forces[np.ix_(same[:, i], np.searchsorted(needed, group))]
+        at /= mass[same[:, i], None]
         by_value = projected[:, same[:, i], i] @ at
         own_index = int(np.flatnonzero(group == mode)[0])
         _check_uncoupled(by_value, own_index, values, float(value[i]))
@@ -236,7 +279,7 @@ def _differentiate_by_expansion(
         if number:
             shape[i, :, :number] = fully @ wanted.T
         if along is not None:
-            shape[i, :, -1] = fully @ (V.T @ along[:, i])
+            shape[i, :, -1] = fully @ whole.project(slice(None), along[:, i])
     return d_value, shape
 
 
@@ -288,7 +331,7 @@ def separate_repeated_modes(
     return replace(modes, shapes=shapes)
 
 
-def _derivative_forces(
+def derivative_forces(
     system: AffineSystem, unknowns: Unknowns, values: RealArray, shapes: RealArray
 ) -> Iterator[tuple[int, Any, RealArray, bool]]:
     """Yield unknown, DOFs, derivative times shapes, and whether it is of mass, by drive."""
@@ -311,7 +354,7 @@ def _compute_couplings(
 ) -> RealArray:
     """Return weighted Phi^T (K' - lambda M') Phi by the logarithm of each unknown, (n, m, m)."""
     out = np.zeros((unknowns.n, basis.shape[1], basis.shape[1]))
-    for owner, rows_of_term, force, is_mass in _derivative_forces(system, unknowns, values, basis):
+    for owner, rows_of_term, force, is_mass in derivative_forces(system, unknowns, values, basis):
         # Arbitrary weights that are not in a simple ratio.
         weight = values[owner] * (1.0 + 0.5 * np.sin(1.0 + owner))
         if is_mass:
@@ -339,7 +382,8 @@ def _rotate_towards_measured(shapes_at_sensors: RealArray, measured: RealArray) 
     return np.asarray(np.linalg.qr(np.hstack([share[:, order], np.eye(len(share))]))[0])
 
 
-def _assemble(system: AffineSystem, state: State, quantity: str) -> Any:
+def assemble(system: AffineSystem, state: State, quantity: str) -> Any:
+    """Return the sparse stiffness or mass of a compiled model at a state."""
     weights = np.where([t.quantity == quantity for t in system.terms], state.factor, 0.0)
     entries = system.real_values(weights), system.indices.copy(), system.indptr.copy()
     matrix = sp.csr_array(entries, shape=(system.n, system.n))

@@ -454,6 +454,39 @@ class ModeDerivativeSettings:
     largest_residual: float = 1e-6
 
 
+@dataclass(frozen=True)
+class ModeReductionSettings:
+    """Numbers of a reduced model for modes and of its error."""
+
+    #: [1] Permitted error of a shape, relative to its size. Why: measured shapes have errors of 1 %
+    #: and more; the error of a frequency is of the order of its square.
+    accuracy: float = 1e-3
+    #: [1] Smallest ratio of the factors of two states up to which the factorised P of one bounds
+    #: the errors at the other. Why: a bound is exceeded by at most three; a rule of thumb.
+    least_ratio: float = 0.1
+    #: [1] Relative distance of eigenvalues above which clusters of close modes end. Why: a rule of
+    #: thumb; the error of close modes is bounded for all of them together.
+    cluster_gap: float = 0.02
+    #: [tries] Largest number of enrichments at a state, before modes of the full model are added.
+    #: Why: each lowers the error by a factor of ten or more.
+    most_tries: int = 8
+    #: [vectors] Size above which a basis is begun anew. Why: its dense eigenproblem would take as
+    #: long as a sparse one.
+    most_vectors: int = 600
+    #: [1] Share of the size of a shape above which a derivative by the logarithm of an unknown is
+    #: represented. Why: derivatives decide the direction of a step, which tolerates larger errors.
+    derivative_error: float = 1e-3
+    #: [moments] Number of static solutions for a derivative. Why: the second one corrects for the
+    #: inertia of the modes above the basis.
+    derivative_moments: int = 2
+    #: [1] Permitted error of solutions in single precision. Why: they measure and correct errors,
+    #: for which few digits suffice.
+    solution_error: float = 1e-5
+    #: [1] Largest difference of a frequency at the end of a fit from that of the full model. Why:
+    #: far below the errors of measured frequencies.
+    frequency_error: float = 1e-6
+
+
 CHANNEL_FIT = ChannelFitSettings()
 NOISE_ENVELOPE = NoiseEnvelopeSettings()
 POLE_REFINEMENT = PoleRefinementSettings()
@@ -472,3 +505,4 @@ RESONANCE_PEAK = ResonancePeakSettings()
 POLE_PICK = PolePickSettings()
 SYNTHESIS = SynthesisSettings()
 MODE_DERIVATIVE = ModeDerivativeSettings()
+MODE_REDUCTION = ModeReductionSettings()

@@ -12,7 +12,12 @@ import numpy as np
 from updyn.arrays import RealArray
 from updyn.updating.fit.checkpoint import checkpoint_session, fingerprint
 from updyn.updating.fit.methods import options_of
-from updyn.updating.fit.reducing import Reducing, is_reduced, record_fallback
+from updyn.updating.fit.reducing import (
+    Reducing,
+    are_modes_reduced,
+    is_reduced,
+    record_fallback,
+)
 from updyn.updating.fit.regularisation import check_regularise
 from updyn.updating.problem.data import Split
 from updyn.updating.problem.lines import Lines
@@ -118,7 +123,8 @@ class Assembly:
         """Return the used options of part `i`, and how it was solved, for the record."""
         used = {**self.used_options[i], "engine": self.session.engine.name}
         if i >= len(self.problem.parts):
-            return used
+            reduction = self.problem.modal[i - len(self.problem.parts)].reduction
+            return used if reduction is None else {**used, **reduction.record}
         solver = self.problem.parts[i].solver
         if self.reduced is None:
             solved: Mapping[str, Any] = record_fallback(solver.solve_counts, solver.backend)
@@ -145,6 +151,8 @@ def _modal_parts(setup: Setup, session: Session) -> list[ModalPart]:
             choose_modal_noise(test.noise),
             session=session,
             name=test.name,
+            backend=setup.options.backend,
+            reduced=are_modes_reduced(setup.options.tier, test.model.n_dofs),
         )
         for test, split in zip(setup.modal_tests, setup.modal_splits, strict=True)
     ]

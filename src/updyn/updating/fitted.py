@@ -35,6 +35,32 @@ def fit_tests(assembly: Assembly, monitor: Monitor) -> Fitted:
     If it is singular at the start, because a line is a natural frequency of an undamped model, the
     fit starts from slightly changed unknowns.
     """
+    return _confirm_modes(assembly, _fit_from_regular_start(assembly, monitor), monitor)
+
+
+def _confirm_modes(assembly: Assembly, fitted: Fitted, monitor: Monitor) -> Fitted:
+    """Compare the modes at the end of a fit with those of the full models; refit if they differ."""
+    setup, problem, fit = assembly.setup, fitted.problem, fitted.fit
+    for _ in range(REDUCED_TIER.most_modal_refits):
+        if fit.reason in ("stopped", "failed"):
+            break
+        try:
+            with monitor.stage("reduce"):
+                confirmed = [part.confirm(fit.x) for part in problem.modal]
+                if all(confirmed):
+                    break
+            refit = setup.driver.fit(problem, setup.noises, monitor, fit.x)
+        except Stopped:
+            fit = replace(fit, reason="stopped")
+            break
+        except SolverError:  # the record states that the modes were not compared
+            break
+        fit = replace(refit, rivals=fit.rivals)
+    return replace(fitted, fit=fit)
+
+
+def _fit_from_regular_start(assembly: Assembly, monitor: Monitor) -> Fitted:
+    """Fit from the start, or from slightly changed unknowns if the model is singular there."""
     try:
         return _fit_from_start(assembly, monitor)
     except SolverError as error:
@@ -48,7 +74,7 @@ def fit_tests(assembly: Assembly, monitor: Monitor) -> Fitted:
         text = (
             f"{error}. The fit starts 0.1 % from the start of the unknowns, where it can be solved"
         )
-        warnings.warn(text, UpdynWarning, stacklevel=3)
+        warnings.warn(text, UpdynWarning, stacklevel=4)
         return fitted
 
 

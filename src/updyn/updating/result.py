@@ -370,13 +370,9 @@ class UpdateResult:
         for number, other in enumerate(self.alternatives, 2):
             lines.append(f"  answer {number} fits as well: {_describe_alternative(other, self)}")
         if self.options.get("tier") == "reduced" and "basis" in self.options:
-            error = self.options["error"]
-            error_text = str(error)
-            if isinstance(error, float):
-                error_text = f"at most {error:.1g} of the peak"
             lines.append(
                 f"Solved in a reduced model of {self.options['basis']} basis vectors; its error:"
-                f" {error_text}."
+                f" {_describe_reduction_error(self.options)}."
             )
         if self.adequacy is not None:
             lines += _describe_residual(self.adequacy, self.message)
@@ -608,6 +604,14 @@ def _format_combination(direction: Mapping[str, float]) -> str:
     """Return a combination of unknowns as text, the largest weight first."""
     largest_first = sorted(direction.items(), key=lambda item: -abs(item[1]))
     return ", ".join(f"{weight:+.3g} {name}" for name, weight in largest_first)
+
+
+def _describe_reduction_error(options: Mapping[str, Any]) -> str:
+    """Return the error of a reduced model for FRFs or modes in words."""
+    if isinstance(found := options.get("frequency error"), float):
+        return f"{found:.1g} of a natural frequency, compared with the full model"
+    error = options.get("error", "not checked where the fit ended")
+    return f"at most {error:.1g} of the peak" if isinstance(error, float) else str(error)
 
 
 def _describe_alternative(other: Alternative, result: UpdateResult) -> str:

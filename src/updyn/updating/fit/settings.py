@@ -348,6 +348,9 @@ class ReducedTierSettings:
     #: [DOFs] Size above which models are reduced if no tier is forced. Why: about there the reduced
     #: tier takes less time (benchmarks/tiers.py).
     most_exact_dofs: int = 600
+    #: [DOFs] The same for modes. Why: at 1,700 DOFs an evaluation takes a third of the time, and
+    #: below, a full solution takes less than 0.1 s.
+    most_exact_dofs_of_modes: int = 1500
     #: [lines] Least number of lines for that. Why: a rule of thumb; with few lines, a basis costs
     #: more than it saves.
     least_lines: int = 40
@@ -363,6 +366,9 @@ class ReducedTierSettings:
     #: [1] Ratio of the accepted error at the start to that at the end. Why: the start serves tables
     #: and figures only.
     start_error_ratio: float = 10.0
+    #: [fits] Largest number of fits to modes until these agree with the full model. Why: a limit of
+    #: the effort; a second one is rarely needed.
+    most_modal_refits: int = 3
 
 
 REDUCED_TIER = ReducedTierSettings()

@@ -20,12 +20,14 @@ from updyn.correlation.clusters import cluster_modes
 from updyn.correlation.shapes import find_moving, mac, orthonormalise
 from updyn.dynamics.affine import AffineSystem, State
 from updyn.errors import DataError, SolverError
+from updyn.linalg.solver import check_backend
 from updyn.modal import ModeSet
 from updyn.modal.sensitivity import RealModes, differentiate_modes, separate_repeated_modes
 from updyn.model import Model
 from updyn.sensitivity import Unknowns
 from updyn.updating.problem.coordinates import Coordinates
 from updyn.updating.problem.local import Local, reduce_blocks
+from updyn.updating.problem.modal_reduction import ModalReduction
 from updyn.updating.problem.modal_rows import KINDS, ModalRows
 from updyn.updating.problem.modal_span import SpanProjection
 from updyn.updating.problem.noise.modes import ModalNoise
@@ -141,6 +143,11 @@ class ModalTarget:
         return np.asarray(np.sqrt(self.value) / (2.0 * np.pi))
 
     @property
+    def highest(self) -> float:
+        """Frequency in Hz up to which modes of the model are considered."""
+        return MODE_PAIRS.frequency_reach * float(self.frequency.max())
+
+    @property
     def clusters(self) -> list[IndexArray]:
         """Groups of two or more measured modes with close frequencies, ascending.
 
@@ -193,16 +200,16 @@ class Pairs:
     spans: tuple[IndexArray, ...]
 
     @classmethod
-    def at(
+    def of(
         cls,
+        modes: RealModes,
         system: AffineSystem,
-        state: State,
         unknowns: Unknowns,
         values: RealArray,
         target: ModalTarget,
         like: float | None = None,
     ) -> Pairs:
-        """Compute modes of the model and pair them with the measured ones, one to one.
+        """Pair modes of the model with the measured ones, one to one.
 
         The pairs maximise the sum of MAC less half the logarithm of the frequency ratio (Hungarian
         assignment; Kuhn 1955). Close measured modes are paired in ascending order if the span of as
@@ -211,8 +218,6 @@ class Pairs:
         the frequencies.
         """
         like = MODE_PAIRS.similar_mac if like is None else like
-        highest = MODE_PAIRS.frequency_reach * float(np.sqrt(target.value.max())) / (2.0 * np.pi)
-        modes = RealModes.lowest(system, state, len(target.value), highest)
         if len(modes.value) < len(target.value):
             raise DataError(
                 f"modal: {len(target.value)} modes were measured; besides rigid-body motions the"
@@ -231,6 +236,11 @@ class Pairs:
             if len(confirmed) == len(clusters):
                 return pairs
             clusters = confirmed
+
+    @property
+    def n_used(self) -> int:
+        """Number of the lowest modes that include all paired ones."""
+        return 1 + max(int(span.max()) for span in self.spans)
 
     @classmethod
     def _assign(
@@ -288,7 +298,8 @@ class ModalPart:
     """Model, measured modes and unknowns of one test.
 
     `noise` is as far as known before a fit; `least_mac` is the smallest MAC of similar modes;
-    `name` is that of the test if there are several.
+    `name` is that of the test if there are several. `reduction` is None if the full model is
+    solved, as in other processes.
     """
 
     system: AffineSystem
@@ -299,6 +310,7 @@ class ModalPart:
     session: Session = field(default_factory=Session, repr=False)
     name: str = ""
     least_mac: float = MODE_PAIRS.similar_mac
+    reduction: ModalReduction | None = None
 
     def __reduce__(self) -> tuple[Any, ...]:
         about = (self.unknowns, self.coordinates, self.target, self.noise)
@@ -314,19 +326,26 @@ class ModalPart:
         *,
         session: Session | None = None,
         name: str = "",
+        backend: str | None = None,
+        reduced: bool = False,
     ) -> ModalPart:
         """Return the part for a model, measured modes and unknowns."""
         system = AffineSystem.compile(model)
         target = ModalTarget.of(system, drop_excluded_shapes(modes, noise))
         middle = 2.0 * np.pi * float(np.exp(np.mean(np.log(target.frequency))))
+        unknowns, reduction = Unknowns.find(system, parameters), None
+        if reduced:
+            shapes = target.can_distinguish_shapes
+            reduction = ModalReduction.of(system, unknowns, check_backend(backend), shapes=shapes)
         return cls(
             system,
-            Unknowns.find(system, parameters),
+            unknowns,
             Coordinates(parameters, omega=middle),
             target,
             noise,
             session or Session(),
             name,
+            reduction=reduction,
         )
 
     @property
@@ -363,14 +382,42 @@ class ModalPart:
 
     def recall(self, kind: str, x: RealArray, compute: Callable[[], Record]) -> Record:
         """Return the cached result of an evaluation at x, or compute it."""
+        if self.reduction is not None:
+            return self.reduction.recall(self.session, self.key(kind, x), compute)
         if self.session.cache is None:
             return compute()
         return self.session.recall(self.key(kind, x), compute)
 
+    def is_cached(self, kind: str, x: RealArray) -> bool:
+        """Return whether the result of an evaluation at x is cached."""
+        if self.reduction is not None:
+            return self.reduction.has(self.session, self.key(kind, x))
+        return self.session.has(self.key(kind, x))
+
     def pairs(self, x: RealArray) -> Pairs:
         """Return the pairs of modes at x."""
-        about = self.system, self.state(x), self.unknowns, self.values(x)
-        return Pairs.at(*about, self.target, self.least_mac)
+        state, about = self.state(x), (len(self.target.value), self.target.highest)
+        if self.reduction is None:
+            return self._pair(RealModes.lowest(self.system, state, *about), x)
+        reduced = self.reduction.modes
+        while True:
+            pairs = self._pair(reduced.lowest(state, *about), x)
+            if reduced.certify_or_enrich(state, self.values(x), pairs.modes, pairs.n_used):
+                return pairs
+            self.session.check(often=True)
+
+    def _pair(self, modes: RealModes, x: RealArray) -> Pairs:
+        """Return the pairs of modes of the model at x."""
+        about = self.system, self.unknowns, self.values(x)
+        return Pairs.of(modes, *about, self.target, self.least_mac)
+
+    def confirm(self, x: RealArray) -> bool:
+        """Return whether the paired modes at x are those of the full model; if not, add these."""
+        if self.reduction is None:
+            return True
+        pairs = self.pairs(x)
+        full = RealModes.lowest(self.system, self.state(x), pairs.n_used, highest=0.0)
+        return self.reduction.confirm(pairs, full)
 
     def rows(self, x: RealArray, *, shapes: bool = True, derivatives: bool = True) -> ModalRows:
         """Return the residuals at x and their derivatives, which may be zero if not needed."""
@@ -379,7 +426,7 @@ class ModalPart:
             found = self._compute_rows(x, shapes=shapes, derivatives=derivatives)
             return found.r, found.J, found.kind, found.mode, found.std, found.mac
 
-        if not derivatives and not self.session.has(self.key(_cache_kind(shapes=shapes), x)):
+        if not derivatives and not self.is_cached(_cache_kind(shapes=shapes), x):
             few = partial(compute, derivatives=False)
             return ModalRows(*self.recall(f"{_cache_kind(shapes=shapes)} alone", x, few))
         return ModalRows(*self.recall(_cache_kind(shapes=shapes), x, compute))

@@ -433,10 +433,12 @@ def is_cached(residual: LineResidual | ResidualSet[Any], problem: Problem, x: Re
     for i, part in enumerate(problem.parts):
         residual_of_part = residual.of(i)
         keys.append(part.key(_cache_kind(residual_of_part), x, residual_of_part.cache_key))
-    if isinstance(residual, ResidualSet):
-        for modal, error in zip(problem.modal, residual.modal, strict=True):
-            keys.append(modal.key(error.kind, x))
-    return all(problem.session.has(key) for key in keys)
+    modal = (
+        zip(problem.modal, residual.modal, strict=True) if isinstance(residual, ResidualSet) else ()
+    )
+    return all(problem.session.has(key) for key in keys) and all(
+        part.is_cached(error.kind, x) for part, error in modal
+    )
 
 
 def _cache_kind(residual: LineResidual) -> str:
