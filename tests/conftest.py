@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ from hypothesis import HealthCheck, settings
 import programs
 import slow
 import updyn
+from cause_search import no_cause_search
 from places import DATA
 from updyn.errors import UpdynWarning
 from updyn.foreign import box, plain
@@ -119,6 +120,13 @@ def read_foreign_files_here(
         return plain.decode(memoryview(b"".join(plain.encode(found))))
 
     monkeypatch.setattr(box, "load", load)
+
+
+@pytest.fixture
+def no_causes() -> Iterator[None]:
+    """Fits of the test do not search for the causes of their residual."""
+    with no_cause_search():
+        yield
 
 
 def load_case(name: str) -> dict[str, Any]:

@@ -47,12 +47,6 @@ def bench(start, data, unknowns):
     )
 
 
-@pytest.fixture
-def no_causes(monkeypatch):
-    """No causes are sought in residuals that a test leaves on purpose: seconds for each fit."""
-    monkeypatch.setattr(CauseSearch, "search_after_fit", lambda self, found, monitor: Causes())
-
-
 # -- rows --------------------------------------------------------------------------------------------------
 def test_truth_of_the_gear_train_turns_the_start_into_the_truth(start, unknowns):
     there = unknowns.apply(start, [true_values()[name] for name in unknowns.names])
