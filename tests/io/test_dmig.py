@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from updyn.dofs import DofSet
-from updyn.errors import FormatError
+from updyn.errors import FormatError, UpdynWarning
 from updyn.io.nastran.dmig import read_dmig, write_dmig
 
 DOFS = DofSet(["3:X", "3:RZ", "10:Y", "12345678:Z"])
@@ -110,6 +110,20 @@ def test_files_of_pyyeti_are_read(tmp_path):
     np.testing.assert_allclose(found.matrix.toarray(), K, rtol=1e-9)  # it writes ten digits
 
 
+def test_rectangular_matrices_of_a_punch_file_are_passed_over(tmp_path):
+    load = "DMIG    VAX            0       9       2       0                       1\n"
+    load += "DMIG*   VAX                            1               0\n"
+    load += "*                      3               1 1.000000000D+00\n"
+    begin = (
+        "BEGIN SUPER     111\nEXTRN   10      123456\nGRID    10              1.      0.      0.\n"
+    )
+    (tmp_path / "k.pch").write_text(begin + SMALL + load)
+    passed_over = "k.pch: passed over: rectangular matrix VAX, EXTRN cards, GRID cards"
+    with pytest.warns(UpdynWarning, match=passed_over):
+        (found,) = read_dmig(tmp_path / "k.pch")
+    assert found.name == "KAAX"
+
+
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
@@ -121,7 +135,7 @@ def test_files_of_pyyeti_are_read(tmp_path):
         (
             "       6       2       0",
             "       9       2       0",
-            r"k.pch:2: DMIG KAAX: form 9; expected 1",
+            r"k.pch: only rectangular matrices \(form 9\): KAAX; expected form 1",
         ),
         (
             "DMIG    KAAX           0",
@@ -149,7 +163,7 @@ def test_files_of_pyyeti_are_read(tmp_path):
             " 3       1               3       1     1.0",
             r"entry \(3:X, 3:X\) occurs twice",
         ),
-        ("$ two springs", "GRID,1", "k.pch:1: GRID: expected only DMIG cards"),
+        ("$ two springs", "CBAR,1", "k.pch:1: CBAR: expected only DMIG cards"),
         (
             "$ two springs",
             "DMIG,KAAX,0,6,2",

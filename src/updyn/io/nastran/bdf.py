@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import hashlib
 import tempfile
+import warnings
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
@@ -23,7 +24,7 @@ from scipy.sparse.linalg import splu
 
 from updyn.dofs import DIRECTIONS, Dof, DofSet
 from updyn.elements.constraints import Equation, constrain
-from updyn.errors import FormatError, ModelError, suggest
+from updyn.errors import FormatError, ModelError, UpdynWarning, suggest
 from updyn.exchanged import AxisExchange, StiffnessAndMass
 from updyn.geometry import Geometry
 from updyn.group import MATRICES
@@ -38,6 +39,7 @@ from updyn.io.nastran.cards import NastranCard, read_lines
 from updyn.io.nastran.changes import Revision, group_loss_factor, has_mass, revise
 from updyn.io.nastran.deck import (
     ELEMENTS,
+    PUNCHED_MATRICES,
     TIES,
     NastranDeck,
     build_geometry,
@@ -49,12 +51,14 @@ from updyn.io.nastran.deck import (
 )
 from updyn.io.nastran.fields import NastranLine
 from updyn.io.nastran.mystran import (
+    LUMPED,
     MystranMatrices,
     MystranProgram,
     adapt_cards,
     find_executable,
     run,
 )
+from updyn.io.nastran.neutral import describe_neutral
 from updyn.io.nastran.replication import is_replicator
 from updyn.model import Group, Matrix, Model
 
@@ -87,6 +91,7 @@ def read_model(
     """
     ignore = tuple(ignore)
     deck = read_deck(path, ignore)
+    _note_neutral_cards(deck)
     units = find_units(unit)
     check_materials(_materials(deck), units, deck.path)
     _check_masses(deck, list(massless))
@@ -97,6 +102,7 @@ def read_model(
         assembled = assemble(deck, sets["spc"])
         bars = None
     else:
+        _note_lumped_masses(deck)
         program = MystranProgram(find_executable(deck.path, executable), timeout)
         assembled = _assemble_by_mystran(deck, program, sets)
         bars = _Bars.of(deck, ignore, program, units, assembled.dofs)
@@ -120,6 +126,30 @@ def read_model(
         held, ties = _constraints(deck, assembled, units.length)
         tied = constrain(free, ties, held)
         return Model.from_groups(tied.groups, tied.dofs, geometry=geometry, title=tied.title)
+
+
+def _note_neutral_cards(deck: NastranDeck) -> None:
+    """Warn which cards are passed over because they change neither stiffness nor mass."""
+    passed_over = describe_neutral(deck.neutral)
+    if passed_over:
+        warnings.warn(
+            f"{deck.path}: passed over, because they change neither stiffness nor mass:"
+            f" {passed_over}",
+            UpdynWarning,
+            stacklevel=3,
+        )
+
+
+def _note_lumped_masses(deck: NastranDeck) -> None:
+    """Warn that MYSTRAN ignores PARAM,COUPMASS, if it requests coupled masses."""
+    kinds = dict.fromkeys(card.name for card in deck.elements if card.name in LUMPED)
+    if deck.parameter("COUPMASS", -1.0) > 0 and kinds:
+        warnings.warn(
+            f"{deck.path}: PARAM,COUPMASS requests coupled masses, but MYSTRAN lumps those of"
+            f" {', '.join(kinds)}; for coupled ones, {PUNCHED_MATRICES}",
+            UpdynWarning,
+            stacklevel=3,
+        )
 
 
 def _assemble_by_mystran(
@@ -387,7 +417,7 @@ def _isolate_group(deck: NastranDeck, name: str, factor: float = 2.0) -> list[Na
     for card in cards:
         if card.name == "GRID":
             last = max(last, card.integer(0))
-    spring = max([card.integer(0) for card in deck.elements], default=0) + 1
+    spring = max([card.integer(0) for card in cards if card.name in ELEMENTS], default=0) + 1
     ends = str(last + 1), str(last + 2)
     for end in ends:
         cards.append(NastranCard("GRID", (end, "", "0.", "0.", "0."), chosen.lines))

@@ -261,9 +261,14 @@ def _parents(rows: Sequence[NastranRow]) -> dict[int, int]:
     for at, row in enumerate(rows):
         if row.tail:
             parents.setdefault(_mark(row.tail), []).append(at)
+    # Nastran compares the last seven characters only, so "CORD1" in field 10 fits "+ORD1".
+    shortened: dict[str, list[int]] = {}
+    for at, row in enumerate(rows):
+        if row.tail[1:]:
+            shortened.setdefault(_mark(row.tail[1:]), []).append(at)
     found: dict[int, int] = {}
     for mark, claimed in claims.items():
-        found |= _pair_by_mark(rows, parents.get(mark, []), claimed)
+        found |= _pair_by_mark(rows, parents.get(mark) or shortened.get(mark, []), claimed)
     return found
 
 

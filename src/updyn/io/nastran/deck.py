@@ -22,6 +22,7 @@ from updyn.io.consistent_units import find_units
 from updyn.io.items import locate_errors
 from updyn.io.nastran.cards import NastranCard, parse, read_lines
 from updyn.io.nastran.fields import NastranLine
+from updyn.io.nastran.neutral import NEUTRAL, check_neutral, split_equations
 from updyn.io.nastran.sets import read_sets
 from updyn.io.settings import DECK
 from updyn.shapes import (
@@ -38,9 +39,9 @@ from updyn.shapes import (
 
 __all__ = [
     "ELEMENTS",
-    "LOADS",
     "MATERIALS",
     "PROPERTIES",
+    "PUNCHED_MATRICES",
     "SELF_CONTAINED",
     "TIES",
     "NastranDeck",
@@ -52,6 +53,7 @@ __all__ = [
     "materials_of",
     "read_deck",
     "read_points",
+    "section_fields",
     "values",
 ]
 
@@ -106,19 +108,6 @@ PROPERTIES = tuple(dict.fromkeys(p for e in ELEMENTS.values() for p in e.propert
 MATERIALS = ("MAT1", "MAT2", "MAT8", "MAT9")
 #: Ties between grids, and supports; they belong to no group.
 TIES = ("RBAR", "RBE1", "RBE2", "RBE3", "MPC", "MPCADD", "SPC", "SPC1", "SPCADD")
-#: Cards that change neither stiffness nor mass.
-LOADS = (
-    "ASET", "ASET1", "BNDGRID", "BSET", "BSET1", "CSET", "CSET1", "DAREA", "DCONADD", "DCONSTR",
-    "DELAY", "DESVAR", "DLINK", "DLOAD", "DOPTPRM", "DPHASE", "DRESP1", "DRESP2", "DVCREL1",
-    "DVMREL1", "DVPREL1", "ECHOOFF", "ECHOON", "EIGC", "EIGP", "EIGR", "EIGRL", "FORCE", "FORCE1",
-    "FORCE2", "FREQ", "FREQ1", "FREQ2", "FREQ3", "FREQ4", "FREQ5", "GRAV", "LOAD", "LSEQ",
-    "MODTRAK", "MOMENT", "MOMENT1", "MOMENT2", "OMIT", "OMIT1", "PLOAD", "PLOAD1", "PLOAD2",
-    "PLOAD4", "PLOTEL", "QSET", "QSET1", "RANDPS", "RFORCE", "RLOAD1", "RLOAD2", "SEQGP", "SET",
-    "SET1", "SLOAD", "SPCD", "SUPORT", "SUPORT1", "TABDMP1", "TABLED1", "TABLED2", "TABLED3",
-    "TABLED4", "TABRND1", "TEMP", "TEMPD", "TEMPP1", "TEMPRB", "TIC", "TLOAD1", "TLOAD2", "TSTEP",
-    "USET", "USET1",
-)  # fmt: skip
-
 #: Number of dimensions of the sections of PBARL and PBEAML (Quick Reference Guide, PBARL, figure of
 #: sections).
 _SECTIONS = {
@@ -191,10 +180,10 @@ def _check_length(card: NastranCard) -> None:
 def values(card: NastranCard) -> Values:
     """Return the fields of a property or material card that hold stiffness, mass and damping."""
     if card.name == "PBARL":
-        return Values((), (8 + _section_fields(card),))
+        return Values((), (8 + section_fields(card),))
     if card.name == "PBEAML":
         # Each station has its dimensions and its mass, preceded by SO and X/XB from the second on.
-        n = _section_fields(card) + 1
+        n = section_fields(card) + 1
         return Values((), (8 + n - 1, *range(8 + 2 * n + 1, len(card.fields), n + 2)))
     if card.name == "PBEAM":
         return Values((), _masses_of_pbeam(card))
@@ -203,7 +192,8 @@ def values(card: NastranCard) -> Values:
     return _VALUES[card.name]
 
 
-def _section_fields(card: NastranCard) -> int:
+def section_fields(card: NastranCard) -> int:
+    """Return the number of dimensions of the section of a PBARL or PBEAML."""
     kind = card.text(3)
     if kind not in _SECTIONS:
         raise card.error(
@@ -265,8 +255,21 @@ def materials_of(card: NastranCard) -> tuple[int, ...]:
 
 SYSTEMS = ("CORD1R", "CORD1C", "CORD1S", "CORD2R", "CORD2C", "CORD2S")
 _POINTS = ("GRID", "GRDSET", "SPOINT")
-_KNOWN = (*_POINTS, *SYSTEMS, *ELEMENTS, *PROPERTIES, *MATERIALS, *TIES, *LOADS, "PARAM")
+_KNOWN = (*_POINTS, *SYSTEMS, *ELEMENTS, *PROPERTIES, *MATERIALS, *TIES, *NEUTRAL, "PARAM")
+#: Cards of superelements.
+_SUPERELEMENTS = (
+    *("CSUPER", "CSUPEXT", "EXTRN", "RELEASE", "SEBNDRY", "SEBSET", "SEBSET1", "SEBULK"),
+    *("SECONCT", "SECSET", "SECSET1", "SEELT", "SEEXCLD", "SELABEL", "SELOAD", "SELOC", "SEMPLN"),
+    *("SENQSET", "SEQSET", "SEQSET1", "SESET", "SESUP", "SETREE", "SEUSET", "SEUSET1"),
+)
+#: Remedy for decks that cannot be assembled here (MSC Nastran Quick Reference Guide, parameter
+#: EXTOUT and case control command EXTSEOUT).
+PUNCHED_MATRICES = (
+    "let Nastran punch the matrices, and read the .pch file: PARAM,EXTOUT,DMIGPCH in bulk data, or"
+    " EXTSEOUT(STIFFNESS,MASS,DMIGPCH) in case control"
+)
 _BULK = re.compile(r"\s*BEGIN\s+BULK|\s*BEGIN\s*$", re.IGNORECASE)
+_SUPER = re.compile(r"\s*BEGIN\s+(?:BULK\s+)?SUPER", re.IGNORECASE)
 _SELECTED = re.compile(r"\s*(SPC|MPC)\s*=\s*(\S+)\s*$", re.IGNORECASE)
 #: Cards that can hold several entries: number of fields of each entry.
 _DOUBLE = {"PELAS": 4, "PDAMP": 2, "PMASS": 2, "CORD1R": 4, "CORD1C": 4, "CORD1S": 4}
@@ -277,12 +280,13 @@ class NastranDeck:
     """A deck whose cards are consistent.
 
     `case` is executive and case control; `cards` are without those that change neither stiffness
-    nor mass.
+    nor mass, whose names are `neutral`.
     """
 
     path: Path
     case: tuple[NastranLine, ...]
     cards: tuple[NastranCard, ...]
+    neutral: tuple[str, ...] = ()
 
     def cards_named(self, *names: str) -> list[NastranCard]:
         """Return the cards with these names, in order."""
@@ -421,22 +425,39 @@ def read_deck(path: str | Path, ignore: Iterable[str] | None = ()) -> NastranDec
     """Read a deck and check its cards; `ignore` None ignores all unknown cards."""
     path = Path(path)
     left_out = {name.upper() for name in ignore or ()}
-    case, bulk = _split_sections(list(read_lines(path)))
+    case, lines = _split_sections(list(read_lines(path)))
+    bulk, n_equations = split_equations(lines)
     cards: list[NastranCard] = []
+    neutral = ["DEQATN"] * n_equations
     for card in parse(iter(bulk)):
         if card.name not in _KNOWN and ignore is None:
             continue
         if card.name not in _KNOWN and card.name not in left_out:
-            raise card.error(
-                f"card {card.name} is not known and may change the structure;"
-                f" {suggest(card.name, _KNOWN)} "
-                f'(to ignore it: ignore=["{card.name}"])'
-            )
-        if card.name not in LOADS and card.name not in left_out:
+            raise _unknown_card_error(card)
+        if card.name in left_out:
+            continue
+        if card.name in NEUTRAL:
+            check_neutral(card)
+            neutral.append(card.name)
+        else:
             cards += _split_entries(card)
-    deck = NastranDeck(path, tuple(case), tuple(cards))
+    deck = NastranDeck(path, tuple(case), tuple(cards), tuple(neutral))
     _check(deck)
     return deck
+
+
+def _unknown_card_error(card: NastranCard) -> FormatError:
+    """Return the error for a card that may change the structure."""
+    near = nearest(card.name, [name for name in _KNOWN if name not in NEUTRAL])
+    remedy = f"did you mean {' or '.join(map(repr, near))}?"
+    if card.name in _SUPERELEMENTS or not near:
+        remedy = PUNCHED_MATRICES
+    kind = "belongs to superelements, which are not assembled"
+    if card.name not in _SUPERELEMENTS:
+        kind = "is not known and may change the structure"
+    return card.error(
+        f'card {card.name} {kind}; {remedy} (to ignore the card: ignore=["{card.name}"])'
+    )
 
 
 def read_points(path: str | Path, ignore: Iterable[str] = ()) -> NastranDeck:
@@ -446,7 +467,8 @@ def read_points(path: str | Path, ignore: Iterable[str] = ()) -> NastranDeck:
     """
     path = Path(path)
     left_out = {name.upper() for name in ignore}
-    case, bulk = _split_sections(list(read_lines(path)))
+    case, lines = _split_sections(list(read_lines(path)))
+    bulk, _ = split_equations(lines)
     points = (*_POINTS, *SYSTEMS)
     cards: list[NastranCard] = []
     for card in parse(iter(bulk)):
@@ -482,7 +504,13 @@ def _split_sections(lines: list[NastranLine]) -> tuple[list[NastranLine], list[N
         if _BULK.match(line.text):
             case, bulk = lines[:i], lines[i + 1 :]
             break
-    return case, bulk[: find_enddata(bulk)]
+    bulk = bulk[: find_enddata(bulk)]
+    for line in bulk:
+        if _SUPER.match(line.text):
+            raise line.error(
+                f"{line.text.strip()!r}: superelements are not assembled; {PUNCHED_MATRICES}"
+            )
+    return case, bulk
 
 
 def find_enddata(lines: Sequence[NastranLine]) -> int:

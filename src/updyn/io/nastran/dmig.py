@@ -8,6 +8,7 @@ cards hold entries (MSC Nastran Quick Reference Guide, DMIG).
 from __future__ import annotations
 
 import re
+import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -18,7 +19,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from updyn.dofs import DIRECTIONS, DofSet
-from updyn.errors import FormatError
+from updyn.errors import FormatError, UpdynWarning
 from updyn.io.atomic import atomic_path
 from updyn.io.nastran.cards import NastranCard, parse, read_lines
 from updyn.io.nastran.fields import NastranLine, format_field
@@ -26,12 +27,19 @@ from updyn.io.settings import MATRIX_FILE
 
 __all__ = ["DMIGMatrix", "read_dmig", "write_dmig"]
 
-_SQUARE, _SYMMETRIC = 1, 6
+_SQUARE, _SYMMETRIC, _RECTANGULAR = 1, 6, 9
 _LAST_GRID = 99999999
 _HEADER = 8  # fields of a header card
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9]{0,7}")
 #: Lines of a deck or of a punch file that are not bulk data.
-_TITLES = re.compile(r"(?:TITLE|SUBTITLE|LABEL)\s*=|BEGIN\s+BULK|ENDDATA", re.IGNORECASE)
+_TITLES = re.compile(r"(?:TITLE|SUBTITLE|LABEL)\s*=|BEGIN\s+(?:BULK|SUPER)|ENDDATA", re.IGNORECASE)
+
+
+#: Cards in punch files of superelements, which define the grids and sets of the matrices.
+_ACCOMPANYING = (
+    *("ASET", "ASET1", "CORD2C", "CORD2R", "CORD2S", "DTI", "EXTRN", "GRID", "QSET", "QSET1"),
+    *("SEBNDRY", "SECONCT", "SPOINT"),
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,12 +56,20 @@ class DMIGMatrix:
 
 
 def read_dmig(path: str | Path) -> list[DMIGMatrix]:
-    """Read all DMIG matrices of a punch file or a deck; refuse other cards."""
+    """Read all square DMIG matrices of a punch file or a deck; refuse other cards.
+
+    What PARAM,EXTOUT,DMIGPCH and EXTSEOUT punch in addition is passed over with a warning:
+    rectangular matrices (loads, transformations of recovery), tables, and the boundary grids.
+    """
     path = Path(path)
-    cards = list(parse(_bulk(read_lines(path))))
     headers: dict[str, NastranCard] = {}
+    rectangular: dict[str, None] = {}
     columns: dict[str, list[NastranCard]] = {}
-    for card in cards:
+    passed_over: dict[str, None] = {}
+    for card in parse(_bulk(read_lines(path))):
+        if card.name in _ACCOMPANYING:
+            passed_over[card.name] = None
+            continue
         if card.name != "DMIG":
             raise card.error(f"{card.name}: expected only DMIG cards")
         name = card.text(0)
@@ -66,7 +82,10 @@ def read_dmig(path: str | Path) -> list[DMIGMatrix]:
                     f" {headers[name].lines[0].number}"
                 )
             headers[name] = card
-            _check_header(card)
+            if card.integer(2) == _RECTANGULAR:
+                rectangular[name] = None
+            else:
+                _check_header(card)
         else:
             columns.setdefault(name, []).append(card)
     if not headers:
@@ -74,7 +93,18 @@ def read_dmig(path: str | Path) -> list[DMIGMatrix]:
     for name, found in columns.items():
         if name not in headers:
             raise found[0].error(f"DMIG {name}: a column without a header card of this name")
-    return [_matrix(header, columns.get(name, [])) for name, header in headers.items()]
+    square = {name: header for name, header in headers.items() if name not in rectangular}
+    if not square:
+        raise FormatError(
+            f"only rectangular matrices (form 9): {', '.join(rectangular)}; expected form 1"
+            " (square) or 6 (symmetric)",
+            path,
+        )
+    if rectangular or passed_over:
+        parts = [f"rectangular matrix {name}" for name in rectangular]
+        parts += [f"{name} cards" for name in passed_over]
+        warnings.warn(f"{path}: passed over: {', '.join(parts)}", UpdynWarning, stacklevel=3)
+    return [_matrix(header, columns.get(name, [])) for name, header in square.items()]
 
 
 def _bulk(lines: Iterable[NastranLine]) -> Iterator[NastranLine]:

@@ -24,10 +24,12 @@ from updyn.arrays import IndexArray, IntArray
 from updyn.dofs import DofSet
 from updyn.errors import FormatError
 from updyn.foreign.exits import describe_exit
+from updyn.io.nastran.beams import convert_beams
 from updyn.io.nastran.cards import NastranCard
-from updyn.io.nastran.deck import NastranDeck
+from updyn.io.nastran.deck import PUNCHED_MATRICES, NastranDeck
 
 __all__ = [
+    "LUMPED",
     "MystranMatrices",
     "MystranProgram",
     "adapt_cards",
@@ -41,13 +43,14 @@ _ENDS = dict.fromkeys(("CELAS1", "CELAS2", "CMASS1", "CMASS2"), ((2, 3), (4, 5))
 _NO_POINT = re.compile(r"([+-]?[0-9]+)([eEdD][+-]?[0-9]+)")
 #: Cards that MYSTRAN ignores or does not support, and their substitutes.
 _NOT_READ = {
-    "CBEAM": "a CBAR, if its section is constant and shear centre and neutral axis coincide",
     "CTUBE": "a CROD or a CBAR",
     "CQUADR": "a CQUAD4",
     "CTRIAR": "a CTRIA3",
     "CTRIA6": "four CTRIA3",
     "RBE1": "RBE2, RBE3 or MPC cards",
 }
+#: Elements whose masses MYSTRAN lumps whatever PARAM,COUPMASS is.
+LUMPED = ("CBAR", "CBEAM", "CROD", "CONROD", "CQUAD4", "CSHEAR", "CTRIA3")
 #: Viscous dampers, which MYSTRAN does not support; they add neither stiffness nor mass.
 _DAMPERS = ("CDAMP1", "CDAMP2", "PDAMP")
 #: PARAM cards that only select output or solutions, or that the run sets itself.
@@ -60,17 +63,18 @@ _PARAMETERS = (
 def adapt_cards(deck: NastranDeck, cards: Iterable[NastranCard]) -> list[NastranCard]:
     """Return cards in the form that MYSTRAN reads.
 
-    MYSTRAN has no springs with one end; the other end gets an additional fixed grid.
+    MYSTRAN has no springs with one end; the other end gets an additional fixed grid. It has no
+    beams either; those of constant section become bars.
     """
     out: list[NastranCard] = []
     grounds = max([*deck.grids, *deck.points], default=0)
-    for card in cards:
+    for card in convert_beams(deck, cards):
         if card.name in _DAMPERS or (card.name == "PARAM" and card.text(0) in _PARAMETERS):
             continue
         if card.name in _NOT_READ:
             raise card.error(
                 f"{card.name} {card.text(0)}: MYSTRAN has no {card.name}; use"
-                f" {_NOT_READ[card.name]}, or the matrices from Nastran itself (OUTPUT4, DMIG)"
+                f" {_NOT_READ[card.name]}, or {PUNCHED_MATRICES}"
             )
         ground = None
         card = _with_points(card)
@@ -198,7 +202,9 @@ def find_executable(path: str | Path, given: str | Path | None = None) -> Path:
     )
     if not named:
         raise FormatError(
-            f"reading a model from a deck requires MYSTRAN, which was not found: {_HINT}", path
+            f"reading a model from a deck requires MYSTRAN, which was not found: {_HINT}; or"
+            f" {PUNCHED_MATRICES}",
+            path,
         )
     found = Path(named)
     if not found.is_file() or not os.access(found, os.X_OK):
