@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import importlib
+import os
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,6 +19,9 @@ from updyn.modal.settings import MODE_REDUCTION
 from updyn.updating.problem.modal import ModalPart
 from updyn.updating.problem.noise.modes import ModalNoise
 
+ROOT = Path(__file__).parents[2]
+#: Folder of the files that benchmarks/airmod.py reads.
+AIRMOD = Path(os.environ.get("UPDYN_AIRMOD", "no-folder"))
 M = 16  # elements along a side
 TRUTH = {"west": 1.3, "north": 0.8, "east": 1.2, "mount": 0.6, "motor": 1.4}
 
@@ -188,3 +194,20 @@ def test_resumed_run_has_the_same_result(tmp_path) -> None:
     updyn.update(*about, max_iterations=2, **options)
     resumed = updyn.update(*about, resume=True, **options)
     assert resumed.values == updyn.update(*about, starts=0).values
+
+
+@pytest.mark.skipif(not AIRMOD.is_dir(), reason="UPDYN_AIRMOD names no folder")
+def test_airmod_has_the_frequencies_of_its_tests(monkeypatch: pytest.MonkeyPatch) -> None:
+    """18 unknowns of the aircraft model of DLR, 14 natural frequencies of its repeated tests."""
+    monkeypatch.syspath_prepend(ROOT / "benchmarks")
+    airmod = importlib.import_module("airmod")
+    model, data = airmod.read(AIRMOD), airmod.tested(AIRMOD)
+    unknowns = airmod.unknowns(model)
+    before = airmod.identifiability(model, data, unknowns, noise={"frequency": 1e-4})
+    assert (before.rank, before.n_parameters) == (14, 18)
+    result = updyn.update(model, data, unknowns)
+    assert result.status == "not-identifiable"
+    assert result.identifiability.rank <= 14
+    assert result.options["tier"] == "reduced"
+    assert result.options["frequency error"] < 1e-5
+    assert np.abs(airmod.errors(result.model, data)).max() < 0.01
