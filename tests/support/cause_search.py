@@ -1,4 +1,4 @@
-"""Fits without a search for the causes of their residual, which takes seconds for each."""
+"""Fits without a search for the causes of their residual after it, which takes seconds each."""
 
 from __future__ import annotations
 
@@ -15,5 +15,4 @@ def no_cause_search() -> Iterator[None]:
     """Let fits end without findings: for tests of something else with a residual on purpose."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(CauseSearch, "search_after_fit", lambda self, found, monitor: Causes())
-        patch.setattr(CauseSearch, "detect_data_fault", lambda self, monitor: False)
         yield

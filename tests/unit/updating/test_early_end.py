@@ -141,7 +141,9 @@ def check(found: Any, method: str) -> None:
 
 
 @each_case
-def test_one_step(method: str, data: Any) -> None:
+def test_one_step(method: str, data: Any, request: pytest.FixtureRequest) -> None:
+    if method != "maximum-likelihood":  # causes are sought in the same way after each method
+        request.getfixturevalue("no_causes")
     found = fitted(method, data(), max_iterations=1)
     check(found, method)
     assert found.status != "stopped"

@@ -55,6 +55,7 @@ def test_weights_that_match_give_what_they_gave(chain12_task, add_noise):
     assert scale**2 * found.R.T @ found.R == pytest.approx(local.R.T @ local.R, rel=1e-6, abs=1e-8)
 
 
+@pytest.mark.usefixtures("no_causes")
 @pytest.mark.parametrize(
     ("method", "relative", "floor"),
     [

@@ -74,6 +74,7 @@ def test_to_free_what_is_named_makes_the_residual_noise(missed, wrong, data):
     assert result.values["part3.stiffness"] == pytest.approx(1.0 / 0.9, rel=0.01)
 
 
+@pytest.mark.usefixtures("no_causes")
 @pytest.mark.parametrize("method", ["log", "output-error", "equation-error"])
 def test_other_methods_are_looked_at_the_same_way(method, wrong, data):
     result = updyn.update(wrong[0], data, wrong[1], method=method)
@@ -91,6 +92,7 @@ def test_data_without_noise_leave_nothing_to_test(chain12_true):
     assert "no test is possible" in result.summary()
 
 
+@pytest.mark.usefixtures("no_causes")
 def test_outliers_count_in_full_though_the_fit_was_robust(chain12_true, data):
     values = data.values.copy()
     values[20:24, 1, 0] *= np.array([5.0, -4.0, 6.0j, -5.0])
@@ -104,6 +106,7 @@ def test_outliers_count_in_full_though_the_fit_was_robust(chain12_true, data):
     assert FREQ[20] <= worst.near <= FREQ[23]
 
 
+@pytest.mark.usefixtures("no_causes")
 @pytest.mark.parametrize("seed", range(4))
 def test_lines_of_outliers_are_no_error_of_the_model(chain12_true, seed, add_noise):
     """Three of sixty lines with thirty times the noise, at all channels."""
@@ -163,6 +166,7 @@ def test_a_fit_that_was_stopped_gets_no_experiment_advice(chain12_true):
     assert not stopped.identifiability.advice
 
 
+@pytest.mark.usefixtures("no_causes")
 def test_a_fit_that_ran_out_of_steps_is_looked_at_where_it_had_nearly_arrived(wrong, data):
     noise = {"relative": 0.01}
     whole = updyn.update(wrong[0], data, wrong[1], starts=0, noise=noise)

@@ -61,6 +61,7 @@ def fitted(true, exact, wrong, quantity, factor, relative, rng, stated=None):
     return result, found
 
 
+@pytest.mark.usefixtures("no_causes")
 @pytest.mark.parametrize("relative", [0.0, 0.01, 0.05])
 @pytest.mark.parametrize(
     ("wrong", "quantity", "factor"),
@@ -90,6 +91,7 @@ def test_the_wrong_group_of_a_chain_is_named(chain12_true, wrong, quantity, fact
         assert first.change == pytest.approx(np.log(factor), rel=0.5)
 
 
+@pytest.mark.usefixtures("no_causes")
 @pytest.mark.parametrize("relative", [0.0, 0.01])
 @pytest.mark.parametrize("wrong", ["unit 2", "unit 3", "unit 5"])
 def test_the_wrong_unit_of_the_gear_train_is_named(wrong, relative):
@@ -101,6 +103,7 @@ def test_the_wrong_unit_of_the_gear_train_is_named(wrong, relative):
     assert found[0].change == pytest.approx(np.log(1.2), rel=0.5)
 
 
+@pytest.mark.usefixtures("no_causes")
 def test_where_the_size_of_the_noise_is_not_known_the_share_is_told_from_likeness(chain12_true):
     exact = chain(chain12_true)
     _, known = fitted(
@@ -122,6 +125,7 @@ def test_a_good_fit_has_no_suspects(chain12_true):
     assert found == ()
 
 
+@pytest.mark.usefixtures("no_causes")
 def test_the_gain_is_that_of_freeing_the_quantity(chain12_true):
     """For a small error the step of first order takes away what a fit with that unknown takes away."""
     exact = chain(chain12_true)
@@ -283,6 +287,7 @@ def test_energy_by_a_full_solution_of_the_constrained_problem():
     assert found == pytest.approx(expected)
 
 
+@pytest.mark.usefixtures("no_causes")
 def test_most_of_the_energy_lies_in_the_wrong_group(chain12_true):
     exact = chain(chain12_true)
     for wrong in ("part1", "part4"):
@@ -317,6 +322,7 @@ def test_two_tests_point_at_one_group(chain12_true):
     assert found[0].name == "part3.stiffness"
 
 
+@pytest.mark.usefixtures("no_causes")
 def test_a_quantity_that_shares_an_unknown_is_tried_by_itself(chain12_true):
     """One unknown drives two groups that are not equally wrong."""
     wrong = chain12_true.scaled({"part2": {"stiffness": 0.8}})

@@ -267,6 +267,7 @@ def test_many_names_are_not_all_in_the_name():
 
 
 # -- several tests -----------------------------------------------------------------------------------------
+@pytest.mark.usefixtures("no_causes")
 def test_two_tests_tell_apart_what_one_cannot(series, measured):
     """With a mass on node 2 the two springs are no longer in series for the data."""
     loaded = updyn.Model.from_groups(

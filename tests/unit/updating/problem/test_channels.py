@@ -8,6 +8,9 @@ from updyn.errors import OptionError, ParameterError
 from updyn.updating.problem.problem import FRFPart
 from updyn.updating.result import estimated_gains
 
+#: Its fits have a residual on purpose, whose causes other tests seek.
+pytestmark = pytest.mark.usefixtures("no_causes")
+
 FREQ = np.linspace(1.0, 40.0, 60)
 
 

@@ -15,6 +15,9 @@ from updyn.updating.problem.noise import (
     choose_noise,
 )
 
+#: Its fits have a residual on purpose, whose causes other tests seek.
+pytestmark = pytest.mark.usefixtures("no_causes")
+
 RNG = np.random.default_rng
 BY_CHANNEL = "estimated-by-channel"
 

@@ -167,12 +167,12 @@ def fitted(task, noise, hit, draws):
     return np.array(errors), np.array(stds), lines
 
 
+@pytest.mark.usefixtures("no_causes")
 @pytest.mark.parametrize("noise", [{}, {"relative": 0.02}], ids=["estimated", "stated"])
 def test_outlier_lines_do_not_spoil_the_fit(chain12_task, noise):
     """One line in twenty has 30 times the noise."""
     draws = 6
     clean, clean_std, _ = fitted(chain12_task, {**noise, **ROBUST}, False, draws)
-    # Few, as causes are looked for in each.
     plain, _, _ = fitted(chain12_task, noise or None, True, 2)
     robust, std, named = fitted(chain12_task, {**noise, **ROBUST}, True, draws)
     assert (np.abs(plain) > 10 * std[:2]).any()
@@ -191,6 +191,7 @@ def test_outlier_lines_do_not_spoil_the_fit(chain12_task, noise):
     assert np.median(clean_std[:2] / plain_std) < 1.06
 
 
+@pytest.mark.usefixtures("no_causes")
 def test_the_record_says_what_was_down_weighted(chain12_task):
     start, clean, unknowns, _ = chain12_task
     values = clean.values * (1 + 0.02 * circular(RNG(0), clean.values.shape))
