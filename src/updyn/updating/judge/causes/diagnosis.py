@@ -25,7 +25,12 @@ from updyn.updating.judge.causes.evidence import Evidence, compute_spread
 from updyn.updating.judge.causes.fault import Fault
 from updyn.updating.judge.causes.finding import Finding, make_fault_finding
 from updyn.updating.judge.causes.halves import compare_band_halves
-from updyn.updating.judge.causes.misfit import WeightedData, compute_log_misfit
+from updyn.updating.judge.causes.misfit import (
+    WeightedData,
+    compute_log_misfit,
+    find_weightless,
+    remove_weight,
+)
 from updyn.updating.judge.causes.model_unit import ModelUnit
 from updyn.updating.judge.causes.other_model import CompiledVariant
 from updyn.updating.judge.causes.promising import list_variants
@@ -107,7 +112,10 @@ def find_causes(
     is_open = remaining is None or remaining.mean_square > CAUSE_SEARCH.explained_mean_square
     if is_open and explained.findings and masked is not part.frf:
         # The values of a symptom may be wrong on their own, and other faults may imitate them.
-        by_itself = _explain_data(part.with_data(masked), whole, trial_models, known, stated, noise)
+        masked_whole = whole.with_data(mask_symptoms(detections, whole.frf))
+        by_itself = _explain_data(
+            part.with_data(masked), masked_whole, trial_models, known, stated, noise
+        )
         fit_apart = by_itself.fit_remaining(masked)
         if fit_apart:
             limit = CAUSE_SEARCH.symptom_ratio * fit_apart.mean_square
@@ -164,14 +172,8 @@ def _restrict_weights(corrected: FRF, frf: FRF) -> FRF:
     """
     assert corrected.variance is not None
     assert frf.variance is not None
-    # A variance above the square of the largest value marks a value without weight.
-    is_weightless, was_weightless = (
-        v.variance > np.abs(v.values).max() ** 2 for v in (frf, corrected)
-    )
-    return replace(
-        corrected,
-        variance=np.where(is_weightless | was_weightless, frf.variance, corrected.variance),
-    )
+    is_weightless = find_weightless(frf) | find_weightless(corrected)
+    return replace(corrected, variance=np.where(is_weightless, frf.variance, corrected.variance))
 
 
 def _try_other_units(part: FRFPart, without: Trial) -> list[Finding]:
@@ -288,7 +290,8 @@ def _mean_square_error(part: FRFPart, trial: Trial, noise: NoiseModel) -> float:
     """Return the mean square error at the end of a trial, in units of the given noise."""
     H, frf = _evaluate_corrected(part, trial)
     variance = np.maximum(noise.variance(H, frf), np.finfo(float).tiny)
-    return float(np.mean(np.abs(frf.values - H) ** 2 / variance))
+    square = np.abs(frf.values - H) ** 2 / variance
+    return float(np.mean(square[~find_weightless(part.frf)]))
 
 
 def _evaluate_corrected(part: FRFPart, trial: Trial) -> tuple[ComplexArray, FRF]:
@@ -298,12 +301,19 @@ def _evaluate_corrected(part: FRFPart, trial: Trial) -> tuple[ComplexArray, FRF]
 
 
 def weight_by_noise(part: FRFPart, trial: Trial, noise: NoiseModel) -> FRFPart:
-    """Return the part with data weighted by the noise estimated from the residual of a trial."""
+    """Return the part with data weighted by the noise estimated from the residual of a trial.
+
+    Values without weight keep none, and are not used for the estimate.
+    """
     H, frf = _evaluate_corrected(part, trial)
-    variance = noise.refit(H, frf, part.n).variance(H, frf)
+    is_weightless = find_weightless(part.frf)
+    # Values that are zero in model and data say nothing about the noise.
+    seen = replace(frf, values=np.where(is_weightless, 0.0, frf.values))
+    variance = noise.refit(np.where(is_weightless, 0.0, H), seen, part.n).variance(H, seen)
     size = np.abs(part.frf.values) / np.maximum(np.abs(frf.values), np.finfo(float).tiny)
     relative_noise = WeightedData.near_response(H, frf, variance).relative_noise
-    return part.with_data(WeightedData.of(part.frf, size**2 * variance, relative_noise))
+    weighted = WeightedData.of(part.frf, size**2 * variance, relative_noise)
+    return part.with_data(remove_weight(weighted, is_weightless))
 
 
 def _find_likeliest(

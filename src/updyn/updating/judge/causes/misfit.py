@@ -14,7 +14,14 @@ from updyn.updating.judge.causes.settings import CAUSE_MISFIT
 from updyn.updating.judge.settings import SIGNIFICANCE
 from updyn.updating.problem.noise import level_by_unit
 
-__all__ = ["WeightedData", "add_perfect_fit", "compute_log_misfit", "count_values", "remove_weight"]
+__all__ = [
+    "WeightedData",
+    "add_perfect_fit",
+    "compute_log_misfit",
+    "count_values",
+    "find_weightless",
+    "remove_weight",
+]
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
@@ -88,9 +95,9 @@ def compute_log_misfit(H: ComplexArray, frf: FRF) -> tuple[ComplexArray, RealArr
 
 
 def count_values(frf: FRF) -> int:
-    """Return the number of real values with weight: all of `WeightedData`, or those above noise."""
+    """Return the number of real values with weight; those above the noise, or of `WeightedData`."""
     if isinstance(frf, WeightedData):
-        return 2 * frf.values.size
+        return 2 * int(np.count_nonzero(~find_weightless(frf)))
     clear = np.abs(frf.values) > SIGNIFICANCE.stds * _compute_deviation(frf)
     return 2 * int(np.count_nonzero(clear))
 
@@ -105,6 +112,12 @@ def remove_weight(frf: FRF, mask: BoolArray) -> FRF:
     assert frf.variance is not None
     large = CAUSE_MISFIT.weightless_variance * float(np.abs(frf.values).max()) ** 2
     return replace(frf, variance=np.where(mask, large, frf.variance))
+
+
+def find_weightless(frf: FRF) -> BoolArray:
+    """Return which values have no weight, shape (n_f, n_i, n_j)."""
+    assert frf.variance is not None
+    return np.asarray(frf.variance > np.abs(frf.values).max() ** 2)
 
 
 def _compute_deviation(frf: FRF) -> RealArray:

@@ -9,9 +9,11 @@ import updyn
 from updyn import sensitivity
 from updyn.errors import DataError, OptionError
 from updyn.updating.judge.causes.catalogue import read_fault
-from updyn.updating.judge.causes.diagnosis import find_causes
+from updyn.updating.judge.causes.data_alone import with_variance
+from updyn.updating.judge.causes.diagnosis import find_causes, weight_by_noise
+from updyn.updating.judge.causes.misfit import count_values, find_weightless, remove_weight
 from updyn.updating.judge.causes.ranking import RankedFault, is_worth_reporting
-from updyn.updating.judge.causes.trial import Trial
+from updyn.updating.judge.causes.trial import Trial, run_trial
 from updyn.updating.problem.noise import choose_noise
 from updyn.updating.problem.problem import FRFPart
 
@@ -292,3 +294,22 @@ def test_modes_are_refused(chain12):
     found = updyn.modes(chain12, 3)
     with pytest.raises(OptionError, match="diagnose: expected FRFs, found ModeSet"):
         updyn.diagnose(chain12, updyn.ModeSet(found.frequency, found.shapes, found.dofs))
+
+
+def test_values_without_weight_keep_none_and_do_not_count_as_noise(chain12_true, data, unknowns):
+    noise = choose_noise(None, data)
+    mask = np.zeros(data.values.shape[1:], dtype=bool)
+    mask[1, 1] = True
+
+    def weighted(frf):
+        frf = remove_weight(with_variance(frf, noise), mask)
+        part = FRFPart.build(chain12_true, frf, unknowns)
+        trial = run_trial(part, None, [part.coordinates.start])
+        return weight_by_noise(part, trial, noise).frf
+
+    values = data.values.copy()
+    values[:, mask] *= 5.0
+    sound, wrong = weighted(data), weighted(replace(data, values=values))
+    assert np.array_equal(find_weightless(wrong), np.broadcast_to(mask, data.values.shape))
+    assert count_values(wrong) == 2 * 100 * 9
+    np.testing.assert_allclose(wrong.variance[:, ~mask], sound.variance[:, ~mask], rtol=0.05)
