@@ -34,6 +34,7 @@ __all__ = [
     "check_force_quantity",
     "check_lines",
     "check_quantity",
+    "reference_noun",
     "unit",
 ]
 
@@ -82,6 +83,11 @@ def check_force_quantity(quantity: object) -> str:
             f" {', '.join(map(repr, QUANTITIES))}"
         )
     return str(quantity)
+
+
+def reference_noun(quantity: str) -> str:
+    """Return the noun for the reference of a channel: ``"force"``, or ``"reference"`` sensor."""
+    return "reference" if quantity == TRANSMISSIBILITY else "force"
 
 
 def unit(quantity: str, response: str, reference: str) -> str:

@@ -17,6 +17,7 @@ from nastran_decks import plate
 from pages import ROOT, blocks, run_console, run_python, save_toml
 from updyn.elements.beam import beam_from_table
 from updyn.elements.drivetrain import drivetrain_from_table
+from updyn.elements.structure import structure_from_table
 from updyn.model import Model
 
 DOCS = ROOT / "docs"
@@ -157,3 +158,32 @@ def test_a_test_with_other_labels() -> None:
     assert values["beam.stiffness"] == pytest.approx(0.9, rel=0.01)
     assert values["clamp.stiffness"] == pytest.approx(0.5, rel=0.05)
     assert values["103:Z.calibration"] == pytest.approx(1.08, rel=0.01)
+
+
+def test_a_sweep_on_a_shaker() -> None:
+    page = next(b for b in blocks(DOCS / "howto-shaker.md") if b.language == "toml")
+    table = tomllib.loads(page.text)["model"]
+    del table["kind"]
+    truth = structure_from_table(table).scaled(
+        {
+            "clamp band": {"stiffness": 0.7, "loss_factor": 0.05},
+            "lower tube": {"stiffness": 1.1},
+            "struts": {"stiffness": 1.25, "loss_factor": 0.015},
+        }
+    )
+    lines = np.geomspace(5.0, 150.0, 250)
+    sensors = ["2:X", "3:X", "4:X", "5:X", "4:RY"]
+    exact = updyn.response(truth, lines, sensors, ["1:X"], "transmissibility", base=["1:X"])
+    real, imaginary = np.random.default_rng(0).normal(size=(2, *exact.values.shape))
+    values = exact.values * (1 + 0.01 * (real + 1j * imaginary) / np.sqrt(2))
+    updyn.write_frf(updyn.FRF(lines, values, sensors, ["1:X"], "transmissibility"), "sweep.uff")
+    names = run("howto-shaker")
+    values_found = found("result/run.nc")
+    assert values_found["clamp band.stiffness"] == pytest.approx(0.7, rel=0.01)
+    assert values_found["lower tube.stiffness"] == pytest.approx(1.1, rel=0.01)
+    assert values_found["upper tube.stiffness"] == pytest.approx(1.0, rel=0.01)
+    assert values_found["struts.stiffness"] == pytest.approx(1.25, rel=0.01)
+    assert values_found["clamp band.loss_factor"] == pytest.approx(0.05, rel=0.05)
+    assert names["again"].values["struts.stiffness"] == pytest.approx(1.25, rel=0.01)
+    exact = updyn.response(truth, [20.0, 40.0], ["4:X"], ["1:X"], "transmissibility", base=["1:X"])
+    np.testing.assert_allclose(names["predicted"].values, exact.values, rtol=0.02)

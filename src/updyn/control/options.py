@@ -9,7 +9,7 @@ import numpy as np
 from updyn.control.ports import Port
 from updyn.dofs import Dof
 from updyn.errors import OptionError, suggest
-from updyn.frf import check_quantity
+from updyn.frf import check_force_quantity
 from updyn.group import is_number
 
 __all__ = ["ERRORS", "Ports", "check_band", "check_error", "check_quantities", "check_tolerance"]
@@ -46,7 +46,7 @@ def check_tolerance(tolerance: float) -> None:
 def check_quantities(quantity: str | Sequence[str], count: int) -> tuple[str, ...]:
     """Return the quantity of each of `count` outputs; raises OptionError if invalid."""
     named = [quantity] * count if isinstance(quantity, str) else list(quantity)
-    quantities = tuple(check_quantity(q) for q in named)
+    quantities = tuple(check_force_quantity(q) for q in named)
     if len(quantities) != count:
         raise OptionError(
             f"plant: {len(quantities)} quantities for {count} outputs; expected one, or one each"

@@ -13,7 +13,7 @@ from updyn.arrays import ComplexArray, NumberArray, RealArray
 from updyn.control.antiresonances import ZeroShift
 from updyn.control.ports import Port
 from updyn.errors import DataError, ModelError, OptionError, suggest
-from updyn.frf import FRF, check_lines, check_quantity
+from updyn.frf import FRF, check_force_quantity, check_lines
 from updyn.notebook import PlotCurve, card, curves, table
 
 __all__ = ["Plant", "PlantResponse"]
@@ -139,7 +139,7 @@ class Plant:
         if len(self.quantities) != n_y:
             raise ModelError(f"plant: {len(self.quantities)} quantities for {n_y} outputs")
         for quantity in self.quantities:
-            check_quantity(quantity)
+            check_force_quantity(quantity)
         if self.dt is not None and not 0.0 < self.dt < np.inf:
             raise ModelError(
                 f"plant: sampling interval {self.dt!r} s; expected a finite number above 0, or None"

@@ -40,6 +40,7 @@ __all__ = [
     "Excitation",
     "find_channels",
     "find_excitation",
+    "fix_base",
     "hold_base",
 ]
 
@@ -154,17 +155,23 @@ def hold_base(model: Model, frf: FRF) -> tuple[Model, FRF]:
         return model, frf
     if frf.base is None:
         raise DataError("the peaks of a ratio of two responses are not modes of the structure")
-    base, keep = frf.base, model.dofs.complement(frf.base)
+    elsewhere = [dof for dof in frf.responses if dof not in frf.base]
+    if not elsewhere:
+        raise DataError("all sensors are at the base, which does not move in a mode")
+    return fix_base(model, frf), frf.select(responses=elsewhere)
+
+
+def fix_base(model: Model, frf: FRF) -> Model:
+    """Return the model with the base of the data fixed; the model itself if there is none."""
+    if frf.base is None:
+        return model
+    keep = model.dofs.complement(frf.base)
     T = sp.csr_array(sp.eye_array(model.n_dofs, format="csr")[:, keep])
     groups = {
         name: group.transformed(lambda A: sp.csr_array(T.T @ A @ T), T)
         for name, group in model.groups.items()
     }
-    held = Model(groups, model.dofs[keep], model.geometry, model.title)
-    elsewhere = [dof for dof in frf.responses if dof not in base]
-    if not elsewhere:
-        raise DataError("all sensors are at the base, which does not move in a mode")
-    return held, frf.select(responses=elsewhere)
+    return Model(groups, model.dofs[keep], model.geometry, model.title)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from updyn.correlation import correlate
+from updyn.dynamics.excitation import hold_base
 from updyn.errors import UpdynError
 from updyn.job.prepared import PreparedTest
 from updyn.job.start import start_model
@@ -62,7 +63,8 @@ def start_modes_text(test: PreparedTest, unknowns: ParameterSet) -> str:
             found = correlate(model, measured)
         else:
             band = float(test.freq[0]), float(test.freq[-1])
-            found = correlate(model, identify_modes_for(model, test.frf), band=band)
+            model, frf = hold_base(model, test.frf)
+            found = correlate(model, identify_modes_for(model, frf), band=band)
     except UpdynError as error:
         return f"Modes: not known; {str(error).removeprefix('modes: ')}."
     return f"Modes of the test (measured) and of the model (computed)\n{found.table()}"

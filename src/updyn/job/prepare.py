@@ -14,6 +14,7 @@ import numpy as np
 
 from updyn.arrays import RealArray
 from updyn.dofs import Dof, DofSet
+from updyn.dynamics.excitation import find_excitation
 from updyn.dynamics.fields import TIERS
 from updyn.dynamics.zero_line import leave_out_zero_line
 from updyn.elements import MODEL_KINDS, MODEL_QUESTIONS
@@ -41,6 +42,7 @@ from updyn.linalg.solver import check_backend
 from updyn.matching import MatchError, Matching, match
 from updyn.modal import ModeSet
 from updyn.model import Model
+from updyn.updating.fit.methods import METHODS, check_quantity
 from updyn.updating.fit.reducing import is_reduced
 from updyn.updating.judge.causes.catalogue import read_fault
 from updyn.updating.problem.data import split_modes
@@ -118,7 +120,7 @@ def _prepare_test(
         _check_method(job, matching.data)
         fitted = _remove_validation_modes(job, matching.data)
         return PreparedTest(job, matching.model, matching.data, fitted, matching)
-    frf = _apply_repairs(job, matching.model, matching.data)
+    frf = _apply_repairs(job, matching.model, _add_excitation(job, matching))
     frf = leave_out_zero_line(matching.model, frf, job.test.name)
     matching = replace(matching, data=frf)
     _check_table(matching.model, matching.frf.freq)
@@ -127,6 +129,16 @@ def _prepare_test(
     return PreparedTest(
         job, matching.model, matching.frf, fitted_frf, matching, _read_matched_modes(job, matching)
     )
+
+
+def _add_excitation(job: Job, matching: Matching) -> FRF:
+    """Return the matched data with the base or the force of the job."""
+    table, frf = job.test, matching.frf
+    with key_path("test"):
+        if table.base is not None or table.force is not None:
+            frf = frf.with_excitation(table.base, table.force)
+        find_excitation(matching.model.dofs, frf)
+    return frf
 
 
 def _check_table(model: Model, freq: RealArray) -> None:
@@ -315,6 +327,7 @@ def _check_method(job: Job, fitted: FRF | ModeSet) -> None:
         is_reduced(method.tier, 0, 0, method.name)
     with key_path("method"):
         check_backend(method.backend)
+        check_quantity(fitted, METHODS.find(method.name))
     if isinstance(fitted, ModeSet):
         with key_path(job.table_of("noise")):
             choose_modal_noise(job.noise)

@@ -14,7 +14,7 @@ from typing import Any
 
 from updyn import __version__
 from updyn.errors import FormatError, InputError
-from updyn.frf import FRF, QUANTITIES
+from updyn.frf import FRF, QUANTITIES, TRANSMISSIBILITY
 from updyn.io import read_frf, read_model
 from updyn.io.toml_text import format_toml
 from updyn.job.folder import relative_path
@@ -130,8 +130,10 @@ def read_inputs(
 def _add_counterparts(inputs: Inputs) -> Inputs:
     """Return matched inputs with the counterparts of the measured modes."""
     assert inputs.matching is not None
-    found = find_counterparts(inputs.matching.model, inputs.matching.frf)
-    return replace(inputs, counterparts=found)
+    frf = inputs.matching.frf
+    if frf.quantity == TRANSMISSIBILITY:
+        frf = frf.with_excitation(frf.references)
+    return replace(inputs, counterparts=find_counterparts(inputs.matching.model, frf))
 
 
 def _match_by_coordinates(
@@ -283,7 +285,11 @@ def _format_test(inputs: Inputs, out: Path) -> list[str]:
     lines += [_format_key(TestTable, name, value) for name, value in inputs.frf_options.items()]
     if not inputs.has_quantity:
         lines.append("# The file does not state the measured quantity. Choose one:")
-        lines += [f"# quantity = {format_toml(name)}" for name in QUANTITIES]
+        names = [*QUANTITIES, TRANSMISSIBILITY]
+        lines += [f"# quantity = {format_toml(name)}" for name in names]
+    if frf.quantity == TRANSMISSIBILITY:
+        matched = frf if inputs.matching is None else inputs.matching.frf
+        lines.append(_format_key(TestTable, "base", matched.references.labels))
     band = [float(frf.freq[0]), float(frf.freq[-1])]
     lines.append(_format_key(TestTable, "band", band, off=True))
     labels = [str(dof) for dof in frf.responses]

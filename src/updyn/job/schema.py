@@ -332,7 +332,8 @@ class TestTable(Table):
     format: str | None = None
     quantity: str | None = Field(
         default=None,
-        description='"receptance", "mobility" or "accelerance", where the file does not say',
+        description='"receptance", "mobility", "accelerance" or "transmissibility", where the file'
+        " does not say",
     )
     duplicates: str | None = None
     scalar_direction: str | None = None
@@ -359,6 +360,15 @@ class TestTable(Table):
         description="responses to use, in this order, as the file labels them",
     )
     references: Texts | None = Field(default=None, min_length=1)
+    base: Texts | None = Field(
+        default=None,
+        min_length=1,
+        description="transmissibility: DOFs of the model that move together as the base",
+    )
+    force: str | None = Field(
+        default=None,
+        description="transmissibility between two sensors: DOF of the force of unknown size",
+    )
     repair: Texts | None = Field(default=None, min_length=1)  # data faults to repair
     name: str = ""
     grounded: Texts | None = None  # the configuration: fixed DOFs and added masses
@@ -376,7 +386,7 @@ class TestTable(Table):
     @property
     def of_frfs(self) -> list[str]:
         """Keys that the table gives and that apply only to FRFs."""
-        keys = [*self.reader_options, "repeats", "averages", "exclude", "repair"]
+        keys = [*self.reader_options, "repeats", "averages", "exclude", "base", "force", "repair"]
         return [key for key in keys if getattr(self, key) is not None]
 
     @property

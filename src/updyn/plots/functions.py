@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from updyn.correlation import Correlation
 from updyn.errors import DataError, OptionError
-from updyn.frf import FRF, unit
+from updyn.frf import FRF, reference_noun, unit
 from updyn.plots.canvas import (
     Canvas,
     WhichAxes,
@@ -232,7 +232,8 @@ def overlay(
         for (i, j), title in zip(pairs, titles, strict=True):
             axes = made.axes[title]
             _levels(axes, measured, fitted, (i, j), level, looks)
-            axes.set_title(f"response {title.replace(' / ', ', force ')}")
+            noun = reference_noun(measured.quantity)
+            axes.set_title(f"response {title.replace(' / ', f', {noun} ')}")
             axes.set_xlabel(_FREQUENCY)
             if log_frequency:
                 log_axis(axes)
@@ -280,7 +281,8 @@ def one_channel(
                 axes.plot(*wrapped_phase(one.freq, one.values[:, 0, 0]), **look)
             phase_axis(axes)
         _frequency_axis(made, log_frequency)
-        title = f"response {measured.responses[0]}, force {measured.references[0]}"
+        noun = reference_noun(measured.quantity)
+        title = f"response {measured.responses[0]}, {noun} {measured.references[0]}"
         legend_above(made.first, f"{title}{agreement}")
     return made.figure
 

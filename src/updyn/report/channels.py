@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from updyn.arrays import ComplexArray, IndexArray, RealArray
+from updyn.frf import reference_noun
 from updyn.report.data import ReportData
 from updyn.report.formats import figure_of_agreement, percentage, unit
 from updyn.report.plots import (
@@ -89,7 +90,8 @@ def worst_and_median(data: ReportData) -> dict[str, tuple[int, int]]:
 
 def _format_title(data: ReportData, name: str, i: int, j: int) -> str:
     held = ", held out" if data.held_out[i] else ""
-    where = f"response {data.responses[i]}, force {data.references[j]}{held}"
+    reference = f"{reference_noun(data.quantity)} {data.references[j]}"
+    where = f"response {data.responses[i]}, {reference}{held}"
     return f"{name.capitalize()} channel: {where}"
 
 

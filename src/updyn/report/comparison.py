@@ -15,6 +15,7 @@ from updyn import __version__
 from updyn.arrays import BoolArray, ComplexArray, RealArray
 from updyn.comparison import Comparison, Row
 from updyn.comparison.table import cells, columns, limits, reason
+from updyn.dynamics.excitation import fix_base
 from updyn.frf import FRF
 from updyn.report.data import compute_frfs, fine_grid, keep_lines
 from updyn.report.formats import decibels, extent, format_count, number, unit
@@ -409,6 +410,7 @@ def gather_curves(comparison: Comparison) -> Curves | None:
             results[row.method] = result
     few = _few_lines(channel.freq, test.model.n_dofs)
     models = [test.model, *(result.model for result in results.values())]
+    models = [fix_base(model, channel) for model in models]
     reduced = options.get("tier") == "reduced"
     for freq in (fine_grid(models, few, reduced=reduced), few):
         failures: list[str] = []

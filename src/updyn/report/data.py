@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from updyn.arrays import BoolArray, ComplexArray, IndexArray, RealArray
 from updyn.correlation import csac, frac, frf_correlation, relative_residual
+from updyn.dynamics.excitation import fix_base
 from updyn.dynamics.resonance_lines import even_lines, resonance_lines
 from updyn.errors import UpdynError
 from updyn.frf import FRF
@@ -173,7 +174,7 @@ def _compute_data(
         )
         keep = keep[chosen]
     freq, measured, used = frf.freq[keep], frf.values[keep], used[keep]
-    drawn = [model for model in models if model is not None]
+    drawn = [fix_base(model, frf) for model in models if model is not None]
     fine = freq if stopped else fine_grid(drawn, freq, reduced=reduced)
     for grid in (fine, freq):
         failures: list[str] = []

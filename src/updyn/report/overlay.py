@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from updyn.arrays import IndexArray, NumberArray, RealArray
+from updyn.frf import reference_noun
 from updyn.report.data import ReportData, keep_lines
 from updyn.report.formats import unit
 from updyn.report.plots import encode_array, encode_numbers, escape_labels
@@ -71,6 +72,7 @@ class OverlaySection(ReportSection):
         return {
             "responses": list(zip(data.responses, data.held_out, strict=True)),
             "references": data.references,
+            "noun": reference_noun(data.quantity),
             "height": 560 if data.coherence is None else 640,
             "fit_band": data.fit_band,
             "held_band": data.validation_band,
@@ -118,6 +120,7 @@ def overlay(data: ReportData, budget: int | None = None) -> tuple[dict[str, Any]
         "residualAfter": _round_figures(data.residual_after),
         "heldOut": list(data.held_out),
         "quantity": data.quantity,
+        "noun": reference_noun(data.quantity),
         "units": _list_units(data),
         "used": np.flatnonzero(data.used[keep]).tolist(),
         "fitBand": _to_list(data.fit_band),

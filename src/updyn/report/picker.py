@@ -11,7 +11,7 @@ import numpy as np
 from updyn.arrays import BoolArray, IndexArray, RealArray
 from updyn.correlation import frac
 from updyn.errors import DataError
-from updyn.frf import FRF, QUANTITIES, unit
+from updyn.frf import FRF, reference_noun, unit
 from updyn.modal import ModeSet, cmif, synthesise
 from updyn.modal.indicator import Indicator
 from updyn.modal.settings import SYNTHESIS
@@ -239,7 +239,7 @@ def picker_data(found: IdentifiedModes) -> dict[str, Any]:
         response, reference = frf.responses.labels[i], frf.references.labels[j]
         channels.append(
             {
-                "name": f"response {response}, force {reference}",
+                "name": f"response {response}, {reference_noun(frf.quantity)} {reference}",
                 "unit": escape_label(unit(frf.quantity, response, reference)),
             }
         )
@@ -252,7 +252,7 @@ def picker_data(found: IdentifiedModes) -> dict[str, Any]:
         "cmif": encode_array(indicator.T, "<f4"),
         "values": encode_array(flat.T, "<c8"),
         "decay": frf.decay,
-        "power": QUANTITIES[frf.quantity],
+        "power": frf.modal_power,
         "quantity": frf.quantity,
         "channels": channels,
         "worst": int(np.flatnonzero(shown == found.worst)[0]),

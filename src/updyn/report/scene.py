@@ -12,6 +12,7 @@ from updyn.arrays import NumberArray, RealArray
 from updyn.correlation import ModeCorrelation, Subspace
 from updyn.correlation.modes import model_modes
 from updyn.dofs import Dof
+from updyn.dynamics.excitation import fix_base
 from updyn.dynamics.modes import Modes
 from updyn.errors import UpdynError
 from updyn.frf import FRF
@@ -80,7 +81,11 @@ def scene_of(
     ).any()
     if moves and at_sensorssensor_nodes:
         measured = sensor_body(_choose_geometry(geometry, data[0]), responses)
-        shapes = _ModalShapes.of(content.modes, models)
+        first = data[0]
+        fixed = models
+        if isinstance(first, FRF):
+            fixed = {name: fix_base(model, first) for name, model in models.items()}
+        shapes = _ModalShapes.of(content.modes, fixed)
         if shapes is not None:
             modes = shapes.make_layers(body, measured)
             energy = shapes.strain_energy()

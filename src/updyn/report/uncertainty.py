@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from updyn.arrays import RealArray
+from updyn.dynamics.excitation import fix_base
 from updyn.dynamics.resonance_lines import even_lines, resonance_lines
 from updyn.errors import UpdynError
 from updyn.report.data import keep_lines
@@ -254,7 +255,7 @@ def _add_resonance_lines(result: UpdateResult, lines: RealArray) -> RealArray:
     low, high = float(lines[0]), float(lines[-1])
     if result.options.get("tier") == "reduced":  # modes of the full model are expensive
         return np.union1d(lines, even_lines(low, high, room))
-    return np.union1d(lines, resonance_lines(result.model, low, high, room))
+    return np.union1d(lines, resonance_lines(fix_base(result.model, result.frf), low, high, room))
 
 
 def _draw_band(band: Band, result: UpdateResult, lines: RealArray, i: int, j: int) -> Figure:

@@ -21,7 +21,7 @@ from updyn.updating.fit.method import Method
 from updyn.updating.fit.methods import (
     check_channels,
     check_modes,
-    check_quantities,
+    check_quantity,
     make_method,
 )
 from updyn.updating.fit.monitor import Progress
@@ -179,7 +179,8 @@ def prepare_setup(
     pairs = zip(frf_tests, splits, strict=True)
     noises = [choose_noise(test.noise, split.fitted) for test, split in pairs]
     check_modes(tests, method)
-    check_quantities(tests, method)
+    for test in tests:
+        check_quantity(test.data, method)
     if not frf_tests:
         options.check_without_lines(max(test.model.n_dofs for test in tests))
     before = ModeComparison.of(tests, selection.parameters, options.method_options)

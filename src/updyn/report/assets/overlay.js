@@ -98,7 +98,7 @@ const updynOverlay = (() => {
     const of = (name) => data[name] ? data[name][i][j] : null;
     const digits = (v) => v === null ? "–" : v < 0.99 || v >= 1 ? v.toFixed(2).replace("-", "−") : v < 0.9995 ? v.toFixed(3) : ">0.999";
     const both = (what, name, say) => `${what} ${["Before", "After"].filter((when) => data[name + when]).map((when) => say(of(name + when))).join(" → ") || "–"}`;
-    find("channel-name").textContent = `Response at ${pick.response.selectedOptions[0].dataset.label}, force at ` +
+    find("channel-name").textContent = `Response at ${pick.response.selectedOptions[0].dataset.label}, ${data.noun} at ` +
       `${pick.reference.selectedOptions[0].dataset.label} (channel ${channel() + 1} of ${nR * nC})`;
     find("channel-figures").textContent = [both("FRAC", "frac", digits), both("correlation", "correlation", digits),
       both("relative residual", "residual", percent)].join(", ") +
@@ -152,7 +152,7 @@ const updynOverlay = (() => {
     if (!place) return;
     const names = [], units = [], figure = (k, name) => (data[name] ? data[name][Math.floor(k / nC)][k % nC] : null);
     for (let i = 0; i < nR; i++) for (let j = 0; j < nC; j++) {
-      names.push(`Response ${pick.response.options[i].dataset.label}, force ${pick.reference.options[j].dataset.label}`);
+      names.push(`Response ${pick.response.options[i].dataset.label}, ${data.noun} ${pick.reference.options[j].dataset.label}`);
       units.push(data.units[i][j]);
     }
     const looks = { measured: { width: 1, bold: 3.5 }, before: { width: 0.8, bold: 2, dash: [4, 3] }, after: { width: 0.8, bold: 2 } };

@@ -8,7 +8,7 @@ from nicegui import events, run, ui
 
 from updyn.demos import DEMOS
 from updyn.errors import UpdynError
-from updyn.frf import QUANTITIES
+from updyn.frf import QUANTITIES, TRANSMISSIBILITY
 from updyn.web.pages.frame import complain, show_errors
 from updyn.web.settings import WEB_PAGE
 from updyn.web.workspace import Workspace
@@ -91,7 +91,7 @@ def _show_new_job(workspace: Workspace, entries: _NewJob) -> None:
     for what in ("model", "measurement"):
         entry = ui.select(names, label=what, with_input=True).classes("w-full")
         entry.bind_value(entries, what)
-    choices = [_UNKNOWN, *QUANTITIES]
+    choices = [_UNKNOWN, *QUANTITIES, TRANSMISSIBILITY]
     quantity = ui.select(choices, label="measured quantity").classes("w-full")
     quantity.bind_value(entries, "quantity")
     ui.input("Name of the job").classes("w-full").bind_value(entries, "name")

@@ -31,7 +31,7 @@ __all__ = [
     "METHODS",
     "check_channels",
     "check_modes",
-    "check_quantities",
+    "check_quantity",
     "make_method",
     "methods_with",
     "options_of",
@@ -126,10 +126,10 @@ def check_modes(tests: Sequence[Test], method: Method) -> None:
     raise OptionError(f"method {method.name!r} fits FRFs, not modes; use {names}", key=("name",))
 
 
-def check_quantities(tests: Sequence[Test], method: Method) -> None:
-    """Raise OptionError if a test measured a transmissibility and the method needs forces."""
-    ratios = [isinstance(t.data, FRF) and t.data.quantity == TRANSMISSIBILITY for t in tests]
-    if method.calibrates or not any(ratios):
+def check_quantity(data: FRF | ModeSet, method: Method | type[Method]) -> None:
+    """Raise OptionError if the data are a transmissibility and the method needs forces."""
+    is_ratio = isinstance(data, FRF) and data.quantity == TRANSMISSIBILITY
+    if method.calibrates or not is_ratio:
         return
     *others, last = map(repr, methods_with("calibrates"))
     raise OptionError(
