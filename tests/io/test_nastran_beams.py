@@ -109,6 +109,17 @@ def test_beams_that_are_not_bars_are_refused(deck, old, new, why):
 
 
 @needs_mystran
+@pytest.mark.parametrize(("excess", "is_constant"), [(4e-4, True), (6e-4, False)])
+def test_sections_that_differ_by_rounding_are_constant(deck, excess, is_constant):
+    text = rod_of_bars(sections=constant(station=f"YES,1.,{math.pi * (1 + excess):.9f}"))
+    if is_constant:
+        assert read_model(deck(text), unit="in").n_dofs == 60
+    else:
+        with pytest.raises(FormatError, match=r"its section is not constant \(A\)"):
+            read_model(deck(text), unit="in")
+
+
+@needs_mystran
 def test_coupled_masses_that_mystran_does_not_have_are_noted(deck):
     text = rod_of_bars().replace("BEGIN BULK", "BEGIN BULK\nPARAM,COUPMASS,1")
     with pytest.warns(UpdynWarning, match="MYSTRAN lumps those of CBAR, CBEAM; for coupled ones"):

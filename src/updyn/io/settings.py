@@ -66,6 +66,9 @@ class DeckSettings:
     #: [1] Difference of E / (2 (1 + NU) G) from 1 up to which a MAT1 is isotropic. Why: Nastran
     #: warns from this difference on (MSC Nastran Quick Reference Guide, MAT1).
     shear_tolerance: float = 0.01
+    #: [1] Relative difference of the section at both ends of a beam up to which it is constant.
+    #: Why: half a unit of the fourth digit; a field of eight columns has four digits or more.
+    section_tolerance: float = 5e-4
     #: [elements] Number of solids that are computed together. Why: some 300 MB of temporary arrays.
     solids_per_batch: int = 4096
     #: [degrees of freedom] Largest number of labels in a message. Why: the message stays short.

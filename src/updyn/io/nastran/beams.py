@@ -23,6 +23,7 @@ from updyn.io.nastran.deck import (
     section_fields,
 )
 from updyn.io.nastran.fields import format_field
+from updyn.io.settings import DECK
 
 __all__ = ["convert_beams"]
 
@@ -148,7 +149,7 @@ def _convert_pbeam(card: NastranCard) -> _Section:
     at = 8 if card.text(8) in _STATIONS else 16  # the line of stress points is optional
     while card.text(at) in _STATIONS:
         for k, name in enumerate(_SECTION):
-            if card.text(at + 2 + k) and card.real(at + 2 + k) != at_a[name]:
+            if card.text(at + 2 + k) and not _is_equal(card.real(at + 2 + k), at_a[name]):
                 _refuse(card, f"its section is not constant ({name})")
         # A station has a line of stress points only if SO = YES.
         at += 16 if card.text(at) == "YES" else 8
@@ -162,6 +163,10 @@ def _convert_pbeam(card: NastranCard) -> _Section:
     return _Section(NastranCard("PBAR", fields, card.lines), at_a["I1"] + at_a["I2"])
 
 
+def _is_equal(value: float, at_a: float) -> bool:
+    return abs(value - at_a) <= DECK.section_tolerance * abs(at_a)
+
+
 def _convert_pbeaml(card: NastranCard) -> _Section:
     """Return the PBAR of a PBEAML with a constant, round, tubular or rectangular section."""
     kind = card.text(3)
@@ -172,7 +177,7 @@ def _convert_pbeaml(card: NastranCard) -> _Section:
     for start in range(8 + n + 1, len(card.fields), n + 3):
         for k, value in enumerate(dimensions):
             at = start + 2 + k
-            if card.text(at) and card.real(at) != value:
+            if card.text(at) and not _is_equal(card.real(at), value):
                 _refuse(card, "its section is not constant")
     *sizes, nsm = dimensions
     A, I1, I2, J = _SHAPES[kind](*sizes)

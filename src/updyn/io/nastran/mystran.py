@@ -26,6 +26,7 @@ from updyn.errors import FormatError
 from updyn.foreign.exits import describe_exit
 from updyn.io.nastran.beams import convert_beams
 from updyn.io.nastran.cards import NastranCard
+from updyn.io.nastran.composites import move_ply_masses
 from updyn.io.nastran.deck import PUNCHED_MATRICES, NastranDeck
 
 __all__ = [
@@ -90,7 +91,7 @@ def adapt_cards(deck: NastranDeck, cards: Iterable[NastranCard]) -> list[Nastran
             grounds += 1
             out.append(ground)
         out.append(changed)
-    return out
+    return move_ply_masses(out)
 
 
 def _with_points(card: NastranCard) -> NastranCard:
