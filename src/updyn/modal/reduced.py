@@ -2,9 +2,9 @@
 
 Basis. The rigid-body modes and the modes of the full model at the start. Where modes are not
 accurate enough, P^-1 r is added for each of their residuals r = (K - lambda M) phi, with P = K +
-s M factorised there (Davidson, J. Comput. Phys. 17 (1975) 87); if shapes are measured, so are the
-static shape derivatives P^-1 (K' - lambda M') phi. The vectors of earlier points serve later ones,
-so that few points need a factorisation.
+s M factorised there (Davidson, J. Comput. Phys. 17 (1975) 87). If shapes are measured, the basis of
+the start has their static derivatives, P^-1 (K' - lambda M') phi, too. The vectors of earlier
+points serve later ones, so that few points need a factorisation.
 
 Error. With nu = 1 / (lambda + s), P^-1/2 M P^-1/2 has the eigenvalues nu, and the residual of phi
 of unit modal mass is, relative to nu,
@@ -160,8 +160,6 @@ class ReducedModes:
         self._enriched = state, tries + 1
         bad = errors.shape > self.accuracy
         self._append(errors.correction[:, bad])
-        if tries == 0 and self.for_shapes:
-            self._add_shape_derivatives(state, values, modes, number)
         if self.size > MODE_REDUCTION.most_vectors:
             self._restart(modes)
         self.poll()

@@ -458,9 +458,12 @@ class ModeDerivativeSettings:
 class ModeReductionSettings:
     """Numbers of a reduced model for modes and of its error."""
 
-    #: [1] Permitted error of a shape, relative to its size. Why: measured shapes have errors of 1 %
-    #: and more; the error of a frequency is of the order of its square.
+    #: [1] Permitted error of a shape, relative to its size, if only frequencies are measured. Why:
+    #: their error is of the order of its square, and their derivatives have about the same one.
     accuracy: float = 1e-3
+    #: [1] The same if shapes are measured. Why: far below the errors of measured shapes, and small
+    #: enough to recover unknowns from simulated ones to 1e-6 (benchmarks/modes.py).
+    accuracy_of_shapes: float = 1e-5
     #: [1] Smallest ratio of the factors of two states up to which the factorised P of one bounds
     #: the errors at the other. Why: a bound is exceeded by at most three; a rule of thumb.
     least_ratio: float = 0.1

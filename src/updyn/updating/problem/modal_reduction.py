@@ -42,7 +42,7 @@ class ModalReduction:
     @classmethod
     def of(cls, system: AffineSystem, unknowns: Unknowns, backend: str, *, shapes: bool) -> Self:
         """Return the reduction of a compiled model; `shapes`: for measured shapes."""
-        accuracy = MODE_REDUCTION.accuracy
+        accuracy = MODE_REDUCTION.accuracy_of_shapes if shapes else MODE_REDUCTION.accuracy
         return cls(ReducedModes(system, unknowns, accuracy, backend, for_shapes=shapes))
 
     def recall(
