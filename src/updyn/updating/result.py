@@ -647,9 +647,7 @@ def _describe_residual(found: Adequacy | None, message: str) -> list[str]:
         over = ""
         if place.kind == "structure":
             over = f", serially correlated over {place.correlation_length:.0f} lines"
-        where = (
-            f"{place.response} (force {place.reference}), {place.low:.4g} to {place.high:.4g} Hz"
-        )
+        where = f"{place.response} / {place.reference}, {place.low:.4g} to {place.high:.4g} Hz"
         lines.append(f"  {where}: {place.misfit:.3g} {unit}{over}")
     for suspect in found.explained_by[:3]:
         how = "" if suspect.confirmed else ", to first order"

@@ -748,7 +748,7 @@ def _describe_outcome(found: Adequacy) -> str:
             known += f", sensor by sensor: {_describe_noisy_sensors(found.noisy)}"
         return f"The residual cannot be distinguished from noise{known}."
     first = found.worst[0]
-    where = f"channel {first.response} (force {first.reference}) near {first.near:.4g} Hz"
+    where = f"channel {first.response} / {first.reference} near {first.near:.4g} Hz"
     unit = "the noise" if found.absolute else "the typical misfit"
     size = f"misfit {first.misfit:.2g} times {unit}"
     number = int(np.sum(np.minimum(found.chi_square_p, found.whiteness_p) <= found.level))

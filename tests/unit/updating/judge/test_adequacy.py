@@ -163,7 +163,7 @@ def test_a_planted_misfit_is_named_with_place_size_and_length():
     assert worst.chi_square_p < 1e-6
     assert worst.whiteness_p < 1e-4
     assert found.verdict.startswith(
-        f"The model cannot explain channel 3:Z (force 4:-Z) near {worst.near:.4g} Hz: misfit "
+        f"The model cannot explain channel 3:Z / 4:-Z near {worst.near:.4g} Hz: misfit "
     )
     assert (
         f"misfit {worst.misfit:.2g} times the noise, serially correlated over {worst.correlation_length:.0f} lines"
@@ -273,7 +273,7 @@ def test_where_no_place_stands_out_the_most_telling_of_many_is_named(where, seed
         assert named.low == FREQ[cut[1].start]
     assert found.verdict == (
         "The residual is larger than the noise over many channels or bands, although none is significant by itself;"
-        f" it is largest in channel {named.response} (force {named.reference}) near {named.near:.4g} Hz."
+        f" it is largest in channel {named.response} / {named.reference} near {named.near:.4g} Hz."
     )
     assert (
         named.misfit

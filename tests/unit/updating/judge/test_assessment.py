@@ -60,8 +60,7 @@ def test_a_group_held_wrong_is_named_by_the_result(missed):
     text = missed.summary()
     first = found.worst[0]
     assert (
-        f"  {first.response} (force {first.reference}), {first.low:.4g} to {first.high:.4g} Hz: "
-        in text
+        f"  {first.response} / {first.reference}, {first.low:.4g} to {first.high:.4g} Hz: " in text
     )
     assert "  an error in part3.stiffness would explain " in text
     assert text.count(found.verdict) == 1

@@ -8,6 +8,7 @@ from typing import Any
 
 from updyn.arrays import RealArray
 from updyn.dynamics.affine import AffineSystem
+from updyn.dynamics.excitation import DrivenSolver
 from updyn.dynamics.fields import LineSolver
 from updyn.updating.judge.causes.reduced import TrialModels, choose_trial_models
 from updyn.updating.problem.problem import FRFPart
@@ -29,13 +30,16 @@ class CompiledVariant:
     def variant_part(self) -> FRFPart:
         """The part with the whole variant; a `ModelError` if its elements cannot be computed."""
         if self._variant_part is None:
-            model = self.variant.model()
-            solver_now: Any = self.part.solver
+            model, part = self.variant.model(), self.part
+            solver_now: Any = part.solver
+            system = AffineSystem.compile(model)
+            if isinstance(solver_now, DrivenSolver):
+                highest = float(part.frf.freq[-1])
+                system = solver_now.excitation.hold(system, highest)
+                solver_now = solver_now.inner
             name = ", ".join([solver_now.variant, *self.variant.groups])
-            solver = LineSolver(
-                AffineSystem.compile(model), solver_now.tier, solver_now.backend, name
-            )
-            self._variant_part = replace(self.part, solver=solver, variants=build_variants(model))
+            solver = LineSolver(system, solver_now.tier, solver_now.backend, name)
+            self._variant_part = replace(part.with_solver(solver), variants=build_variants(model))
         return self._variant_part
 
     @property

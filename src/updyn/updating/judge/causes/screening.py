@@ -33,7 +33,10 @@ def select_elements(
 ) -> list[AddedElement]:
     """Return the elements that explain the data best, to first order, with starting sizes."""
     misfit = _Misfit.at(evidence)
-    units = [1.0 / max(evidence.receptances.flexibility(one), _TINY) for one in elements]
+    flexibility = [evidence.receptances.flexibility(one) for one in elements]
+    # At a moving base an element changes nothing.
+    elements = [one for one, size in zip(elements, flexibility, strict=True) if size > 0.0]
+    units = [1.0 / max(size, _TINY) for size in flexibility if size > 0.0]
     starts = range(0, len(elements), MISSING_ELEMENT.chunk)
     chunks = [slice(start, start + MISSING_ELEMENT.chunk) for start in starts]
     gains = [misfit.compute_gains(elements[chunk], units[chunk]) for chunk in chunks]
