@@ -15,7 +15,7 @@ from updyn.dofs import Dof
 from updyn.dynamics.excitation import fix_base
 from updyn.dynamics.modes import Modes
 from updyn.errors import UpdynError
-from updyn.frf import FRF
+from updyn.frf import FRF, TRANSMISSIBILITY
 from updyn.geometry import Geometry
 from updyn.modal import ModeSet
 from updyn.model import Model
@@ -108,7 +108,10 @@ def scene_of(
 
 
 def sensors_of(data: Sequence[FRF | ModeSet]) -> tuple[list[str], list[str]]:
-    """Return the DOF labels of sensors and forces of some measurements, without duplicates."""
+    """Return the DOF labels of sensors and forces of some measurements, without duplicates.
+
+    The reference of a transmissibility is a sensor.
+    """
     responses: dict[str, None] = {}
     references: dict[str, None] = {}
     for one in data:
@@ -116,7 +119,10 @@ def sensors_of(data: Sequence[FRF | ModeSet]) -> tuple[list[str], list[str]]:
             responses |= dict.fromkeys(one.dofs.labels)
             continue
         responses |= dict.fromkeys(one.responses.labels)
-        references |= dict.fromkeys(one.references.labels)
+        is_ratio = one.quantity == TRANSMISSIBILITY
+        (responses if is_ratio else references).update(dict.fromkeys(one.references.labels))
+        if one.force is not None:
+            references[str(one.force)] = None
     return list(responses), list(references)
 
 
