@@ -36,15 +36,14 @@ def unknowns(chain12_true):
     return updyn.parameters(chain12_true, stiffness="all", loss_factor="all")
 
 
-@pytest.mark.parametrize("tier", [None, "reduced"])
-def test_each_sensor_counts_by_its_own_noise(chain12_true, measured, unknowns, tier):
+def test_each_sensor_counts_by_its_own_noise(chain12_true, measured, unknowns):
     """Errors fall to those of the right weights, and with them the standard deviations."""
     truth = np.array([p.start for p in unknowns])
     squares = {"estimated": 0.0, "estimated-by-channel": 0.0, None: 0.0}
     for seed in range(6):
         data = measured(seed)
         for noise in squares:
-            result = updyn.update(chain12_true, data, unknowns, starts=0, noise=noise, tier=tier)
+            result = updyn.update(chain12_true, data, unknowns, starts=0, noise=noise)
             squares[noise] += (np.array(list(result.values.values())) - truth) ** 2
         assert result.status == "converged"
         assert result.remedy == ""
@@ -55,6 +54,18 @@ def test_each_sensor_counts_by_its_own_noise(chain12_true, measured, unknowns, t
         assert "sensor by sensor: " in result.summary()
     assert squares[None] == pytest.approx(squares["estimated-by-channel"], rel=0.05)
     assert np.median(np.sqrt(squares[None] / squares["estimated"])) < 0.7
+
+
+def test_the_reduced_tier_finds_the_same(chain12_true, measured, unknowns):
+    whole, reduced = (
+        updyn.update(chain12_true, measured(0), unknowns, starts=0, tier=tier)
+        for tier in (None, "reduced")
+    )
+    assert reduced.status == "converged"
+    assert reduced.noise["kind"] == whole.noise["kind"] == EstimatedByChannel.kind
+    assert [one.response for one in reduced.adequacy.noisy] == ["10:X"]
+    for found, expected in ((reduced.values, whole.values), (reduced.std, whole.std)):
+        assert list(found.values()) == pytest.approx(list(expected.values()), rel=1e-5)
 
 
 def test_sensors_alike_and_noise_that_was_chosen_stay_as_they_are(chain12_true, measured, unknowns):

@@ -87,13 +87,14 @@ def test_the_user_is_asked_between_two_faults(chain12, data, unknowns, monkeypat
         score_faults(part, part.coordinates.start)
 
 
-def test_a_search_goes_on_where_nothing_is_found(chain12, data, unknowns):
+def test_a_search_goes_on_where_nothing_is_found(chain12, data):
     """A mode that the model lacks keeps every try from the data, and is no reason to end."""
     modes = updyn.response(chain12, data.freq, SENSORS, ["5:X", "12:X"]).values
     shape = np.array([1.0, -0.6, 0.8, 0.5, -0.9])
     pole = 1.0 / (1.0 + 0.02j - (data.freq / 9.0) ** 2)
     more = np.abs(modes).max() * 0.1 * pole[:, None, None] * np.outer(shape, shape[[1, 4]])
     spoilt = replace(data, values=data.values + more)
+    unknowns = updyn.parameters(chain12, stiffness="all")
     result = updyn.update(chain12, spoilt, unknowns, starts=3)
     assert [one.kind for one in result.findings] == ["missing-mode"]
     assert SAID not in result.message
