@@ -29,7 +29,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import scipy.linalg
 
-from updyn.arrays import RealArray
+from updyn.arrays import BoolArray, RealArray
 from updyn.dynamics import eigen
 from updyn.dynamics.affine import AffineSystem, State
 from updyn.dynamics.basis import Basis
@@ -45,10 +45,14 @@ __all__ = ["ModeErrors", "ReducedModes"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ModeErrors:
-    """Bounds of the relative errors of modes, shape (n,), and P^-1 r as columns, (N, n)."""
+    """Bounds of the relative errors of modes, shape (n,), and P^-1 r as columns, (N, n).
+
+    `gap`, shape (n,), is the relative distance of a mode's cluster to the nearest other mode.
+    """
 
     shape: RealArray
     frequency: RealArray
+    gap: RealArray
     correction: RealArray
 
 
@@ -143,11 +147,13 @@ class ReducedModes:
             self._add_shape_derivatives(state, values, modes, number)
             return False
         errors = self.bound_errors(modes, state, number)
-        if self._needs_correction(errors) and not self._is_reference(state):
+        bad = self._find_inaccurate(errors, modes)
+        if bad.any() and not self._is_reference(state):
             self._factorise(state)
             errors = self.bound_errors(modes, state, number)
+            bad = self._find_inaccurate(errors, modes)
         tries = self._count_tries(state)
-        if tries > MODE_REDUCTION.most_tries or not self._needs_correction(errors):
+        if tries > MODE_REDUCTION.most_tries or not bad.any():
             if 0 < tries <= MODE_REDUCTION.most_tries and not self._has_all(state, modes, number):
                 self._add_full_modes(state, modes)
                 return False
@@ -158,7 +164,6 @@ class ReducedModes:
             self._add_full_modes(state, modes)
             return False
         self._enriched = state, tries + 1
-        bad = errors.shape > self.accuracy
         self._append(errors.correction[:, bad])
         if self.size > MODE_REDUCTION.most_vectors:
             self._restart(modes)
@@ -253,20 +258,25 @@ class ReducedModes:
         share = _smallest_ratio(state, factorised_at)
         if share < MODE_REDUCTION.least_ratio:
             inaccurate = np.full(number, np.inf)
-            return ModeErrors(inaccurate, inaccurate, np.zeros_like(residual))
+            return ModeErrors(inaccurate, inaccurate, np.ones(number), np.zeros_like(residual))
         correction = factorised.solve(np.asfortranarray(residual))
         shifted = modes.value[:number] + self._shifted.top
         square = np.maximum(np.einsum("in,in->n", residual, correction), 0.0) / (share * shifted)
-        shape, by_nu = np.zeros((2, number))
-        for cluster, gap in _clusters(modes.value, number, self._shifted.top):
-            energy = square[cluster].sum()
-            own_gap = _own_gaps(modes.value[cluster], self._shifted.top)
-            shape[cluster] = np.sqrt(energy) / gap + energy / (gap * own_gap)
-            by_nu[cluster] = energy / gap
-        return ModeErrors(shape, 0.5 * by_nu * shifted / modes.value[:number], correction)
+        energy, gap, own_gap = np.zeros((3, number))
+        for cluster, distance in _clusters(modes.value, number, self._shifted.top):
+            energy[cluster], gap[cluster] = square[cluster].sum(), distance
+            own_gap[cluster] = _own_gaps(modes.value[cluster], self._shifted.top)
+        shape = np.sqrt(energy) / gap + energy / (gap * own_gap)
+        frequency = 0.5 * energy / gap * shifted / modes.value[:number]
+        return ModeErrors(shape, frequency, gap, correction)
 
-    def _needs_correction(self, errors: ModeErrors) -> bool:
-        return not bool((errors.shape <= self.accuracy).all())
+    def _find_inaccurate(self, errors: ModeErrors, modes: RealModes) -> BoolArray:
+        """Return a mask of the modes whose error is more than permitted and than rounding."""
+        bad = ~(errors.shape <= self.accuracy)
+        if bad.any():
+            rounding = modes.rounding[: len(bad)] / errors.gap
+            bad &= ~(errors.shape <= self.accuracy + rounding)
+        return bad
 
     def _count_tries(self, state: State) -> int:
         """Return the number of enrichments at this state so far."""
