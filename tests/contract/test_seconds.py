@@ -45,7 +45,7 @@ def test_a_log_is_read() -> None:
 
 
 def test_which_are_slow(monkeypatch: pytest.MonkeyPatch) -> None:
-    rows = {"tests/a.py::test_all": 5.0, "tests/a.py::test_short": 4.9, "tests/b.py": 80.0}
+    rows = {"tests/a.py::test_all": 2.0, "tests/a.py::test_short": 1.9, "tests/b.py": 80.0}
     monkeypatch.setattr(slow, "recorded", lambda: rows)
     for file, name, expected in (
         ("a.py", "test_all[x::y]", True),

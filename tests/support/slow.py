@@ -15,7 +15,7 @@ from places import DATA, ROOT
 
 SECONDS = DATA / "seconds.txt"
 #: A test of so many seconds on a quiet core is slow.
-SLOW = 5.0
+SLOW = 2.0
 
 
 @functools.cache
