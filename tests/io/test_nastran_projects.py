@@ -75,3 +75,11 @@ def test_marks_agree_in_their_last_characters(deck):
     lines = f"{'CONM2   3       2               7.':<72}CORD1\n{'+ORD1   1.':<72}\n"
     (card,) = read_deck(deck(lines)).cards_named("CONM2")
     assert (card.real(3), card.real(8)) == (7.0, 1.0)
+
+
+def test_rayleigh_damping_of_the_deck(deck):
+    model = updyn.read_model(deck("PARAM,ALPHA1,.3\nPARAM,ALPHA2,.004\nPARAM,OUGCORD,GLOBAL"))
+    spring, mass = model.group("CELAS2 1"), model.group("CMASS2 2")
+    assert (spring.stiffness_damping, spring.mass_damping) == (0.004, 0.0)
+    assert (mass.stiffness_damping, mass.mass_damping) == (0.0, 0.3)
+    np.testing.assert_allclose(model.viscous.toarray(), [[0.3 * 2.0 + 0.004 * 100.0]])

@@ -35,6 +35,7 @@ from updyn.io.nastran.deck import (
     NastranDeck,
     build_geometry,
 )
+from updyn.io.nastran.neutral import NEUTRAL_PARAMETERS
 from updyn.io.settings import DECK
 
 __all__ = ["DeckMatrices", "assemble", "is_simple"]
@@ -46,8 +47,8 @@ _CARDS = {
 }
 #: PARAM cards that are applied, or that change no matrix of these elements.
 _PARAMETERS = {
-    *("AUTOSPC", "COUPMASS", "DDRMM", "G", "GRDPNT", "GRIDSEQ", "ITERATE", "K6ROT", "LMODES"),
-    *("MAXRATIO", "POST", "PRTMAXIM", "RESVEC", "SOLLIB", "SPARSTOR", "W3", "W4", "WTMASS"),
+    *NEUTRAL_PARAMETERS,
+    *("AUTOSPC", "COUPMASS", "ITERATE", "K6ROT", "MAXRATIO", "SNORM", "WTMASS"),
 }
 _PER_GRID = 6
 

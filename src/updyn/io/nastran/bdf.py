@@ -86,8 +86,8 @@ def read_model(
     `spc` and `mpc` are 0 for no set, by default the selection of case control. `ignore` are cards
     to ignore although they may change the structure, `massless` groups with stiffness but
     intentionally without mass. MYSTRAN also assembles simple decks if `executable` is given;
-    `timeout` is in s a run. Loss factors are GE plus PARAM,G; DOFs are in the displacement
-    systems of the grids.
+    `timeout` is in s a run. Loss factors are GE plus PARAM,G; PARAM,ALPHA1 and ALPHA2 are mass
+    and stiffness damping. DOFs are in the displacement systems of the grids.
     """
     ignore = tuple(ignore)
     deck = read_deck(path, ignore)
@@ -116,8 +116,13 @@ def read_model(
                 matrices[what] = units.to_si(matrix, assembled.dofs)
         if not matrices:
             raise deck.group(name).error(f"group {name} has neither stiffness, mass nor damping")
-        loss_factor = losses[name] if found.stiffness is not None else 0.0
-        group = Group(**matrices, loss_factor=loss_factor).with_origin(deck.origins[name])
+        damping: dict[str, Any] = {}
+        if found.stiffness is not None:
+            damping["loss_factor"] = losses[name]
+            damping["stiffness_damping"] = deck.parameter("ALPHA2", 0.0)
+        if found.mass is not None:
+            damping["mass_damping"] = deck.parameter("ALPHA1", 0.0)
+        group = Group(**matrices, **damping).with_origin(deck.origins[name])
         groups[name] = group
         if bars is not None:
             groups[name] = group.with_exchanged(bars.exchange_axes(name))

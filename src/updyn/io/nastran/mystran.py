@@ -28,6 +28,7 @@ from updyn.io.nastran.beams import convert_beams
 from updyn.io.nastran.cards import NastranCard
 from updyn.io.nastran.composites import move_ply_masses
 from updyn.io.nastran.deck import PUNCHED_MATRICES, NastranDeck
+from updyn.io.nastran.neutral import NEUTRAL_PARAMETERS
 
 __all__ = [
     "LUMPED",
@@ -54,11 +55,6 @@ _NOT_READ = {
 LUMPED = ("CBAR", "CBEAM", "CROD", "CONROD", "CQUAD4", "CSHEAR", "CTRIA3")
 #: Viscous dampers, which MYSTRAN does not support; they add neither stiffness nor mass.
 _DAMPERS = ("CDAMP1", "CDAMP2", "PDAMP")
-#: PARAM cards that only select output or solutions, or that the run sets itself.
-_PARAMETERS = (
-    "DDRMM", "G", "GRDPNT", "GRIDSEQ", "LMODES", "POST", "PRTMAXIM", "RESVEC", "SOLLIB", "SPARSTOR",
-    "W3", "W4",
-)  # fmt: skip
 
 
 def adapt_cards(deck: NastranDeck, cards: Iterable[NastranCard]) -> list[NastranCard]:
@@ -70,7 +66,7 @@ def adapt_cards(deck: NastranDeck, cards: Iterable[NastranCard]) -> list[Nastran
     out: list[NastranCard] = []
     grounds = max([*deck.grids, *deck.points], default=0)
     for card in convert_beams(deck, cards):
-        if card.name in _DAMPERS or (card.name == "PARAM" and card.text(0) in _PARAMETERS):
+        if card.name in _DAMPERS or (card.name == "PARAM" and card.text(0) in NEUTRAL_PARAMETERS):
             continue
         if card.name in _NOT_READ:
             raise card.error(

@@ -12,7 +12,7 @@ from collections.abc import Iterable
 from updyn.io.nastran.cards import NastranCard
 from updyn.io.nastran.fields import NastranLine
 
-__all__ = ["NEUTRAL", "check_neutral", "describe_neutral", "split_equations"]
+__all__ = ["NEUTRAL", "NEUTRAL_PARAMETERS", "check_neutral", "describe_neutral", "split_equations"]
 
 _BY_PURPOSE = {
     "eigenvalues": ("ECHOOFF", "ECHOON", "EIGB", "EIGC", "EIGP", "EIGR", "EIGRL", "MODTRAK"),
@@ -58,6 +58,14 @@ _BY_PURPOSE = {
 _ROUTINE = ("eigenvalues", "loads")
 _PURPOSE = {name: purpose for purpose, names in _BY_PURPOSE.items() for name in names}
 NEUTRAL = tuple(_PURPOSE)
+#: PARAM cards that only select output, solutions or units of output, or that are applied to the
+#: groups afterwards (G, ALPHA1, ALPHA2).
+NEUTRAL_PARAMETERS = (
+    "ALPHA1", "ALPHA2", "AUNITS", "BAILOUT", "DDRMM", "G", "GPECT", "GRDPNT", "GRIDSEQ", "LGDISP",
+    "LMODES", "NEWSEQ", "NOCOMPS", "NOELOP", "NOGPF", "OGEOM", "OIBULK", "OMACHPR", "OMID",
+    "OPPHIPA", "OUGCORD", "OUNIT1", "OUNIT2", "POST", "POSTEXT", "PRGPST", "PRTMAXIM", "RESVEC",
+    "SOLLIB", "SPARSTOR", "SRCOMPS", "UNITSYS", "USETPRT", "W3", "W4",
+)  # fmt: skip
 #: Parameters of MDLPRM without effect on the matrices of elements.
 _MODEL_PARAMETERS = ("HDF5", "INTOUT", "MPCF129", "PEXTS4")
 
