@@ -27,6 +27,7 @@ from updyn.io import (
 )
 from updyn.io.formats import FORMATS, find_format
 from updyn.io.items import is_file
+from updyn.io.point_files import has_fields
 from updyn.registry import Registry
 from updyn.store.result import read_result
 
@@ -139,13 +140,13 @@ def read_anything(
     `kinds` are names in `FILE_KINDS` in the order of trials, `options` arguments of the reader by
     kind. If the file contains none, a `FormatError` gives the reason for each kind.
     """
-    path = Path(path)
+    path, options = Path(path), options or {}
+    if has_fields(path) and (kinds is None or "frf" in kinds):
+        return "frf", FILE_KINDS["frf"].read(path, **options.get("frf", {}))
     if not is_file(path) or path.stat().st_size == 0:
         find_format(path, "read_frf")  # raises an error, with the nearest name of a missing file
     if kinds is None:
         kinds = tuple(FILE_KINDS)
-    if options is None:
-        options = {}
     reasons: dict[str, InputError] = {}
     for kind in kinds:
         if FILE_KINDS[kind].allows_others and _find_damaged_kinds(path, reasons):

@@ -17,6 +17,7 @@ from updyn.errors import FormatError, OptionError, key_path, suggest
 from updyn.frf import check_quantity
 from updyn.io.formats import FORMATS, find_format, load
 from updyn.io.items import guard_reader, locate_errors, parse_selection
+from updyn.io.point_files import has_fields, read_point_files
 
 if TYPE_CHECKING:
     import xarray
@@ -89,7 +90,10 @@ def read_frf(
     Parameters
     ----------
     path : path
-        The file: universal file (58, 58b), netCDF-4/HDF5, ``.npz``, ``.mat`` or CSV.
+        The file: universal file (58, 58b), netCDF-4/HDF5, ``.npz``, ``.mat`` or CSV. A name with
+        fields in braces, such as ``"point_{node}{axis}.csv"``, reads all files that match and joins
+        their FRFs (`joined_frfs`). A field matches an integer or a direction, such as X or -RZ;
+        its text replaces the field in all texts of `options`.
     format : str, optional
         Format name, to force it: "uff", "netcdf", "npz", "mat", "csv".
     quantity : {"receptance", "mobility", "accelerance", "transmissibility"}, optional
@@ -129,6 +133,10 @@ def read_frf(
     >>> updyn.read_frf("chain.csv", responses=["12:X"]).responses.labels
     ['12:X']
     """
+    if has_fields(path):
+        given = {"format": format, "quantity": quantity, "duplicates": duplicates, **options}
+        joined = read_point_files(path, read_frf, given)
+        return _select_part(joined, _list_given(responses=responses, references=references), path)
     if format is None and options.get("columns") is not None:
         format = "csv"  # a table of text, whatever its suffix
     try:
@@ -138,9 +146,7 @@ def read_frf(
         if proposal is None:
             raise
         raise proposal from error
-    wanted = {
-        k: v for k, v in (("responses", responses), ("references", references)) if v is not None
-    }
+    wanted = _list_given(responses=responses, references=references)
     early = wanted if {"responses", "references"} <= _reader_options(reader) else {}
     given = {"quantity": quantity, "duplicates": duplicates, **early, **options}
     known = _check_option_names(reader, name, given, ("responses", "references"))
@@ -562,6 +568,11 @@ def _check_option_names(
                 key=(name,),
             )
     return options
+
+
+def _list_given(**selections: Iterable[str | Dof] | None) -> dict[str, Iterable[str | Dof]]:
+    """Return the selections that are not None."""
+    return {name: dofs for name, dofs in selections.items() if dofs is not None}
 
 
 def _select_part(frf: FRF, wanted: Mapping[str, Iterable[str | Dof]], path: str | Path) -> FRF:

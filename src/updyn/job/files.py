@@ -7,9 +7,16 @@ from pathlib import Path
 from updyn.errors import InputError, OptionError, key_path, suggest
 from updyn.foreign.confinement import check_inside
 from updyn.io.items import is_file, is_folder
+from updyn.io.point_files import find_point_files, has_fields
 from updyn.job.base import Document
 
-__all__ = ["check_encodable", "existing_file", "is_encodable"]
+__all__ = [
+    "check_encodable",
+    "existing_file",
+    "existing_measurement",
+    "is_encodable",
+    "list_measured_files",
+]
 
 
 def is_encodable(name: str) -> bool:
@@ -27,6 +34,26 @@ def check_encodable(name: str) -> None:
         raise InputError(
             f"{name}: the name is not UTF-8, and cannot be stated in a job or in results; rename it"
         )
+
+
+def existing_measurement(job: Document, file: str, key: str) -> Path:
+    """Return the path of a measurement named by ``test.key`` of a job, as `existing_file`.
+
+    The path of a name with fields, for one file per measurement point, is returned as it is.
+    """
+    path = job.beside(file)
+    if not has_fields(path):
+        return existing_file(job, file, "test", key)
+    with key_path("test", key):
+        check_inside(path)
+        for one in find_point_files(path):
+            check_inside(one.path)
+    return path
+
+
+def list_measured_files(path: Path) -> list[Path]:
+    """Return the files of a measurement: itself, or those that match a name with fields."""
+    return [one.path for one in find_point_files(path)] if has_fields(path) else [path]
 
 
 def existing_file(job: Document, file: str, table: str, key: str) -> Path:

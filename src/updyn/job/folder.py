@@ -12,7 +12,7 @@ from typing import Any
 
 from updyn import __version__
 from updyn.errors import InputError, JobError, UpdynWarning
-from updyn.job.files import check_encodable
+from updyn.job.files import check_encodable, list_measured_files
 from updyn.job.job_table import JOB_TABLES
 from updyn.job.schema import OUTPUTS, Job
 from updyn.outputs.lock import LOCK
@@ -190,7 +190,7 @@ def _list_inputs(job: Job) -> dict[Path, str]:
         if part.test.modes is not None:
             files.append(part.test.modes)
         for file in files:
-            found[job.beside(file)] = "measurement"
+            found |= dict.fromkeys(list_measured_files(job.beside(file)), "measurement")
     if job.records is not None:
         for setup in job.records.setups:
             for file in setup.file or ():

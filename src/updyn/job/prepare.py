@@ -31,7 +31,7 @@ from updyn.errors import (
 from updyn.frf import FRF
 from updyn.io import read_frf, read_geometry, read_model, read_modes, write_properties
 from updyn.job.configuration import apply_damping, configure_model
-from updyn.job.files import existing_file
+from updyn.job.files import existing_file, existing_measurement
 from updyn.job.folder import RESERVED, outputs
 from updyn.job.job_table import JOB_TABLES
 from updyn.job.prepared import Prepared, PreparedTest
@@ -251,7 +251,7 @@ def _estimate_from_records(job: Job) -> FRF:
 
 def _read_frf(job: Job, file: str, key: str) -> FRF:
     """Return the measurement in a file that a key of ``[test]`` names."""
-    path = existing_file(job, file, "test", key)
+    path = existing_measurement(job, file, key)
     with key_path("test", otherwise=(key,)):
         return read_frf(path, **job.test.reader_options)
 
