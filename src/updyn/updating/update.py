@@ -105,8 +105,9 @@ def update(
     title : str
         Title of the update.
     tier : {"dense", "sparse", "reduced"}, optional
-        How the model is solved; by default chosen by size. ``"reduced"`` (above 600 DOFs) fits
-        in a reduced model whose error is bounded at the estimate.
+        How the model is solved; by default chosen by size. ``"reduced"`` (above 600 DOFs; for
+        modes above 3,000) fits in a reduced model whose error is bounded at the estimate. Modes
+        have no ``"dense"``.
     backend : str, optional
         Sparse factorisation.
     accuracy : float
