@@ -184,6 +184,17 @@ def test_a_missed_mode_is_found_at_the_end_of_the_fit() -> None:
     assert part.pairs(x).modes.frequency[:10] == pytest.approx(exact[:10], rel=1e-7)
 
 
+def test_fits_end_after_three_that_the_full_model_does_not_confirm(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    asked = []
+    monkeypatch.setattr(ModalPart, "confirm", lambda part, x: bool(asked.append(x)))
+    data = measure(changed(TRUTH), 8, shapes=False)
+    result = updyn.update(plate(), data, unknowns(), tier="reduced", starts=0, max_iterations=2)
+    assert len(asked) == 3
+    assert result.options["frequency error"] == "not checked where the fit ended"
+
+
 def test_factors_far_apart_do_not_share_a_factorisation() -> None:
     part = part_of(measure(changed(TRUTH), 8, shapes=False), reduced=True)
     assert part.reduction is not None

@@ -23,7 +23,7 @@ inertia shows modes that the basis misses.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -73,8 +73,6 @@ class ReducedModes:
         Sparse factorisation.
     for_shapes : bool
         Whether the basis has to represent derivatives of shapes, too.
-    poll : callable
-        Called after every long step; its exceptions stop the work.
     n_changes : int
         Number of changes of the basis and of the factorised P.
     frequency_error : float
@@ -86,7 +84,6 @@ class ReducedModes:
     accuracy: float
     backend: str
     for_shapes: bool = False
-    poll: Callable[[], object] = lambda: None
     n_changes: int = field(default=0, init=False)
     frequency_error: float = field(default=0.0, init=False)
     _basis: Basis | None = field(default=None, init=False)
@@ -167,18 +164,11 @@ class ReducedModes:
         self._append(errors.correction[:, bad])
         if self.size > MODE_REDUCTION.most_vectors:
             self._restart(modes)
-        self.poll()
         return False
 
     def add(self, modes: RealModes) -> None:
         """Add modes of the full model to the basis."""
         self._append(modes.shapes)
-
-    def release(self) -> None:
-        """Release the memory of the factorisation."""
-        self._reference = None
-        if self._basis is not None:
-            self._shifted.release()
 
     # -- basis ---------------------------------------------------------------------------------
     def _begin(self, modes: RealModes, state: State) -> None:
@@ -208,7 +198,6 @@ class ReducedModes:
         highest = float(np.sqrt(modes.value[-1])) / (2.0 * np.pi)
         self.add(RealModes.lowest(self.system, state, len(modes.value), highest))
         self._enriched = state, MODE_REDUCTION.most_tries + 1
-        self.poll()
 
     def _add_shape_derivatives(
         self, state: State, values: RealArray, modes: RealModes, number: int
@@ -223,7 +212,6 @@ class ReducedModes:
                 missing, square = self._missing(state, factorised.solve(np.asfortranarray(F)), F)
                 F = shifted * (modes.M @ missing)
                 self._append(_principal(missing, square))
-            self.poll()
 
     def _missing(self, state: State, D: RealArray, F: RealArray) -> tuple[RealArray, RealArray]:
         """Return the part of D = P^-1 F that the basis lacks, X, and X^T P X."""
