@@ -155,6 +155,29 @@ def test_update_agrees_with_that_of_the_full_model(shapes: bool) -> None:
     assert "Solved in a reduced model of" in reduced.summary()
 
 
+def test_frfs_and_modes_are_fitted_together_in_reduced_models() -> None:
+    def damped(model: updyn.Model) -> updyn.Model:
+        groups = {
+            name: replace(group, loss_factor=0.0 if group.stiffness is None else 0.02)
+            for name, group in model.groups.items()
+        }
+        return updyn.Model.from_groups(groups, model.dofs)
+
+    frf = updyn.response(
+        damped(changed(TRUTH)), np.linspace(20.0, 120.0, 40), ["1:Z", "100:Z"], ["1:Z"]
+    )
+    tests = [
+        updyn.Test(damped(plate()), frf, "frfs", noise={"relative": 0.01}),
+        updyn.Test(damped(plate()), measure(changed(TRUTH), 8), "modes"),
+    ]
+    joint = updyn.update_jointly(tests, unknowns(), tier="reduced", starts=0)
+    assert joint.status == "converged"
+    assert list(joint.values.values()) == pytest.approx(list(TRUTH.values()), rel=1e-5)
+    used = [result.options for result in joint.results.values()]
+    assert used[0]["error"] < 1e-5
+    assert used[1]["frequency error"] < 1e-6
+
+
 def test_large_models_are_reduced_by_default() -> None:
     assert not are_modes_reduced(None, 3000)
     assert are_modes_reduced(None, 3001)

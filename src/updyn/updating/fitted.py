@@ -39,15 +39,20 @@ def fit_tests(assembly: Assembly, monitor: Monitor) -> Fitted:
 
 
 def _confirm_modes(assembly: Assembly, fitted: Fitted, monitor: Monitor) -> Fitted:
-    """Compare the modes at the end of a fit with those of the full models; refit if they differ."""
+    """Compare the modes at the end of a fit with those of the full models; refit if they differ.
+
+    With reduced models of FRFs there is no refit, because their certificate belongs to this end.
+    """
     setup, problem, fit = assembly.setup, fitted.problem, fitted.fit
+    if all(part.reduction is None for part in problem.modal):
+        return fitted
     for _ in range(REDUCED_TIER.most_modal_refits):
         if fit.reason in ("stopped", "failed"):
             break
         try:
             with monitor.stage("reduce"):
                 confirmed = [part.confirm(fit.x) for part in problem.modal]
-                if all(confirmed):
+                if all(confirmed) or assembly.reduced is not None:
                     break
             refit = setup.driver.fit(problem, setup.noises, monitor, fit.x)
         except Stopped:
