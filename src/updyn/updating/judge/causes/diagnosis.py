@@ -122,7 +122,7 @@ def find_causes(
             if explained.fit_mean_square(masked) > limit:
                 explained, remaining = by_itself, fit_apart
     gross = CAUSE_SEARCH.gross_rms**2
-    if remaining and explained.mean_square_above_noise(part.frf, remaining) > gross:
+    if remaining and explained.mean_square_above_noise(masked, remaining) > gross:
         # Model and data differ too much for the likeliest fault to be meaningful.
         return stated + _try_other_units(part, remaining)
     corrected = _restrict_weights(explained.part.frf, part.frf)
