@@ -335,6 +335,7 @@ def _stiffness(true: Model, start: Model, group: str) -> float:
     return float(abs(true.group(group).stiffness).sum() / abs(start.group(group).stiffness).sum())
 
 
+@pytest.mark.usefixtures("no_causes")
 def test_unit_of_length_does_not_matter(mixed_model: Callable[[float], Model]) -> None:
     dofs, fits = ["1:Y", "2:RZ", "3:Y", "4:RZ", "2:Y"], []
     for length in (1.0, 1e-3):
@@ -429,6 +430,7 @@ def test_modes_that_resemble_nothing_are_refused(chain12: Model, chain12_frf: FR
 
 
 # -- a run -----------------------------------------------------------------------------------------------------------
+@pytest.mark.usefixtures("no_causes")
 def test_stopped_limited_and_resumed_runs(
     chain12: Model, chain12_true: Model, tmp_path: Path
 ) -> None:

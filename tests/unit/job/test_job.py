@@ -204,6 +204,7 @@ quantity = "mass"
     ]
 
 
+@pytest.mark.usefixtures("no_causes")
 def test_a_linked_unknown_with_its_physical_quantity(folder: Path) -> None:
     text = """
 [[parameter]]

@@ -127,6 +127,7 @@ def test_the_resolved_job_runs_again_from_its_folder(folder: Path) -> None:
     assert again.values == first.values
 
 
+@pytest.mark.usefixtures("no_causes")
 def test_a_matrix_and_the_geometry_of_the_test_file(folder: Path) -> None:
     matrix = np.eye(4)
     matrix[:3, :3], matrix[:3, 3] = QUARTER, [0.5, 0, 1.0]
