@@ -534,7 +534,7 @@ def missing_element(bench, frf, rng, cause):
     Its dynamic stiffness is 0.1 to 0.4 of that of the structure there, the median over the lines.
     """
     evidence = at_truth(bench, frf)
-    places = list(cause.list_places(frf))
+    places = list(cause.list_places(evidence.part))
     for i in rng.permutation(len(places)):
         labels, between = places[i]
         element = AddedElement(cause.quantity, labels, between, 1.0, cause.loss)

@@ -92,7 +92,7 @@ class AddedElement(Alteration):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeasuredDofs:
-    """Unsigned DOFs without duplicates; positions of responses and references in them."""
+    """Unsigned DOFs, the measured ones first; positions of responses and references in them."""
 
     labels: list[str]
     rows: IndexArray
@@ -110,6 +110,16 @@ class MeasuredDofs:
             np.array([at[one] for one in columns], dtype=np.intp),
         )
 
+    @classmethod
+    def with_translations(cls, part: FRFPart) -> Self:
+        """Return the DOFs of data, then the other translations of their nodes in the model."""
+        measured = cls.of(part.frf)
+        nodes = {label.partition(":")[0] for label in measured.labels if ":R" not in label}
+        dofs = [part.solver.system.dofs[i] for i in part.solver.other_dofs(part.rows[:0])]
+        labels = [f"{dof.node}:{dof.direction}" for dof in dofs if str(dof.node) in nodes]
+        more = [label for label in labels if ":R" not in label]
+        return replace(measured, labels=list(dict.fromkeys([*measured.labels, *more])))
+
     def find_positions(self, labels: Sequence[str]) -> list[int]:
         """Return the positions of some labels."""
         return [self.labels.index(label) for label in labels]
@@ -117,7 +127,7 @@ class MeasuredDofs:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Receptances:
-    """Receptances between all measured DOFs, shape (n_f, m, m) in m/N; `s` is in 1/s.
+    """Receptances between the DOFs of measured nodes, shape (n_f, m, m) in m/N; `s` is in 1/s.
 
     Under base excitation, the base is held, and a last column has the transmissibilities.
     """
@@ -129,7 +139,7 @@ class Receptances:
     @classmethod
     def of(cls, part: FRFPart, x: RealArray) -> Self:
         """Return the receptances of the model of a part at x."""
-        dofs = MeasuredDofs.of(part.frf)
+        dofs = MeasuredDofs.with_translations(part)
         square = replace_channels(part, dofs.labels, dofs.labels, "receptance")
         H = square.responses(x)
         if part.frf.quantity == TRANSMISSIBILITY:

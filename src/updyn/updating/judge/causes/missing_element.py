@@ -15,6 +15,7 @@ from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.fault import Fault, divide_data
 from updyn.updating.judge.causes.screening import select_elements
 from updyn.updating.judge.causes.settings import MISSING_ELEMENT
+from updyn.updating.problem.problem import FRFPart
 
 __all__ = ["MissingElement", "list_directed_places"]
 
@@ -44,9 +45,9 @@ class MissingElement(AlteringFault):
         return frf.force is None
 
     @classmethod
-    def list_places(cls, frf: FRF) -> Iterator[tuple[tuple[str, ...], bool]]:
+    def list_places(cls, part: FRFPart) -> Iterator[tuple[tuple[str, ...], bool]]:
         """Yield the DOFs of each tested place, and whether the element acts between them."""
-        yield from list_directed_places(frf)
+        yield from list_directed_places(part.frf)
 
     @classmethod
     def propose_faults(cls, evidence: Evidence) -> Iterable[Self]:
@@ -56,7 +57,7 @@ class MissingElement(AlteringFault):
     @classmethod
     def _find_best(cls, evidence: Evidence, most: int) -> list[Self]:
         every = [
-            AddedElement(cls.quantity, *at, 0.0, cls.loss) for at in cls.list_places(evidence.frf)
+            AddedElement(cls.quantity, *at, 0.0, cls.loss) for at in cls.list_places(evidence.part)
         ]
         best = select_elements(evidence, every, most)
         return [cls(one.labels, one.value, one.between, n_places=len(every)) for one in best]

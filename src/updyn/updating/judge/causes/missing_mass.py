@@ -5,17 +5,17 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import ClassVar
 
-from updyn.frf import FRF
 from updyn.updating.judge.causes.element import MeasuredDofs
 from updyn.updating.judge.causes.missing_element import MissingElement
+from updyn.updating.problem.problem import FRFPart
 
 __all__ = ["MissingMass"]
 
 
 class MissingMass(MissingElement):
-    """A mass of `value` kg on a node that the model lacks.
+    """A mass of `value` kg on a measured node that the model lacks.
 
-    It acts in all measured translations of the node, or as a moment of inertia in one rotation.
+    It acts in all translations of the node, or as a moment of inertia in one measured rotation.
     """
 
     __slots__ = ()
@@ -27,11 +27,18 @@ class MissingMass(MissingElement):
     units: ClassVar[tuple[str, str]] = ("kg", "kg m2")
 
     @classmethod
-    def list_places(cls, frf: FRF) -> Iterator[tuple[tuple[str, ...], bool]]:
-        """Yield the measured translations of each node, and each measured rotation."""
+    def list_places(cls, part: FRFPart) -> Iterator[tuple[tuple[str, ...], bool]]:
+        """Yield the translations of each measured node, and each measured rotation."""
         of_node: dict[str, list[str]] = {}
-        for label in MeasuredDofs.of(frf).labels:
+        for label in MeasuredDofs.with_translations(part).labels:
             node, _, direction = label.partition(":")
             of_node.setdefault(label if direction.startswith("R") else node, []).append(label)
         for labels in of_node.values():
             yield tuple(labels), False
+
+    @property
+    def place_text(self) -> str:
+        """Place as text."""
+        if ":R" in self.channels[0]:
+            return super().place_text
+        return f"at node {self.channels[0].partition(':')[0]}"

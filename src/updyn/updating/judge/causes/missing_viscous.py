@@ -48,4 +48,4 @@ class MissingViscous(MissingElement):
 
 def count_viscous_places(part: FRFPart) -> int:
     """Return the number of places of dashpots and of groups whose damping is not an unknown."""
-    return len(list(MissingViscous.list_places(part.frf))) + len(list_fixed_coefficients(part))
+    return len(list(MissingViscous.list_places(part))) + len(list_fixed_coefficients(part))

@@ -291,19 +291,44 @@ def test_the_likeliest_of_many_places_is_seen_to_first_order(chain12_true, unkno
     frf = measured(with_element(chain12_true, element), add_noise)
     frf = replace(frf, variance=choose_noise(None, frf).initial_variance(frf))
     part = FRFPart.build(chain12_true, frf, unknowns)
-    every = [
-        AddedElement("stiffness", *at, 0.0, 0.02) for at in MissingSpring.list_places(part.frf)
-    ]
+    every = [AddedElement("stiffness", *at, 0.0, 0.02) for at in MissingSpring.list_places(part)]
     assert len(every) == 5 + 10
     best = select_elements(Evidence(part, part.coordinates.start), every, 3)
     assert best[0].labels == element.labels
 
 
-def test_a_mass_acts_in_all_measured_translations_of_a_node():
-    frf = updyn.FRF([1.0], np.ones((1, 4, 1)), ["1:X", "1:Y", "2:X", "2:RZ"], ["1:X"], "receptance")
-    found = [labels for labels, _ in MissingMass.list_places(frf)]
-    assert found == [("1:X", "1:Y"), ("2:X",), ("2:RZ",)]
+@pytest.fixture(scope="module")
+def solid():
+    """Two coupled nodes with three translations each, and a rotation."""
+    rng = np.random.default_rng(1)
+    A = rng.standard_normal((7, 7))
+    group = updyn.Group(1e4 * (A @ A.T + np.eye(7)), np.eye(7), loss_factor=0.03)
+    labels = ["1:X", "1:Y", "1:Z", "2:X", "2:Y", "2:Z", "2:RZ"]
+    return updyn.Model.from_groups({"solid": group}, labels)
+
+
+def solid_part(solid, model):
+    sensors = ["1:X", "2:Y", "2:RZ"]
+    frf = updyn.response(model, np.linspace(2.0, 40.0, 50), sensors, ["1:X"], "accelerance")
+    frf = replace(frf, variance=1e-4 * np.abs(frf.values) ** 2)
+    return FRFPart.build(solid, frf, updyn.parameters(solid, stiffness="all"))
+
+
+def test_a_mass_acts_in_all_translations_of_a_measured_node(solid):
+    found = [labels for labels, _ in MissingMass.list_places(solid_part(solid, solid))]
+    assert found == [("1:X", "1:Y", "1:Z"), ("2:Y", "2:X", "2:Z"), ("2:RZ",)]
     assert MissingMass(("2:RZ",), 0.1).statement() == "The model lacks a mass of 0.1 kg m2 at 2:RZ."
+    assert MissingMass(found[1], 0.1).statement() == "The model lacks a mass of 0.1 kg at node 2."
+
+
+def test_a_mass_changes_unmeasured_translations_exactly(solid):
+    heavier = solid.with_element("mass", ["2:X", "2:Y", "2:Z"], mass=0.3)
+    part, true = solid_part(solid, solid), solid_part(solid, heavier)
+    evidence = Evidence(part, part.coordinates.start)
+    change = evidence.receptances.log_change(
+        AddedElement("mass", ("2:Y", "2:X", "2:Z"), False, 0.3)
+    )
+    np.testing.assert_allclose(np.exp(change), true.frf.values / part.frf.values, rtol=1e-10)
 
 
 @pytest.mark.parametrize("seed", [0, 6])
