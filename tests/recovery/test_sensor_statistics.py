@@ -53,7 +53,7 @@ def scores() -> dict[str, np.ndarray]:
             choices["without"] = unknowns
         for which, chosen in choices.items():
             with no_cause_search():
-                found = updyn.update(model, frf, chosen, noise={"relative": NOISE})
+                found = updyn.update(model, frf, chosen, noise={"relative": NOISE}, starts=0)
             # The stated noise counts: an inflation would hide what the factors are for.
             stated = 1.0 if which == "with" else found.noise["inflation"]
             out[which].append(
