@@ -265,7 +265,7 @@ def test_all_refusing_alike_is_the_fault_of_the_input(start, data, unknowns, mor
         updyn.compare(start, data, unknowns, ["picky", "picky too"])
 
 
-def test_every_method_of_the_registry_is_run_and_none_raises(start, data, unknowns):
+def test_every_method_of_the_registry_is_run_and_none_raises(start, data, unknowns, no_causes):
     found = updyn.compare(start, data.select(lines=data.freq[::4]), unknowns, truth=true_values())
     assert [row.method for row in found] == list(METHODS)
     for row in found:
@@ -296,7 +296,7 @@ def test_lines_are_chosen_once_for_all_and_held_out_data_are_scored(start, data,
     assert "held out" in found.summary()
 
 
-def test_regularisation_goes_to_the_methods_that_know_it(start, data, unknowns):
+def test_regularisation_goes_to_the_methods_that_know_it(start, data, unknowns, no_causes):
     found = updyn.compare(start, data, unknowns, ["log", "modal"], regularise=0.5)
     assert found["log"].result.options["regularise"] == 0.5
     assert "regularise" not in found["modal"].result.options
