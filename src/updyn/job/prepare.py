@@ -15,7 +15,6 @@ import numpy as np
 from updyn.arrays import RealArray
 from updyn.dofs import Dof, DofSet
 from updyn.dynamics.excitation import find_excitation
-from updyn.dynamics.fields import TIERS
 from updyn.dynamics.zero_line import leave_out_zero_line
 from updyn.elements import MODEL_KINDS, MODEL_QUESTIONS
 from updyn.errors import (
@@ -26,7 +25,6 @@ from updyn.errors import (
     OptionError,
     UpdynWarning,
     key_path,
-    suggest,
 )
 from updyn.frf import FRF
 from updyn.io import read_frf, read_geometry, read_model, read_modes, write_properties
@@ -43,7 +41,7 @@ from updyn.matching import MatchError, Matching, match
 from updyn.modal import ModeSet
 from updyn.model import Model
 from updyn.updating.fit.methods import METHODS, check_quantity
-from updyn.updating.fit.reducing import is_reduced
+from updyn.updating.fit.reducing import are_modes_reduced, is_reduced
 from updyn.updating.judge.causes.catalogue import read_fault
 from updyn.updating.problem.data import split_modes
 from updyn.updating.problem.noise import average, choose_noise
@@ -322,9 +320,10 @@ def _check_method(job: Job, fitted: FRF | ModeSet) -> None:
     """Check tier, backend, noise and lines of ``[method]`` with the data."""
     method = job.method
     with key_path("method", "tier"):
-        if method.tier is not None and method.tier not in TIERS:
-            raise OptionError(f"tier {method.tier!r}: {suggest(method.tier, TIERS)}")
-        is_reduced(method.tier, 0, 0, method.name)
+        if isinstance(fitted, ModeSet):
+            are_modes_reduced(method.tier, 0)
+        else:
+            is_reduced(method.tier, 0, 0, method.name)
     with key_path("method"):
         check_backend(method.backend)
         check_quantity(fitted, METHODS.find(method.name))

@@ -28,6 +28,7 @@ groups = ["part*"]
 quantity = "stiffness"
 [method]
 name = "{method}"
+{tier}
 {match}
 [output]
 report = false
@@ -48,9 +49,12 @@ def folder(inputs: Path, tmp_path: Path) -> Path:
     return tmp_path
 
 
-def put(folder: Path, method: str = "modal", test: str = "", match: str = "") -> Path:
+def put(
+    folder: Path, method: str = "modal", test: str = "", match: str = "", tier: str = ""
+) -> Path:
     path = folder / "modal.toml"
-    path.write_text(JOB.format(method=method, test=test, match=match), encoding="utf-8")
+    text = JOB.format(method=method, test=test, match=match, tier=tier)
+    path.write_text(text, encoding="utf-8")
     return path
 
 
@@ -71,6 +75,17 @@ def test_modes_of_a_file_are_fitted(folder: Path) -> None:
     again = load_job(folder / "out" / "job.toml")
     assert again.test.modes == "../modes.unv"
     assert len(prepare(again).modes[""]) == 6
+
+
+def test_modes_are_fitted_in_a_reduced_model(folder: Path) -> None:
+    updyn.write_modes(modes_of(folder, 1.21), folder / "modes.unv")
+    job = (
+        put(folder, tier='tier = "reduced"', test="").read_text().replace('file = "chain.uff"', "")
+    )
+    (folder / "modal.toml").write_text(job, encoding="utf-8")
+    result = run_job(load_job(folder / "modal.toml"), folder / "out").result
+    assert list(result.values.values()) == pytest.approx([1.21] * 4, rel=1e-3)
+    assert result.options["tier"] == "reduced"
 
 
 def test_the_band_and_the_match_are_those_of_the_sensors(folder: Path) -> None:
