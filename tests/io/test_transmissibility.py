@@ -102,7 +102,9 @@ def test_function_type_5_of_other_types(tmp_path, kinds):
 def test_contradictions(tmp_path):
     path = tmp_path / "t.uff"
     text_file(path, 5, 12, 12)
-    with pytest.raises(FormatError, match=r"'accelerance' contradicts .* states 'transmissibility'"):
+    with pytest.raises(
+        FormatError, match=r"'accelerance' contradicts .* states 'transmissibility'"
+    ):
         updyn.read_frf(path, quantity="accelerance")
 
 

@@ -6,6 +6,7 @@ options of the reader, such as the label ``"{node}:{axis}"`` of a channel.
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -34,6 +35,8 @@ class PointFile:
 
 def has_fields(path: str | Path) -> bool:
     """Return whether a file name has fields, and no file has this name."""
+    if not isinstance(path, str | os.PathLike):  # reported by the search for a format
+        return False
     return _FIELD.search(Path(path).name) is not None and not is_file(path)
 
 
