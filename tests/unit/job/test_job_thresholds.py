@@ -9,7 +9,10 @@ import numpy as np
 import pytest
 
 from updyn.errors import JobError
+from updyn.frf import FRF
+from updyn.group import Group
 from updyn.job import identification, load, proposal
+from updyn.model import Model
 
 
 def found(mode: float = 100.0, stable: float = 200.0, peaks: tuple[float, ...] = ()):
@@ -51,27 +54,20 @@ def test_a_message_repeats_a_short_value(length, repeated):
     assert ("xxx" in load._format_error(item, ("method", "name"), ())) is repeated
 
 
-def inputs(lines: int = 200, sensors: int = 4, loss: float = 0.0) -> SimpleNamespace:
+def inputs(lines: int = 200, sensors: int = 4, loss: float = 0.0) -> proposal.Inputs:
     labels = [f"{k}:X" for k in range(1, sensors + 1)]
-    frf = SimpleNamespace(
-        freq=np.arange(1.0, lines + 1.0),
-        responses=labels,
-        references=["1:X"],
-        coherence=None,
-        variance=None,
-    )
-    group = SimpleNamespace(stiffness=1, mass=1, viscous=1, loss_factor=loss)
-    return SimpleNamespace(
-        frf=frf,
+    freq, values = np.arange(1.0, lines + 1.0), np.ones((lines, sensors, 1))
+    frf = FRF(freq, values, labels, ["1:X"], "accelerance")
+    group = Group(np.eye(sensors), np.eye(sensors), viscous=np.eye(sensors), loss_factor=loss)
+    return proposal.Inputs(
+        model_file=Path("model.h5"),
         frf_file=Path("test.uff"),
-        model=SimpleNamespace(groups={"a": group}),
-        matching=SimpleNamespace(frf=frf),
-        n_unknowns=2,
+        model=Model.from_groups({"a": group}, labels),
+        frf=frf,
         model_options={},
         frf_options={},
         has_quantity=True,
-        unmatched=(),
-        counterparts=None,
+        matching=SimpleNamespace(frf=frf),
     )
 
 
