@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from updyn.frf import FRF, QUANTITIES, TRANSMISSIBILITY
+from updyn.frf import FRF, QUANTITIES
 from updyn.updating.judge.causes.conjugate import ConjugatedData
 from updyn.updating.judge.causes.delay import Delay
 from updyn.updating.judge.causes.fault import FORCE, Fault
@@ -35,11 +35,7 @@ class DrivePoint(DataFault):
 
     kind: ClassVar[str] = "drive-point"
     is_symptom: ClassVar[bool] = True
-
-    @classmethod
-    def applies_to(cls, frf: FRF) -> bool:
-        """Return whether forces were measured."""
-        return frf.quantity != TRANSMISSIBILITY
+    needs_forces: ClassVar[bool] = True
 
     @classmethod
     def detect_faults(cls, frf: FRF) -> Iterable[Detection]:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from updyn.arrays import BoolArray, ComplexArray, IndexArray, RealArray
 from updyn.dofs import Dof, DofSet
 from updyn.errors import DataError, OptionError, in_all, suggest
-from updyn.frf import FRF
+from updyn.frf import FRF, TRANSMISSIBILITY
 from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.labels import list_response_labels, list_unsigned_labels
 from updyn.updating.judge.causes.settings import CAUSE_ODDS
@@ -152,6 +152,8 @@ class Fault(ABC):
         reported.
     alters_model : bool
         Whether it is an error of the model, with correct data, and a trial alters the model.
+    needs_forces : bool
+        Whether it concerns measured forces, which a transmissibility does not have.
     concerns_model : bool
         Whether it is an error of the model although a trial alters the data.
     distinguishing_test : str
@@ -173,6 +175,7 @@ class Fault(ABC):
     is_adaptive: ClassVar[bool] = False
     has_constant_size: ClassVar[bool] = False
     alters_model: ClassVar[bool] = False
+    needs_forces: ClassVar[bool] = False
     concerns_model: ClassVar[bool] = False
     distinguishing_test: ClassVar[str] = ""
 
@@ -188,10 +191,7 @@ class Fault(ABC):
 
     @classmethod
     def applies_to(cls, frf: FRF) -> bool:
-        """Return whether data of this kind can have the fault.
-
-        By default always. Relations between forces and responses do not exist in a
-        transmissibility.
+        """Return whether data of this kind can have the fault, by default as `needs_forces`.
 
         Parameters
         ----------
@@ -202,7 +202,7 @@ class Fault(ABC):
         -------
         bool
         """
-        return True
+        return not cls.needs_forces or frf.quantity != TRANSMISSIBILITY
 
     @classmethod
     def propose_faults(cls, evidence: Evidence) -> Iterable[Self]:

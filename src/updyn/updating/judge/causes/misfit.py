@@ -115,7 +115,7 @@ def remove_weight(frf: FRF, mask: BoolArray) -> FRF:
 
 
 def find_weightless(frf: FRF) -> BoolArray:
-    """Return which values have no weight, shape (n_f, n_i, n_j)."""
+    """Return which values have no weight: their variance is above all squared values."""
     assert frf.variance is not None
     return np.asarray(frf.variance > np.abs(frf.values).max() ** 2)
 

@@ -9,7 +9,7 @@ from typing import ClassVar, Self
 import numpy as np
 
 from updyn.errors import DataError, OptionError, suggest
-from updyn.frf import FRF, QUANTITIES, TRANSMISSIBILITY
+from updyn.frf import FRF, QUANTITIES
 from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.fault import Fault, multiply_channels
 from updyn.updating.judge.causes.labels import list_response_labels
@@ -26,11 +26,7 @@ class WrongQuantity(Fault):
 
     kind: ClassVar[str] = "quantity"
     odds: ClassVar[float] = 1e-2
-
-    @classmethod
-    def applies_to(cls, frf: FRF) -> bool:
-        """Return whether forces were measured."""
-        return frf.quantity != TRANSMISSIBILITY
+    needs_forces: ClassVar[bool] = True
 
     @property
     def affects_all_data(self) -> bool:

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from updyn.arrays import ComplexArray, RealArray
-from updyn.frf import FRF, TRANSMISSIBILITY
+from updyn.frf import FRF
 from updyn.updating.judge.causes.settings import CAUSE_ODDS, CAUSE_SEARCH, CHANNEL_FAULT, DATA_FAULT
 from updyn.updating.judge.causes.shown import DataFault, Detection
 from updyn.updating.judge.causes.square import CollocatedFrfs
@@ -30,11 +30,7 @@ class Reciprocity(DataFault):
     kind: ClassVar[str] = "reciprocity"
     odds: ClassVar[float] = 1e-2
     is_symptom: ClassVar[bool] = True
-
-    @classmethod
-    def applies_to(cls, frf: FRF) -> bool:
-        """Return whether forces were measured."""
-        return frf.quantity != TRANSMISSIBILITY
+    needs_forces: ClassVar[bool] = True
 
     @classmethod
     def detect_faults(cls, frf: FRF) -> Iterable[Detection]:

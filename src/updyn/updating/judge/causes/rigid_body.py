@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from updyn.frf import FRF, TRANSMISSIBILITY
+from updyn.frf import FRF
 from updyn.updating.judge.causes.rigid_explanation import explain_sensors
 from updyn.updating.judge.causes.rigid_motion import RigidMotion
 from updyn.updating.judge.causes.rigid_shapes import RigidShapes
@@ -32,11 +32,7 @@ class RigidBody(DataFault):
     kind: ClassVar[str] = "rigid-body"
     odds: ClassVar[float] = 1e-2
     is_symptom: ClassVar[bool] = True
-
-    @classmethod
-    def applies_to(cls, frf: FRF) -> bool:
-        """Return whether forces were measured."""
-        return frf.quantity != TRANSMISSIBILITY
+    needs_forces: ClassVar[bool] = True
 
     @classmethod
     def detect_faults(cls, frf: FRF) -> Iterable[Detection]:
