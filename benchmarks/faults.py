@@ -20,8 +20,8 @@ does not have, is there in any case.
 
 Faults that all unknowns together can imitate are seeded where the masses are known (a common
 factor), and one stiffness (a scaled frequency axis); `--free`: all the same. A fault counts as
-named, too, if it is told as one that the data do not tell from the first; so does a support by a
-spring to the ground that is stated as a support.
+named, too, if the statement lists it as one that the data cannot distinguish from the first, or if
+a spring to the ground is stated as a support.
 
 `--out FILE` keeps every draw as a line of JSON; draws that are there are not made again.
 `--repairs-only` leaves out the fit of the faulty data, which is by far the longest.

@@ -65,7 +65,7 @@ def test_results_come_out_of_the_command(both: dict[str, Comparison], name: str)
     there, here = shown(name), rows(MAKE.results_table(both[name]))
     assert [row[0] for row in there[2:]] == [f"`{method}`" for method in METHODS]
     for a, b in zip(there, here, strict=True):
-        assert all(map(alike, a, b)), f"{a} stands there, {b} comes out"
+        assert all(map(alike, a, b)), f"the page has {a}, the command gives {b}"
 
 
 def test_the_methods_are_those_that_there_are(both: dict[str, Comparison]) -> None:
