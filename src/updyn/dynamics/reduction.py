@@ -175,8 +175,7 @@ class Reduction:
     # -- construction --------------------------------------------------------------------------
     def _begin(self, state: State) -> None:
         """Begin a basis with the scale of each DOF at a state."""
-        diagonal = self.shifted.matrix(state, -self.shifted.top).diagonal()
-        self.basis = Basis(self.system, np.sqrt(np.maximum(diagonal, 1e-16 * diagonal.max())))
+        self.basis = Basis(self.system, self.shifted.find_dof_scale(state))
 
     def _combined_loads(self, rng: np.random.Generator, combinations: int) -> RealArray:
         """Return unit loads at the references and at random combinations of the sensors."""

@@ -66,6 +66,11 @@ class Shifted:
             (values, self.system.indices, self.system.indptr), shape=(self.system.n,) * 2
         )
 
+    def find_dof_scale(self, state: State) -> RealArray:
+        """Return the scale of each DOF at a state, the root of the diagonal of P, shape (N,)."""
+        diagonal = self.matrix(state, -self.top).diagonal()
+        return np.asarray(np.sqrt(np.maximum(diagonal, 1e-16 * diagonal.max())))
+
     def factorise(
         self,
         state: State,

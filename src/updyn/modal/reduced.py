@@ -174,8 +174,7 @@ class ReducedModes:
     def _begin(self, modes: RealModes, state: State) -> None:
         """Begin with modes of the full model."""
         self._shifted = Shifted(self.system, float(modes.value[0]), self.backend)
-        diagonal = self._shifted.matrix(state, -self._shifted.top).diagonal()
-        self._basis = Basis(self.system, np.sqrt(np.maximum(diagonal, 1e-16 * diagonal.max())))
+        self._basis = Basis(self.system, self._shifted.find_dof_scale(state))
         self._restart(modes)
 
     def _restart(self, modes: RealModes) -> None:
