@@ -459,10 +459,11 @@ class ModeReductionSettings:
     """Numbers of a reduced model for modes and of its error."""
 
     #: [1] Permitted error of a shape, relative to its size, if only frequencies are measured. Why:
-    #: their error is of the order of its square, and their derivatives have about the same one.
+    #: the errors of frequencies are of the order of its square, those of their derivatives of the
+    #: order of 0.1 %.
     accuracy: float = 1e-3
-    #: [1] The same if shapes are measured. Why: far below the errors of measured shapes, and small
-    #: enough to recover unknowns from simulated ones to 1e-6 (benchmarks/modes.py).
+    #: [1] The same if shapes are measured. Why: a rule of thumb, far below the errors of measured
+    #: shapes.
     accuracy_of_shapes: float = 1e-5
     #: [1] Smallest ratio of the factors of two states up to which the factorised P of one bounds
     #: the errors at the other. Why: a bound is exceeded by at most three; a rule of thumb.
@@ -471,13 +472,14 @@ class ModeReductionSettings:
     #: thumb; the error of close modes is bounded for all of them together.
     cluster_gap: float = 0.02
     #: [tries] Largest number of enrichments at a state, before modes of the full model are added.
-    #: Why: each lowers the error by a factor of ten or more.
+    #: Why: a limit of the effort.
     most_tries: int = 8
-    #: [vectors] Size above which a basis is begun anew. Why: its dense eigenproblem would take as
-    #: long as a sparse one.
+    #: [vectors] Size above which a basis is begun anew. Why: a rule of thumb; a dense eigenproblem
+    #: of this size takes about as long as that of a sparse model.
     most_vectors: int = 600
     #: [1] Share of the size of a shape above which a derivative by the logarithm of an unknown is
-    #: represented. Why: derivatives decide the direction of a step, which tolerates larger errors.
+    #: represented. Why: a rule of thumb; derivatives decide the direction of a step, which
+    #: tolerates larger errors.
     derivative_error: float = 1e-3
     #: [moments] Number of static solutions for a derivative. Why: the second one corrects for the
     #: inertia of the modes above the basis.

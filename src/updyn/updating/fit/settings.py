@@ -348,8 +348,8 @@ class ReducedTierSettings:
     #: [DOFs] Size above which models are reduced if no tier is forced. Why: about there the reduced
     #: tier takes less time (benchmarks/tiers.py).
     most_exact_dofs: int = 600
-    #: [DOFs] The same for modes. Why: with three modes of a frame of 2,000 DOFs both tiers take the
-    #: same time (benchmarks/modes.py); with more modes and DOFs the reduced tier takes less.
+    #: [DOFs] The same for modes. Why: a rule of thumb; for few modes of smaller models, both tiers
+    #: take about the same time.
     most_exact_dofs_of_modes: int = 3000
     #: [lines] Least number of lines for that. Why: a rule of thumb; with few lines, a basis costs
     #: more than it saves.
