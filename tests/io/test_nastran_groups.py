@@ -51,7 +51,7 @@ def deck(tmp_path) -> Path:
 
 def sets(text: str) -> list[list[int]]:
     lines = [NastranLine(line, Path("a.bdf"), n) for n, line in enumerate(text.splitlines(), 1)]
-    return [[n for n in range(40) if n in found] for found in read_sets(lines)]
+    return [sorted(found.select(range(40))) for found in read_sets(lines)]
 
 
 @pytest.mark.parametrize(

@@ -119,8 +119,7 @@ def _build_groups(
 ) -> dict[str, GroupMatrices]:
     members: dict[str, list[NastranCard]] = {}
     for card in deck.elements:
-        defining_card = deck.group_of(card)
-        members.setdefault(f"{defining_card.name} {defining_card.integer(0)}", []).append(card)
+        members.setdefault(deck.group_name_of(card), []).append(card)
     groups = {}
     for name, cards in members.items():
         with np.errstate(all="ignore"):  # numbers that are not finite are reported below

@@ -255,7 +255,8 @@ def materials_of(card: NastranCard) -> tuple[int, ...]:
 
 SYSTEMS = ("CORD1R", "CORD1C", "CORD1S", "CORD2R", "CORD2C", "CORD2S")
 _POINTS = ("GRID", "GRDSET", "SPOINT")
-_KNOWN = (*_POINTS, *SYSTEMS, *ELEMENTS, *PROPERTIES, *MATERIALS, *TIES, *NEUTRAL, "PARAM")
+_STRUCTURAL = (*_POINTS, *SYSTEMS, *ELEMENTS, *PROPERTIES, *MATERIALS, *TIES, "PARAM")
+_KNOWN = NEUTRAL.union(_STRUCTURAL)
 #: Cards of superelements.
 _SUPERELEMENTS = (
     *("CSUPER", "CSUPEXT", "EXTRN", "RELEASE", "SEBNDRY", "SEBSET", "SEBSET1", "SEBULK"),
@@ -334,8 +335,7 @@ class NastranDeck:
         """Groups by name: the property card, or the element if it holds its properties itself."""
         found: dict[str, NastranCard] = {}
         for card in self.elements:
-            defining_card = self.group_of(card)
-            found[f"{defining_card.name} {defining_card.integer(0)}"] = defining_card
+            found[self.group_name_of(card)] = self.group_of(card)
         return found
 
     @cached_property
@@ -343,15 +343,20 @@ class NastranDeck:
         """Materials of each group, and sets with all or some of its elements, by group."""
         elements: dict[str, list[int]] = {name: [] for name in self.groups}
         for card in self.elements:
-            defining_card = self.group_of(card)
-            name = f"{defining_card.name} {defining_card.integer(0)}"
-            elements[name].append(card.integer(0))
-        origins = label_groups(elements, {found.label: found for found in read_sets(self.case)})
+            elements[self.group_name_of(card)].append(card.integer(0))
+        numbers = sorted(card.integer(0) for card in self.elements)
+        sets = {found.label: found.select(numbers) for found in read_sets(self.case)}
+        origins = label_groups(elements, sets)
         for name, card in self.groups.items():
             materials = [f"{m.name} {m.integer(0)}" for m in self.materials_of(card)]
             labels = dict.fromkeys([*materials, *origins[name].labels])
             origins[name] = replace(origins[name], labels=tuple(labels))
         return origins
+
+    def group_name_of(self, element: NastranCard) -> str:
+        """Return the name of the group of an element."""
+        defining_card = self.group_of(element)
+        return f"{defining_card.name} {defining_card.integer(0)}"
 
     def group_of(self, element: NastranCard) -> NastranCard:
         """Return the card that defines the group of an element: its property, or the element."""
@@ -448,7 +453,7 @@ def read_deck(path: str | Path, ignore: Iterable[str] | None = ()) -> NastranDec
 
 def _unknown_card_error(card: NastranCard) -> FormatError:
     """Return the error for a card that may change the structure."""
-    near = nearest(card.name, [name for name in _KNOWN if name not in NEUTRAL])
+    near = nearest(card.name, _STRUCTURAL)
     remedy = f"did you mean {' or '.join(map(repr, near))}?"
     if card.name in _SUPERELEMENTS or not near:
         remedy = PUNCHED_MATRICES

@@ -56,8 +56,7 @@ _BY_PURPOSE = {
 #: Purposes that are not noted: decks of modes and responses have these cards, and updyn computes
 #: both by itself.
 _ROUTINE = ("eigenvalues", "loads")
-_PURPOSE = {name: purpose for purpose, names in _BY_PURPOSE.items() for name in names}
-NEUTRAL = tuple(_PURPOSE)
+NEUTRAL = frozenset(name for names in _BY_PURPOSE.values() for name in names)
 #: PARAM cards that only select output, solutions or units of output, or that are applied to the
 #: groups afterwards (G, ALPHA1, ALPHA2).
 NEUTRAL_PARAMETERS = (

@@ -7,7 +7,8 @@ not state whether it contains elements or grids; here its numbers are those of e
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator
+from bisect import bisect_left
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 from updyn.io.nastran.fields import NastranLine
@@ -31,8 +32,12 @@ class NumberSet:
         """Name of the set in patterns of groups."""
         return f"SET {self.number}"
 
-    def __contains__(self, number: object) -> bool:
-        return number not in self.excluded and any(number in one for one in self.ranges)
+    def select(self, numbers: Sequence[int]) -> set[int]:
+        """Return the sorted numbers that are in the set."""
+        found: set[int] = set()
+        for one in self.ranges:
+            found.update(numbers[bisect_left(numbers, one.start) : bisect_left(numbers, one.stop)])
+        return found - self.excluded
 
 
 def read_sets(case: Iterable[NastranLine]) -> list[NumberSet]:
