@@ -19,16 +19,6 @@ needs_mystran = pytest.mark.needs("mystran")
 MODES = re.compile(r"^\s+\d+\s+\d+((?:\s+[-+.\dE]+){5})\s*$", re.MULTILINE)
 
 
-@pytest.fixture
-def deck(tmp_path):
-    def make(text):
-        path = tmp_path / "wing.bdf"
-        path.write_text(text)
-        return path
-
-    return make
-
-
 def frequencies_of_mystran(path, folder):
     """Run MYSTRAN's own eigenvalue analysis of a deck; Hz, as many digits as it prints."""
     source = read_deck(path)

@@ -36,16 +36,6 @@ MAT1,1,7.+10,,.3,2700.,,,.02
 """
 
 
-@pytest.fixture
-def deck(tmp_path):
-    def make(text: str) -> Path:
-        path = tmp_path / "bar.bdf"
-        path.write_text(text)
-        return path
-
-    return make
-
-
 def bricks(n: int, *, length: float = 1.0, width: float = 0.05, height: float = 0.02) -> str:
     """Return a cantilever of n by 1 by 1 hexahedra, with grids in cylindrical systems at its tip."""
     text = BRICKS

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -31,16 +30,6 @@ def rod_of_bars(beams: tuple[int, ...] = (10,), sections: str = "") -> str:
     lines += [sections, "CONM2,21,11,,.00259", ",.00259,,.00259,,,.00259"]
     lines += ["MAT1,2,3.+7,1.1628+7,.29,7.4851-4", "SPC1,1,123456,1", "ENDDATA"]
     return "\n".join(lines) + "\n"
-
-
-@pytest.fixture
-def deck(tmp_path):
-    def make(text: str) -> Path:
-        path = tmp_path / "beam.bdf"
-        path.write_text(text)
-        return path
-
-    return make
 
 
 def constant(*, tail: str = "", station: str = "YES,1.") -> str:
