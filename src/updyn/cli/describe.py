@@ -16,6 +16,7 @@ from updyn.errors import ModelError, SolverError
 from updyn.frf import FRF
 from updyn.geometry import Geometry
 from updyn.grouping import list_labels
+from updyn.io.toml_text import format_toml
 from updyn.modal import ModeSet
 from updyn.modal.level import describe_leaning
 from updyn.modal.unexplained import describe_unexplained
@@ -92,11 +93,10 @@ def _describe_merging(model: Model) -> list[str]:
         return []
     examples = []
     for family, numbers in _largest_families(model):
-        key = re.sub(r"\W+", "_", family.strip().lower())
-        examples.append(f'{key} = "{family}{min(numbers)}-{max(numbers)}"')
+        key = re.sub(r"\W+", "_", family.strip().lower(), flags=re.ASCII)
+        examples.append(f"{key} = {format_toml(f'{family}{min(numbers)}-{max(numbers)}')}")
     if not examples:
-        first, second, *_ = map(repr, model.groups)
-        examples.append(f"name = [{first}, {second}]")
+        examples.append(f"name = {format_toml(list(model.groups)[:2])}")
     lines = [
         "",
         f"{len(model.groups)} groups: to have one unknown for several, merge them by name, glob,"

@@ -16,8 +16,8 @@ class DescriptionSettings:
     most_mode_dofs: int = 20_000
     #: [modes] Number of natural frequencies. Why: chosen for one line of text.
     natural_frequencies: int = 8
-    #: [groups] Largest model without a hint on merging groups. Why: two unknowns of each group are
-    #: more than the modes in the band of most tests determine.
+    #: [groups] Largest model without a hint on merging groups. Why: a rule of thumb; with two
+    #: unknowns a group, a larger model has more than 60.
     many_groups: int = 30
     #: [families] Families of groups in the hint. Why: chosen for one line of text.
     merging_examples: int = 2

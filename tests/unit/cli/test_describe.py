@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -164,6 +165,14 @@ def test_merging_of_many_groups_is_shown() -> None:
     assert '[model] groups = { pelas = "PELAS 1-26", pbush = "PBUSH 3-9" }' in lines
     assert "materials and sets: MAT1 3, SET 5" in lines
     assert "[model] groups" not in describe_model(many_groups(30))
+
+
+def test_the_example_of_merging_is_valid_toml() -> None:
+    groups = {f'größe "{k}': Group([[1.0]]) for k in range(31)}
+    text = describe_model(Model.from_groups(groups, ["1:X"]))
+    (line,) = (line for line in text.splitlines() if line.startswith("[model] groups"))
+    example = tomllib.loads(line.removeprefix("[model] "))
+    assert list(example["groups"].values()) == ['größe "0-30']
 
 
 def test_members_of_a_merged_group_are_shown() -> None:
