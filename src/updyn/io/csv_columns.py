@@ -69,8 +69,7 @@ def read_columns(
     if quantity is None and "quantity" not in items:
         raise FormatError(
             "states no quantity; state quantity ('accelerance', 'mobility', 'receptance' or"
-            " 'transmissibility'), or"
-            " unit in columns, such as 'g/N'",
+            " 'transmissibility'), or unit in columns, such as 'g/N'",
             path,
             key=("quantity",),
         )

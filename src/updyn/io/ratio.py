@@ -11,7 +11,7 @@ from updyn.units import Unit, split_ratio
 
 __all__ = ["Ratio"]
 
-
+#: Motions of the dimensionless unit "1"; their kind does not change the values.
 _ACCELERATION = Unit("accelerance", 1.0)
 
 

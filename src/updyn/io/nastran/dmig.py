@@ -33,8 +33,6 @@ _HEADER = 8  # fields of a header card
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9]{0,7}")
 #: Lines of a deck or of a punch file that are not bulk data.
 _TITLES = re.compile(r"(?:TITLE|SUBTITLE|LABEL)\s*=|BEGIN\s+(?:BULK|SUPER)|ENDDATA", re.IGNORECASE)
-
-
 #: Cards in punch files of superelements, which define the grids and sets of the matrices.
 _ACCOMPANYING = (
     *("ASET", "ASET1", "CORD2C", "CORD2R", "CORD2S", "DTI", "EXTRN", "GRID", "QSET", "QSET1"),
@@ -58,8 +56,8 @@ class DMIGMatrix:
 def read_dmig(path: str | Path) -> list[DMIGMatrix]:
     """Read all square DMIG matrices of a punch file or a deck; refuse other cards.
 
-    What PARAM,EXTOUT,DMIGPCH and EXTSEOUT punch in addition is passed over with a warning:
-    rectangular matrices (loads, transformations of recovery), tables, and the boundary grids.
+    PARAM,EXTOUT,DMIGPCH and EXTSEOUT also punch rectangular matrices (loads, transformations of
+    recovery), tables, and the boundary grids; these are passed over with a warning.
     """
     path = Path(path)
     headers: dict[str, NastranCard] = {}

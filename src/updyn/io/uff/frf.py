@@ -231,9 +231,9 @@ def _find_quantity(function: Function, given: str | None, path: str | Path) -> s
     """Return the quantity stated in records 6, 9 and 10; None if 9 or 10 is unknown."""
     above, below = function.numerator.kind, function.denominator.kind
     line = function.numerator.line
-    one_motion = len({above, below} & set(MOTION)) <= 1 and {above, below} <= {*UNKNOWN, *MOTION}
     if function.kind == _TRANSMISSIBILITY or (given == TRANSMISSIBILITY and above == below):
-        if not one_motion:
+        kinds = {above, below}
+        if len(kinds.intersection(MOTION)) > 1 or not kinds <= {*UNKNOWN, *MOTION}:
             raise FormatError(
                 f"records 9 and 10 state {type_name(above)} over {type_name(below)}; expected two"
                 " displacements, velocities or accelerations of a transmissibility",

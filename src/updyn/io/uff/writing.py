@@ -22,9 +22,8 @@ _MOTION = {
     "receptance": (8, "m", "rad"),
     "mobility": (11, "m/s", "rad/s"),
     "accelerance": (12, "m/s^2", "rad/s^2"),
+    TRANSMISSIBILITY: (12, "m/s^2", "rad/s^2"),
 }
-#: Motion of both sides of a transmissibility.
-_MEASURED = {TRANSMISSIBILITY: "accelerance"}
 _PAIRS_A_TRACE = 80  # at most 250 entries, three per pair
 _WIDEST = 10**10  # node numbers have ten columns
 _COLUMNS = 13  # width of abscissa minimum and increment
@@ -48,8 +47,8 @@ def write_frf(frf: FRF, path: str | Path) -> None:
             " files cannot state; write .nc, .npz, .mat or .csv",
             path,
         )
-    lacking = [name for name in ("variance", "averages") if getattr(frf, name) is not None]
-    lacking += [name for name in ("base", "force") if getattr(frf, name) is not None]
+    optional = ("variance", "averages", "base", "force")
+    lacking = [name for name in optional if getattr(frf, name) is not None]
     if frf.geometry is not None and len(frf.geometry.faces):
         lacking.append("faces")
     if lacking:
@@ -154,7 +153,7 @@ def _function(frf: FRF, response: Dof, reference: Dof, y: NumberArray) -> bytes:
     data = table.astype("<f4" if single else "<f8").tobytes()
     if is_frf:
         function, ordinate, title = 4, 5, f"H {response} / {reference}"
-        motion, unit, angle = _MOTION[_MEASURED.get(frf.quantity, frf.quantity)]
+        motion, unit, angle = _MOTION[frf.quantity]
         numerator = _axis(motion, "NONE", angle if _is_rotation(response) else unit)
         denominator = _axis(13, "NONE", "N m" if _is_rotation(reference) else "N")
         if frf.quantity == TRANSMISSIBILITY:
