@@ -107,7 +107,7 @@ def test_reduced_tier() -> None:
 
 
 def test_ratio_of_two_responses() -> None:
-    """One force of unknown size at a known place; the structure stands on the ground."""
+    """One force of unknown size at a known place; the base has a spring to the ground."""
     model = frame()
     ground = updyn.Group(np.diag([3e4, *[0.0] * STOREYS]))
     model = updyn.Model.from_groups({**model.groups, "ground": ground}, model.dofs)
