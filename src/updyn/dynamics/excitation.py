@@ -208,8 +208,9 @@ class DrivenSolver:
     @property
     def label(self) -> str:
         """Name of the solver within a run."""
-        driven = self.excitation
-        return f"{self.inner.label} {driven.moved} {driven.motion} {driven.forced}"
+        driven = self.excitation  # as lists, because the text of a long array is shortened
+        values = (array.tolist() for array in (driven.moved, driven.motion, driven.forced))
+        return f"{self.inner.label} {' '.join(map(str, values))}"
 
     @property
     def solve_counts(self) -> dict[str, int]:

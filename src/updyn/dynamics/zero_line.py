@@ -28,7 +28,7 @@ def leave_out_zero_line(model: Model, frf: FRF, name: str = "") -> FRF:
 def _is_free(model: Model, frf: FRF) -> bool:
     """Return whether the dynamic stiffness is singular at 0 Hz (with the decay of the data)."""
     try:
-        response_like(model, frf.select(lines=frf.freq[:1]))
+        response_like(model, frf, frf.freq[:1])
     except SolverError as error:
         return not isinstance(error.__cause__, MemoryError)
     return False

@@ -13,6 +13,7 @@ from updyn.arrays import BoolArray, ComplexArray, IndexArray, RealArray
 from updyn.correlation import csac, frac, frf_correlation, relative_residual
 from updyn.dynamics.excitation import fix_base
 from updyn.dynamics.resonance_lines import even_lines, resonance_lines
+from updyn.dynamics.response import response_like
 from updyn.errors import UpdynError
 from updyn.frf import FRF
 from updyn.model import Model
@@ -284,8 +285,6 @@ def compute_frfs(
     None if they cannot be computed, with a note on `what`. `freq` is in Hz; `options` are those of
     the update, which determine how a large model is solved.
     """
-    from updyn.dynamics.response import response_like
-
     if freq.size == 0:
         return None
     # Solve as the update did: a direct solution of a large model at every line could take longer

@@ -76,10 +76,8 @@ def scene_of(
     bodies, notes, colourings = [body], [], list(colourings)
     modes: ModeShapes | None = None
     operating: OperatingShapes | None = None
-    at_sensorssensor_nodes = np.isin(
-        geometry.nodes, [Dof.parse(label).node for label in responses]
-    ).any()
-    if moves and at_sensorssensor_nodes:
+    has_sensors = np.isin(geometry.nodes, [Dof.parse(label).node for label in responses]).any()
+    if moves and has_sensors:
         measured = sensor_body(_choose_geometry(geometry, data[0]), responses)
         first = data[0]
         fixed = models

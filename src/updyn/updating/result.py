@@ -608,10 +608,13 @@ def _format_combination(direction: Mapping[str, float]) -> str:
 
 def _describe_reduction_error(options: Mapping[str, Any]) -> str:
     """Return the error of a reduced model for FRFs or modes in words."""
-    if isinstance(found := options.get("frequency error"), float):
-        return f"{found:.1g} of a natural frequency, compared with the full model"
-    error = options.get("error", "not checked where the fit ended")
-    return f"at most {error:.1g} of the peak" if isinstance(error, float) else str(error)
+    of_modes = "frequency error" in options
+    error = options["frequency error" if of_modes else "error"]
+    if not isinstance(error, float):
+        return str(error)
+    if of_modes:
+        return f"{error:.1g} of a natural frequency, compared with the full model"
+    return f"at most {error:.1g} of the peak"
 
 
 def _describe_alternative(other: Alternative, result: UpdateResult) -> str:

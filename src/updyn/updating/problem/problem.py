@@ -56,11 +56,11 @@ class LineBlock:
 class FRFPart:
     """Model, data and unknowns of one test.
 
-    `rows` and `columns` are the model DOFs of responses and references, or the column of a
-    `DrivenSolver`; `sign`, shape (n_i, n_j), is the product of their signs, 0 if symmetry forbids
-    the response. Unless `as_read`, FRFs of the
-    model exclude the calibration factors. `variants` are the model without frequent mistakes.
-    Copies in other processes have a default `session` and no variants.
+    `rows` and `columns` are the model DOFs of responses and references; with a `DrivenSolver`,
+    `columns` is that of its prescribed motion. `sign`, shape (n_i, n_j), is the product of their
+    signs, 0 if symmetry forbids the response. Unless `as_read`, FRFs of the model exclude the
+    calibration factors. `variants` are the model without frequent mistakes. Copies in other
+    processes have a default `session` and no variants.
     """
 
     solver: FieldSolver
