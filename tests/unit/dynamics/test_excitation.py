@@ -1,9 +1,12 @@
 """Transmissibilities against partitioned dense solutions, their derivatives, and refusals."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 import updyn
+from updyn.dynamics.excitation import DrivenSolver, Excitation
 from updyn.errors import DataError, DofError, OptionError, SolverError
 from updyn.updating.problem.problem import FRFPart
 
@@ -125,6 +128,16 @@ def test_derivatives_equal_central_differences(model, excitation, tier):
         np.testing.assert_allclose(
             block.dH[p], (high - low) / (2 * step), rtol=2e-7, atol=2e-8 * np.abs(block.H).max()
         )
+
+
+def test_labels_of_large_bases_differ():
+    """Labels distinguish cached results; the text of a long array is shortened."""
+    labels = set()
+    for middle in (700, 701):
+        moved = np.setdiff1d(np.arange(1400), middle)
+        driven = Excitation(moved, np.ones(len(moved)), moved)
+        labels.add(DrivenSolver(SimpleNamespace(label="sparse"), driven).label)
+    assert len(labels) == 2
 
 
 def test_undamped_resonance_of_the_held_structure_is_an_error():
