@@ -153,7 +153,7 @@ def test_a_hundred_unknowns_are_found_within_their_covariance():
     f = updyn.modes(start, n).frequency
     lines = np.linspace(0.5 * f[0], 1.02 * f[-1], 100)
     data = updyn.response(true, lines, [f"{i + 1}:X" for i in range(n)], [f"{n}:X"])
-    found = updyn.update(start, noisy(data, 2), unknowns, noise={"relative": 0.01}, starts=0)
+    found = updyn.update(start, noisy(data, 2), unknowns, noise={"relative": 0.01})
     assert found.ok
     off = values(found) - exact
     # Chi-squared of 100 degrees of freedom: 100 with a deviation of 14.
