@@ -56,12 +56,13 @@ class CompleteBasis:
     stiffness: RealArray
     mass: RealArray
 
-    def at(self, rows: Any) -> RealArray:
-        """Return the modes at some DOFs, shape (k, r)."""
+    def expand(self, rows: Any, amplitudes: RealArray) -> RealArray:
+        """Return the motion at some DOFs, shape (k, ...), of modal amplitudes, shape (r, ...)."""
+        turned = amplitudes if self.rotation is None else self.rotation @ amplitudes
         V = self.blocks[0][rows]
         if len(self.blocks) > 1:
             V = np.hstack([block[rows] for block in self.blocks])
-        return V if self.rotation is None else np.asarray(V @ self.rotation)
+        return np.asarray(V @ turned)
 
     def project(self, rows: Any, forces: RealArray) -> RealArray:
         """Return the modal forces, shape (r, ...), of forces at some DOFs, shape (k, ...)."""
@@ -156,32 +157,28 @@ def differentiate_mode(
         modes.find_repeated(which),
     )
     basis = modes.shapes[:, group]
-    wanted = _collect_vectors(len(phi), rows, along)
-    number = wanted.shape[1]
-    mass_basis = modes.M @ basis
-    # Columns: the vectors for the derivatives, including unit loads at DOFs, and M times the basis,
-    # whose solutions give its shares in the derivative.
-    Z = np.zeros((len(phi), number + len(group)))
-    if number:
-        pivots = _choose_pivots(modes, basis)
-        loads = np.hstack([wanted, mass_basis])
-        loads[pivots] = 0.0
-        Z = _solve_with_pivots(modes, value, pivots, loads)
     by_value, by_mass = np.zeros((2, unknowns.n, len(group)))
-    loaded = np.zeros((unknowns.n, Z.shape[1]))
+    forces = np.zeros((len(phi), unknowns.n))
     for owner, rows_of_term, force, is_mass in derivative_forces(system, unknowns, values, phi):
         if is_mass:
             by_mass[owner] += force @ basis[rows_of_term]
             force = -value * force
         by_value[owner] += force @ basis[rows_of_term]
-        loaded[owner] += force @ Z[rows_of_term]
+        forces[rows_of_term, owner] += force
     own_index = int(np.flatnonzero(group == which)[0])
     _check_uncoupled(by_value, own_index, values, value)
-    d_value = by_value[:, own_index]
+    d_value = by_value[:, own_index].copy()
+    rows = np.zeros(0, dtype=np.intp) if rows is None else rows
+    if not len(rows) and along is None:
+        return d_value, np.zeros((unknowns.n, 0))
     # (K - lambda M) v = -(K' - lambda M') phi + lambda' M phi, with v zero at the pivots.
-    v = -loaded + d_value[:, None] * (mass_basis[:, own_index] @ Z)
-    shares = -v[:, number:] - 0.5 * by_mass
-    return d_value.copy(), v[:, :number] + shares @ (basis.T @ wanted)
+    pivots, mass_basis = _choose_pivots(modes, basis), modes.M @ basis
+    loads = mass_basis[:, own_index, None] * d_value - forces
+    loads[pivots] = 0.0
+    v = _solve_with_pivots(modes, value, pivots, loads)
+    shape = v - basis @ (mass_basis.T @ v + 0.5 * by_mass.T)
+    projected = np.zeros((0, unknowns.n)) if along is None else along.T @ shape
+    return d_value, np.concatenate([shape[rows], projected]).T
 
 
 def _check_uncoupled(by_value: RealArray, own_index: int, values: RealArray, value: float) -> None:
@@ -260,7 +257,6 @@ def _differentiate_by_expansion(
     gap = np.where(same, 1.0, stiffness[:, None] - mass[:, None] * value)
     shares = np.where(same, 0.0, -projected / gap)
     number = 0 if rows is None else len(rows)
-    wanted = whole.at(rows) if number else np.zeros((0, len(mass)))
     d_value = np.zeros((len(which), unknowns.n))
     shape = np.zeros((len(which), unknowns.n, number + (along is not None)))
     groups = [modes.find_repeated(int(mode)) for mode in which]
@@ -277,18 +273,10 @@ def _differentiate_by_expansion(
         fully = shares[:, :, i].copy()
         fully[:, same[:, i]] = -0.5 * (by_mass[:, same[:, i], i] @ at) @ at.T
         if number:
-            shape[i, :, :number] = fully @ wanted.T
+            shape[i, :, :number] = whole.expand(rows, fully.T).T
         if along is not None:
             shape[i, :, -1] = fully @ whole.project(slice(None), along[:, i])
     return d_value, shape
-
-
-def _collect_vectors(n: int, rows: IndexArray | None, along: RealArray | None) -> RealArray:
-    """Return the vectors for the derivatives of a shape, shape (n, k + p)."""
-    at = np.zeros(0, dtype=np.intp) if rows is None else rows
-    unit = np.zeros((n, len(at)))
-    unit[at, np.arange(len(at))] = 1.0
-    return unit if along is None else np.hstack([unit, along])
 
 
 def separate_repeated_modes(
