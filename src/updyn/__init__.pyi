@@ -49,6 +49,7 @@ from .io import write_frf as write_frf
 from .io import write_model as write_model
 from .io import write_modes as write_modes
 from .io import write_properties as write_properties
+from .io import write_shapes as write_shapes
 from .matching import match as match
 from .modal import ModeSet as ModeSet
 from .modal import identify_modes as identify_modes
@@ -70,6 +71,7 @@ from .store.result import write_result as write_result
 from .store.uncertainty import read_uncertainty as read_uncertainty
 from .store.uncertainty import write_uncertainty as write_uncertainty
 from .uncertainty.bootstrap import bootstrap as bootstrap
+from .uncertainty.mode_prediction import predict_modes as predict_modes
 from .uncertainty.prediction import predict as predict
 from .uncertainty.profile import profile as profile
 from .uncertainty.sampling import sample as sample

@@ -13,16 +13,20 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
+from numpy.typing import ArrayLike
+
 from updyn.errors import FormatError, OptionError, key_path, suggest
 from updyn.frf import check_quantity
 from updyn.io.formats import FORMATS, find_format, load
 from updyn.io.items import guard_reader, locate_errors, parse_selection
 from updyn.io.point_files import has_fields, read_point_files
+from updyn.modal.shapes import make_shapes
 
 if TYPE_CHECKING:
     import xarray
 
     from updyn.dofs import Dof
+    from updyn.dynamics.modes import Modes
     from updyn.frf import FRF
     from updyn.geometry import Geometry
     from updyn.modal import ModeSet
@@ -40,6 +44,7 @@ __all__ = [
     "write_model",
     "write_modes",
     "write_properties",
+    "write_shapes",
 ]
 
 
@@ -238,10 +243,10 @@ def read_records(
     Parameters
     ----------
     path : path
-        A LabVIEW measurement file (.lvm), a universal file (58, 58b), WAV, MATLAB, netCDF-4, HDF5
-        or a table in text.
+        A LabVIEW measurement file (.lvm), TDMS, MDF 4, a universal file (58, 58b), WAV, MATLAB,
+        netCDF-4, HDF5 or a table in text.
     format : str, optional
-        Format name, to force it: "lvm", "uff", "wav", "mat", "netcdf", "csv".
+        Format name, to force it: "lvm", "tdms", "mdf", "uff", "wav", "mat", "netcdf", "csv".
     units : mapping of str to str, optional
         Unit by channel if the file does not state it; a contradiction is an error.
     factors : mapping of str to float, optional
@@ -345,8 +350,10 @@ def read_contents(path: str | Path, *, format: str | None = None, **options: Any
     return _run_reader(path, "read_contents", format, options)
 
 
-def write_modes(modes: ModeSet, path: str | Path, *, format: str | None = None) -> None:
-    """Write modes.
+def write_modes(
+    modes: ModeSet, path: str | Path, *, format: str | None = None, **options: Any
+) -> None:
+    """Write measured modes, to be read by `read_modes`.
 
     An existing file is replaced only once the new one is complete.
 
@@ -355,14 +362,24 @@ def write_modes(modes: ModeSet, path: str | Path, *, format: str | None = None) 
     modes : ModeSet
         The modes.
     path : path
-        File to write; its suffix selects the format: a universal file (datasets 55).
+        File to write; its suffix selects the format: a universal file, or a table (.csv) for modes
+        without shapes.
     format : str, optional
         Format name, to force it.
+    **options
+        Options of the writer, checked by name: for a universal file ``geometry`` (`Geometry`,
+        written too) and ``dataset`` (55, the default, or 2414).
 
     Raises
     ------
     FormatError
         If no format fits, or the format cannot hold the modes.
+    OptionError
+        If the format has no such option; the message gives the nearest one.
+
+    See Also
+    --------
+    write_shapes : Also computed modes and operating shapes, as animation or for ParaView.
 
     Examples
     --------
@@ -372,7 +389,66 @@ def write_modes(modes: ModeSet, path: str | Path, *, format: str | None = None) 
     >>> updyn.read_modes("modes.uff").frequency
     array([12., 31.])
     """
-    _find_function(path, "write_modes", format)[0](modes, path)
+    writer, name = _find_function(path, "write_modes", format)
+    writer(modes, path, **_check_option_names(writer, name, options, ("format",)))
+
+
+def write_shapes(
+    shapes: ModeSet | Modes | FRF,
+    path: str | Path,
+    structure: Geometry | Model | None = None,
+    *,
+    freq: ArrayLike | None = None,
+    reference: str | None = None,
+    select: ArrayLike | None = None,
+    format: str | None = None,
+    **options: Any,
+) -> None:
+    """Write mode shapes or operating shapes on their structure, for other programs.
+
+    An existing file is replaced only once the new one is complete.
+
+    Parameters
+    ----------
+    shapes : ModeSet, Modes or FRF
+        Measured modes, computed modes (`updyn.modes`), or FRFs, whose values at some frequencies
+        are operating deflection shapes.
+    path : path
+        File to write; its suffix selects the format: a universal file (.unv, .uff).
+    structure : Geometry or Model, optional
+        Positions of the nodes. None: the geometry of the FRF.
+    freq : array_like of float, optional
+        Frequencies of operating shapes in Hz; the nearest line of the FRF is used.
+    reference : str, optional
+        Reference of operating shapes, if the FRF has several.
+    select : array_like of int or bool, optional
+        Modes to write, by number from 0 or a flag for each. None: all.
+    format : str, optional
+        Format name, to force it.
+    **options
+        Options of the writer, checked by name: docs/formats.md.
+
+    Raises
+    ------
+    FormatError
+        If no format fits, or the format cannot hold the shapes.
+    InputError
+        If the geometry, the frequency or the reference is missing or does not fit, or a measured
+        node has no position.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> modes = updyn.ModeSet(np.array([12.0, 31.0]), np.eye(2), ["1:Z", "2:Z"])
+    >>> geometry = updyn.Geometry([1, 2], [[0, 0, 0], [1, 0, 0]], [[1, 2]])
+    >>> updyn.write_shapes(modes, "modes.unv", geometry)
+    >>> updyn.read_geometry("modes.unv").nodes
+    array([1, 2])
+    """
+    writer, name = _find_function(path, "write_shapes", format)
+    known = _check_option_names(writer, name, options, ("freq", "reference", "select", "format"))
+    made = make_shapes(shapes, structure, freq=freq, reference=reference, select=select)
+    writer(made, path, **known)
 
 
 def read_model(

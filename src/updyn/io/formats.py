@@ -8,7 +8,8 @@ or an entry point of the group ``updyn.readers`` that refers to such an object. 
 imported when a file of that format is read or written. It provides some of
 ``read_frf(path, *, quantity, duplicates, ...)``, ``write_frf(frf, path)``, ``read_model(path)``,
 ``write_model(model, path)``, ``read_geometry(path)``, ``read_modes(path)``,
-``write_modes(modes, path)``, ``read_records(path)``,
+``write_modes(modes, path, ...)``, ``write_shapes(shapes, path, ...)`` (a
+`updyn.modal.shapes.Shapes`), ``read_records(path)``,
 ``write_properties(changes, deck, path)`` and ``read_contents(path)``, which returns the whole
 content of a file. A ``read_frf`` with ``responses`` and ``references`` selects while it reads;
 otherwise `updyn.io.read_frf` selects afterwards.
@@ -47,7 +48,8 @@ class Format:
     can : tuple of str
         Provided functions: ``read_frf``, ``write_frf``, ``read_model``, ``write_model``,
         ``read_geometry``, ``read_modes``, ``write_modes``, ``read_records``, ``write_properties``,
-        ``read_contents``.
+        ``read_contents``, ``read_source`` (named arrays, as a
+        `updyn.io.frf_variables.VariableSource`).
     needs_magic : bool
         Whether every file of the format starts with one of `magic`. If not, its suffix is enough.
     """
@@ -73,7 +75,7 @@ _OP2_STARTS = tuple(
     for words in (3, 2)
 )
 _HDF5 = b"\x89HDF\r\n\x1a\n"
-_ARRAYS = (*_FRF, *_MODEL, "read_records")
+_ARRAYS = (*_FRF, *_MODEL, "read_records", "read_source")
 #: The first releases of MATLAB with version 7.3 wrote 7.0. Version 4 has no magic number.
 _MATLAB = (b"MATLAB 5.0 MAT-file", b"MATLAB 7.0 MAT-file", b"MATLAB 7.3 MAT-file")
 #: MED files are HDF5 files.
@@ -89,7 +91,7 @@ _BUILT_IN = (
         "updyn.io.uff",
         (".uff", ".unv", ".uf", ".bunv"),
         (b"    -1",),
-        (*_FRF, "read_geometry", "read_records", *_MODES),
+        (*_FRF, "read_geometry", "read_records", *_MODES, "write_shapes"),
         needs_magic=False,
     ),
     Format(
@@ -97,10 +99,10 @@ _BUILT_IN = (
         "updyn.io.netcdf",
         (".nc", ".h5", ".hdf5"),
         (_HDF5, b"CDF"),
-        (*_FRF, "read_records"),
+        (*_FRF, "read_records", "read_source"),
     ),
     Format("hdf5", "updyn.io.hdf5", (".h5", ".hdf5"), (_HDF5,), _MODEL),
-    Format("npz", "updyn.io.npz", (".npz",), (b"PK\x03\x04",), (*_FRF, *_MODEL)),
+    Format("npz", "updyn.io.npz", (".npz",), (b"PK\x03\x04",), (*_FRF, *_MODEL, "read_source")),
     Format("mat", "updyn.io.matlab", (".mat",), _MATLAB, _ARRAYS, needs_magic=False),
     Format(
         "csv",
@@ -121,6 +123,8 @@ _BUILT_IN = (
     Format("abaqus", "updyn.io.abaqus.model", (".inp", ".mtx"), (), (*_MODEL, "write_properties")),
     Format("lvm", "updyn.io.lvm", (".lvm",), (b"LabVIEW Measurement",), ("read_records",)),
     Format("wav", "updyn.io.wav", (".wav",), (b"RIFF", b"RIFX"), ("read_records",)),
+    Format("tdms", "updyn.io.tdms", (".tdms",), (b"TDSm",), ("read_records",)),
+    Format("mdf", "updyn.io.mdf", (".mf4", ".mdf"), (b"MDF     ", b"UnFinMF "), ("read_records",)),
     Format("mesh", "updyn.io.mesh", _MESH, (_HDF5,), ("read_model",), needs_magic=False),
     Format("exodus", "updyn.io.exodus", _EXODUS, (_HDF5, b"CDF"), ("read_geometry",)),
 )

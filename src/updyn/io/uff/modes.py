@@ -13,17 +13,16 @@ from __future__ import annotations
 import re
 import warnings
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
 
 import numpy as np
 
-from updyn.arrays import ComplexArray, NumberArray, RealArray
+from updyn.arrays import ComplexArray, RealArray
 from updyn.dofs import DofSet
 from updyn.errors import AbsentError, FormatError, UpdynWarning
-from updyn.io.atomic import atomic_path
 from updyn.io.items import format_counts, locate_errors
 from updyn.io.settings import MEASURED_FILE
 from updyn.io.uff.datasets import (
@@ -35,13 +34,13 @@ from updyn.io.uff.datasets import (
     read_integer_fields,
 )
 from updyn.io.uff.geometry import NUMBERS, GeometryCollector, Units
-from updyn.io.uff.writing import SI_UNITS
 from updyn.modal import ModeSet
 
-__all__ = ["read_modes", "write_modes"]
+__all__ = ["FIRST_ORDER", "NORMAL", "UNCERTAIN", "read_modes"]
 
 
-_NORMAL, _FIRST_ORDER, _SECOND_ORDER = 2, 3, 7
+#: Analysis types of normal modes, and of complex modes of first and of second order.
+NORMAL, FIRST_ORDER, _SECOND_ORDER = 2, 3, 7
 _ANALYSES = {0: "unknown", 1: "static", 4: "transient", 5: "frequency response", 6: "buckling"}
 _WIDTHS = {2: 3, 3: 6}  # data characteristic: values per node
 _REAL, _COMPLEX = (2, 4), (5, 6)
@@ -56,9 +55,9 @@ _FREQUENCY = re.compile(
 )
 _QUALITY = re.compile(rf"^quality {_NUMBER}\b")
 _STD = re.compile(rf"standard deviations {_NUMBER} Hz, {_NUMBER}$")
-_UNCERTAIN = "Standard deviations of the mode shape before, at fixed length"
+#: First line of a dataset 55 with standard deviations of the shape before.
+UNCERTAIN = "Standard deviations of the mode shape before, at fixed length"
 _NODE_WIDTH = 10  # columns
-_WIDEST = 10**_NODE_WIDTH
 _TURN = 2.0 * np.pi
 
 
@@ -152,28 +151,6 @@ def read_modes(path: str | Path) -> ModeSet:
     return _build_modes(_drop_conjugates(found), collector.units, path)
 
 
-def write_modes(modes: ModeSet, path: str | Path) -> None:
-    """Write modes as datasets 55 of a universal file.
-
-    They are written as normal modes if all shapes are real, else as complex modes. The format keeps
-    six digits. Shapes refer to positive senses: 5:-Z is written as 5:Z with the opposite sign.
-    """
-    if not modes.has_shapes:
-        raise FormatError(
-            "a universal file requires mode shapes, and these modes have none; write a table"
-            " (.csv)",
-            path,
-        )
-    for node in modes.dofs.nodes:
-        if not -_WIDEST // 10 < node < _WIDEST:
-            raise FormatError(f"node {node} does not fit the ten columns of a universal file", path)
-    lines = ["    -1", f"{164:6d}", *SI_UNITS, "    -1"]
-    for number in range(len(modes)):
-        lines += _lines(modes, number)
-    with atomic_path(path) as temporary:
-        temporary.write_bytes("\n".join([*lines, ""]).encode("ascii"))
-
-
 # -- reading ------------------------------------------------------------------------------------
 def _parse_mode(dataset: Dataset, path: str | Path) -> _UFFMode | str:
     """Return the mode in a dataset, or the description of other data."""
@@ -189,7 +166,7 @@ def _parse_mode(dataset: Dataset, path: str | Path) -> _UFFMode | str:
     where = f"record {layout.about + 1}"
     record = read_integer_fields(texts[layout.about], 6, where, path, at + layout.about)
     _, analysis, characteristic, specific, kind, width = record
-    if analysis not in (_NORMAL, _FIRST_ORDER, _SECOND_ORDER):
+    if analysis not in (NORMAL, FIRST_ORDER, _SECOND_ORDER):
         return _ANALYSES.get(analysis, f"analysis type {analysis}")
     if layout is _2414:
         location = read_integer_field(texts[2], 0, 10, "record 3, location", path, at + 2)
@@ -234,7 +211,7 @@ def _parse_mode(dataset: Dataset, path: str | Path) -> _UFFMode | str:
 
 
 def _is_uncertainty(dataset: Dataset) -> bool:
-    return decode_line(dataset.body.lstrip(b"\n").split(b"\n", 1)[0]).rstrip() == _UNCERTAIN
+    return decode_line(dataset.body.lstrip(b"\n").split(b"\n", 1)[0]).rstrip() == UNCERTAIN
 
 
 def _with_deviations(mode: _UFFMode, dataset: Dataset, path: str | Path) -> _UFFMode:
@@ -303,7 +280,7 @@ def _place(
 
 def _head_of_55(texts: Sequence[str], analysis: int, path: str | Path, at: int) -> _ModeProperties:
     n_whole, n_real = read_integer_fields(texts[6], 2, "record 7", path, at + 6)
-    least = 4 if analysis == _NORMAL else 2
+    least = 4 if analysis == NORMAL else 2
     if n_whole < 1 or n_real < least:
         raise FormatError(
             f"record 7: {n_real} real parameters; expected at least {least}", path, at + 6
@@ -313,7 +290,7 @@ def _head_of_55(texts: Sequence[str], analysis: int, path: str | Path, at: int) 
     place = _place(texts, _55, 8, path, at)
     return (
         _normal_mode_properties(numbers[:4], place)
-        if analysis == _NORMAL
+        if analysis == NORMAL
         else _complex_mode_properties(numbers, place)
     )
 
@@ -324,7 +301,7 @@ def _head_of_2414(
     # Both lines have six fields, even if unused.
     fields = _numbers([(at + 11, texts[11])], 6, "record 12", path)
     place = _place(texts, _2414, 12, path, at)
-    if analysis == _NORMAL:
+    if analysis == NORMAL:
         _check_eigenvalue(fields[1], fields[2], place)
         return _normal_mode_properties(fields[[1, 3, 4, 5]], place)
     numbers = _numbers([(at + 12, texts[12])], 6, "record 13", path)
@@ -554,63 +531,3 @@ def _build_modes(found: Sequence[_UFFMode], units: Units, path: str | Path) -> M
             std_loss_factor=[m.std[1] for m in found],
             std_shapes=std[:, used[:, 0], used[:, 1]].T,
         )
-
-
-# -- writing ------------------------------------------------------------------------------------
-def _lines(modes: ModeSet, number: int) -> Iterator[str]:
-    real = not modes.shapes.imag.any()
-    f = float(modes.frequency[number])
-    title = f"Mode {number + 1:10d} Frequency {f:13.5E}"
-    loss = float(modes.loss_factor[number])
-    if np.isnan(loss):
-        loss = 0.0
-    scaled = float(modes.scaled[number])
-    quality = float(modes.quality[number])
-    turns = bool((modes.dofs.axes >= 3).any())
-    width = 6 if turns else 3
-    characteristic = 3 if turns else 2
-    std = float(modes.std_frequency[number]), float(modes.std_loss_factor[number])
-    yield from ("    -1", f"{55:6d}", "Mode shape", "NONE")
-    yield f"standard deviations {std[0]:.6g} Hz, {std[1]:.6g}" if np.isfinite(std).all() else "NONE"
-    yield "NONE" if np.isnan(quality) else f"quality {quality:.6g}"
-    yield title
-    if real:
-        yield _whole_row(1, _NORMAL, characteristic, 8, 2, width)
-        yield _whole_row(2, 4, 1, number + 1)
-        yield _row([f, scaled, 0.0, loss])
-    else:
-        omega = 2.0 * np.pi * f
-        damped = omega * np.sqrt(max(1.0 - (0.5 * loss) ** 2, 0.0))
-        yield _whole_row(1, _FIRST_ORDER, characteristic, 8, 5, width)
-        yield _whole_row(2, 6, 1, number + 1)
-        yield _row([-0.5 * loss * omega, damped, 0.0, 2.0 * damped * scaled, 0.0, 0.0])
-    shape = modes.shapes[:, number] * modes.dofs.signs
-    yield from _at_nodes(modes.dofs, shape.real if real else shape, width)
-    yield "    -1"
-    if modes.std_shapes is None or np.isnan(modes.std_shapes[:, number]).any():
-        return
-    yield from ("    -1", f"{55:6d}", _UNCERTAIN, "NONE", "NONE", "NONE", title)
-    yield _whole_row(1, 0, characteristic, 8, 2, width)
-    yield _whole_row(1, 1, 1)
-    yield _row([0.0])
-    yield from _at_nodes(modes.dofs, modes.std_shapes[:, number], width)
-    yield "    -1"
-
-
-def _at_nodes(dofs: DofSet, values: NumberArray, width: int) -> Iterator[str]:
-    for node in dict.fromkeys(dofs.nodes.tolist()):
-        at_node = np.flatnonzero(dofs.nodes == node)
-        row = np.zeros(width, dtype=values.dtype)
-        row[dofs.axes[at_node]] = values[at_node]
-        yield f"{node:10d}"
-        flat = row.view(np.float64)
-        for start in range(0, width * row.itemsize // 8, 6):
-            yield _row(flat[start : start + 6].tolist())
-
-
-def _whole_row(*values: int) -> str:
-    return "".join(f"{value:10d}" for value in values)
-
-
-def _row(values: Sequence[float]) -> str:
-    return "".join(f"{value:13.5E}" for value in values)

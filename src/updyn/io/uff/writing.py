@@ -16,9 +16,18 @@ from updyn.frf import FRF, TRANSMISSIBILITY
 from updyn.geometry import Geometry
 from updyn.io.atomic import atomic_path
 
-__all__ = ["SI_UNITS", "write_frf"]
+__all__ = [
+    "MOTIONS",
+    "SI_UNITS",
+    "check_nodes",
+    "geometry_chunks",
+    "text_dataset",
+    "whole_row",
+    "write_frf",
+]
 
-_MOTION = {
+#: Data type, and units of translations and rotations, by quantity.
+MOTIONS = {
     "receptance": (8, "m", "rad"),
     "mobility": (11, "m/s", "rad/s"),
     "accelerance": (12, "m/s^2", "rad/s^2"),
@@ -57,21 +66,20 @@ def write_frf(frf: FRF, path: str | Path) -> None:
             UpdynWarning,
             stacklevel=2,
         )
-    _check_nodes(frf, path)
+    check_nodes([*frf.responses, *frf.references], frf.geometry, path)
     with atomic_path(path) as temporary, temporary.open("wb") as file:
         for chunk in _chunks(frf, path):
             file.write(chunk)
 
 
-def _check_nodes(frf: FRF, path: str | Path) -> None:
-    nodes = set(frf.responses.nodes.tolist()) | set(frf.references.nodes.tolist())
-    placed = nodes
-    if frf.geometry is not None:
-        placed = set(frf.geometry.nodes.tolist())
+def check_nodes(dofs: Sequence[Dof], geometry: Geometry | None, path: str | Path) -> None:
+    """Refuse nodes that do not fit the columns, or are missing in the geometry."""
+    nodes = {dof.node for dof in dofs}
+    placed = nodes if geometry is None else set(geometry.nodes.tolist())
     for node in sorted(nodes | placed):
         if not -_WIDEST // 10 < node < _WIDEST:
             raise FormatError(f"node {node} does not fit the ten columns of a universal file", path)
-    lacking = [dof for dof in (*frf.responses, *frf.references) if dof.node not in placed]
+    lacking = [dof for dof in dofs if dof.node not in placed]
     if lacking:
         raise FormatError(
             f"DOF {lacking[0]} is at a node missing in the geometry ({len(lacking)} such DOFs);"
@@ -81,9 +89,9 @@ def _check_nodes(frf: FRF, path: str | Path) -> None:
 
 
 def _chunks(frf: FRF, path: str | Path) -> Iterator[bytes]:
-    yield _text(164, SI_UNITS)
+    yield text_dataset(164, SI_UNITS)
     if frf.geometry is not None:
-        yield from _geometry(frf.geometry, path)
+        yield from geometry_chunks(frf.geometry, path)
     for j, reference in enumerate(frf.references):
         for i, response in enumerate(frf.responses):
             yield _function(frf, response, reference, frf.values[:, i, j])
@@ -91,12 +99,14 @@ def _chunks(frf: FRF, path: str | Path) -> Iterator[bytes]:
                 yield _function(frf, response, reference, frf.coherence[:, i, j])
 
 
-def _text(number: int, lines: Sequence[str]) -> bytes:
+def text_dataset(number: int, lines: Sequence[str]) -> bytes:
+    """Return a dataset of text lines."""
     return "\n".join(["    -1", f"{number:6d}", *lines, "    -1", ""]).encode("ascii")
 
 
 # -- geometry -----------------------------------------------------------------------------------
-def _geometry(geometry: Geometry, path: str | Path) -> Iterator[bytes]:
+def geometry_chunks(geometry: Geometry, path: str | Path) -> Iterator[bytes]:
+    """Yield the datasets of coordinate systems, nodes and trace lines."""
     systems = np.zeros(len(geometry.nodes), dtype=np.int64)
     if geometry.axes is not None:
         distinct, which = np.unique(geometry.axes.reshape(-1, 9), axis=0, return_inverse=True)
@@ -104,17 +114,17 @@ def _geometry(geometry: Geometry, path: str | Path) -> Iterator[bytes]:
         is_global = (distinct == np.eye(3).ravel()).all(axis=1)
         numbers = np.where(is_global, 0, np.arange(len(distinct)) + 2)
         systems = numbers[which.ravel()]
-        lines = [_whole(1), "NONE"]
+        lines = [whole_row(1), "NONE"]
         for number, axes in zip(numbers.tolist(), distinct.reshape(-1, 3, 3), strict=True):
             if number:
-                lines += [_whole(number, 0, 8), f"CS{number}"]
+                lines += [whole_row(number, 0, 8), f"CS{number}"]
                 lines += [_reals(row) for row in (*axes, np.zeros(3))]
-        yield _text(2420, lines)
+        yield text_dataset(2420, lines)
     lines = []
     rows = zip(geometry.nodes.tolist(), systems.tolist(), geometry.xyz, strict=True)
     for node, system, xyz in rows:
-        lines += [_whole(node, 0, system, 8), _reals(xyz)]
-    yield _text(2411, lines)
+        lines += [whole_row(node, 0, system, 8), _reals(xyz)]
+    yield text_dataset(2411, lines)
     if (geometry.lines == 0).any():
         raise FormatError(
             "a trace line contains node 0, which means 'lift the pen' in a universal file", path
@@ -123,13 +133,14 @@ def _geometry(geometry: Geometry, path: str | Path) -> Iterator[bytes]:
         pairs = geometry.lines[start : start + _PAIRS_A_TRACE]
         # Node 0 lifts the pen between two pairs.
         entries = np.column_stack([pairs, np.zeros_like(pairs[:, 0])]).ravel()[:-1].tolist()
-        lines = [_whole(number, len(entries), 8), "NONE"]
+        lines = [whole_row(number, len(entries), 8), "NONE"]
         for i in range(0, len(entries), 8):
-            lines.append(_whole(*entries[i : i + 8]))
-        yield _text(82, lines)
+            lines.append(whole_row(*entries[i : i + 8]))
+        yield text_dataset(82, lines)
 
 
-def _whole(*numbers: int) -> str:
+def whole_row(*numbers: int) -> str:
+    """Return whole numbers in ten columns each."""
     return "".join(f"{number:10d}" for number in numbers)
 
 
@@ -153,7 +164,7 @@ def _function(frf: FRF, response: Dof, reference: Dof, y: NumberArray) -> bytes:
     data = table.astype("<f4" if single else "<f8").tobytes()
     if is_frf:
         function, ordinate, title = 4, 5, f"H {response} / {reference}"
-        motion, unit, angle = _MOTION[frf.quantity]
+        motion, unit, angle = MOTIONS[frf.quantity]
         numerator = _axis(motion, "NONE", angle if _is_rotation(response) else unit)
         denominator = _axis(13, "NONE", "N m" if _is_rotation(reference) else "N")
         if frf.quantity == TRANSMISSIBILITY:
@@ -171,7 +182,7 @@ def _function(frf: FRF, response: Dof, reference: Dof, y: NumberArray) -> bytes:
             f"{function:5d}{0:10d}{0:5d}{0:10d} {'NONE':<10}{_code(response)}"
             f" {'NONE':<10}{_code(reference)}"
         ),
-        _whole(ordinate, len(y), even is not None) + f"{minimum:>13}{increment:>13}{0.0:13.5E}",
+        whole_row(ordinate, len(y), even is not None) + f"{minimum:>13}{increment:>13}{0.0:13.5E}",
         _axis(18, "Frequency", "Hz"),
         numerator,
         denominator,
