@@ -142,7 +142,6 @@ def _largest_error(plant: Plant, size: RealArray) -> tuple[float, RealArray, str
 
 
 def _phase(axes: Axes, lines: RealArray, values: ComplexArray) -> None:
-    """Draw the continuous phase."""
     degrees = phases(values)[0]
     axes.plot(lines, degrees, color=PAPER["after"])
     _degree_axis(axes, degrees)

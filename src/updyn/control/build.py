@@ -143,7 +143,6 @@ def _plant_of_measurement(
     tolerance: float,
     quantity: str | Sequence[str],
 ) -> Plant:
-    """Return the plant of measured FRFs."""
     limits = check_band(band)
     inputs, outputs = ports
     quantities = check_quantities(quantity, len(outputs))

@@ -102,10 +102,8 @@ def _outer_inside(circle: Circle, band: tuple[float, float]) -> tuple[RealArray,
 
 
 def hankel_norm(circle: Circle, values: ComplexArray) -> float:
-    """Return the largest distance of a function on the axis from the nearest stable one (Nehari).
-
-    `values` are those of a real system: conjugate at negative frequencies.
-    """
+    """Return the distance of a function on the axis from the nearest stable one (Nehari)."""
+    # `values` belong to a real system: conjugate at negative frequencies.
     n = circle.n // CAUSAL_BOUND.points_per_row
     c = circle.coefficients(values).real[1 : 2 * n]
     length = 4 * n

@@ -36,11 +36,8 @@ def check_route(route: str, task: PlantTask, error: str) -> tuple[str, ...]:
 
 
 def choose_route(task: PlantTask, routes: tuple[str, ...], tolerance: float) -> CandidateSelection:
-    """Return the selection of the first route that holds the tolerance, at least as stated.
-
-    A rational approximation among several routes is preferred if it needs fewer states. Raises
-    ModelError if no route is possible, ToleranceError if none holds the tolerance.
-    """
+    """Return the selection of the first route that holds the tolerance, at least as stated."""
+    # A rational approximation among several routes is preferred if it needs fewer states.
     reached: dict[str, CandidateSelection] = {}
     refused: dict[str, ModelError] = {}
     mode_routes = tuple(route for route in routes if route != "rational")
@@ -120,7 +117,6 @@ def _first_conversion(
 
 
 def _count_states(found: CandidateSelection) -> int:
-    """Return the number of states of a selection."""
     if isinstance(found.conversion, Rational):
         return found.conversion.n_states
     return len(found.conversion.matrices(found.mask)[0])

@@ -153,8 +153,7 @@ class PlantFamily:
     def each(self, change: Callable[[Plant], Plant]) -> PlantFamily:
         """Return the family with a function applied to every plant.
 
-        Such as ``family.each(lambda p: sampled(p, 1e-3))``. Raises ModelError if inputs, outputs or
-        sampling of the plants differ afterwards.
+        Such as ``family.each(lambda p: sampled(p, 1e-3))``.
         """
         members = tuple(map(change, self.members))
         return replace(self, nominal=change(self.nominal), members=members)
@@ -341,10 +340,8 @@ class _PlantMaker:
         route: str,
         engine: Engine,
     ) -> tuple[Plant, tuple[Plant, ...]]:
-        """Return the plant of the estimate and those of the members, by one route.
-
-        A conversion that suffices for the nominal plant may not suffice for all members.
-        """
+        """Return the plant of the estimate and those of the members, by one route."""
+        # A conversion that suffices for the nominal plant may not suffice for all members.
         nominal, kept = self._nominal(model, shared, route)
         try:
             return nominal, self._members(shared, values, nominal.route, kept, engine)
@@ -407,7 +404,6 @@ def _check_ended(result: UpdateResult) -> UpdateResult:
 
 
 def _draw_from_covariance(result: UpdateResult, n: int, seed: int) -> _ParameterDraws:
-    """Return draws from the covariance."""
     parameters = result.parameters
     unsure = [p.name for p in parameters if not np.isfinite(result.std[p.name])]
     if unsure:
@@ -452,7 +448,6 @@ def _count_training(n_unknowns: int) -> int:
 
 
 def _thin_draws(result: UpdateResult | JointResult, draws: Draws, n: int) -> _ParameterDraws:
-    """Return thinned draws."""
     from updyn.uncertainty.draws import Draws  # imports scipy.stats: slow and rarely needed
 
     if not isinstance(draws, Draws):

@@ -48,11 +48,7 @@ def select_measurement(
     quantities: tuple[str, ...],
     band: tuple[float, float],
 ) -> PortMeasurement:
-    """Return the measurement between ports, over a band in Hz.
-
-    Raises DofError with the name of the port if a DOF was not measured, DataError if the band has
-    fewer than eight lines above 0 Hz.
-    """
+    """Return the measurement between ports, over a band in Hz."""
     inside = (frf.freq >= band[0]) & (frf.freq <= band[1]) & (frf.freq > 0.0)
     if int(inside.sum()) < MEASURED_PLANT.least_lines:
         raise DataError(

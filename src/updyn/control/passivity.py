@@ -138,11 +138,9 @@ def _crossings(A: RealArray, B: RealArray, C: RealArray, D: RealArray, sign: flo
 def constrained_least_squares(
     A: RealArray, b: RealArray, G: RealArray, h: RealArray
 ) -> RealArray | None:
-    """Return x that minimises |A x - b| with G x >= h; None if infeasible.
-
-    Least distance programming by non-negative least squares (C. L. Lawson & R. J. Hanson, Solving
-    Least Squares Problems (1974), chapter 23).
-    """
+    """Return x that minimises |A x - b| with G x >= h; None if infeasible."""
+    # Least distance programming by non-negative least squares (C. L. Lawson & R. J. Hanson,
+    # Solving Least Squares Problems (1974), chapter 23).
     scale = np.maximum(np.linalg.norm(A, axis=0), 1e-300)
     U, sigma, Vt = np.linalg.svd(A / scale, full_matrices=False)
     kept = sigma > RATIONAL_FIT.singular_share * sigma[0]

@@ -69,11 +69,9 @@ class Approximation:
 
     @property
     def slowest(self) -> float:
-        """Smallest modulus of a pole in rad/s: the first line above 0 Hz, in a band from 0 Hz.
-
-        A slower pole would act as an integrator at all lines except 0 Hz, where it has a finite
-        gain; no line would show its response between them.
-        """
+        """Smallest modulus of a pole in rad/s: the first line above 0 Hz, in a band from 0 Hz."""
+        # A slower pole would act as an integrator at all lines except 0 Hz, where it has a finite
+        # gain; no line would show its response between them.
         freq = self.target.freq
         return 0.0 if freq[0] > 0.0 else _TWO_PI * float(freq[1])
 
@@ -321,10 +319,8 @@ class Approximation:
     def _admissible_coefficients(
         self, pairs: ComplexArray, rates: RealArray, right: ComplexArray, output: int
     ) -> tuple[RealArray, RealArray]:
-        """Return a particular solution and a basis of the admissible coefficients of an output.
-
-        Velocities without rigid-body motion are 0 at s = 0 and have no feed-through.
-        """
+        """Return a particular solution and a basis of the admissible coefficients of an output."""
+        # Velocities without rigid-body motion are 0 at s = 0 and have no feed-through.
         n = 2 * len(pairs) + len(rates)
         if self.powers[output] == 0:
             n += len(self.slow.velocities) + right.shape[0]
@@ -338,7 +334,6 @@ class Approximation:
     def _fit_least_squares(
         self, pairs: ComplexArray, rates: RealArray, right: ComplexArray, weight: RealArray
     ) -> Rational:
-        """Return the approximation with least-squares outputs."""
         s = laplace_variable(self.target.freq)
         found = []
         for i in range(len(self.powers)):
@@ -474,7 +469,6 @@ class Approximation:
         found: Sequence[RealArray],
         only: int | None = None,
     ) -> Rational:
-        """Return the approximation with given coefficients of its outputs."""
         n, n_u, still = 2 * len(pairs) + len(rates), right.shape[0], len(self.slow.velocities)
         n_y = len(self.powers)
         rows, drift, through = np.zeros((n_y, n)), np.zeros((n_y, still)), np.zeros((n_y, n_u))

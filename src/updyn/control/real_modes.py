@@ -181,10 +181,8 @@ class Relaxation:
 
 
 def relaxation(part: Lossy, band: tuple[float, float], n: int) -> Relaxation:
-    """Return n relaxation terms fitted to the loss factor of a group over a band in Hz.
-
-    Rates are evenly spaced in log frequency; the weights are by non-negative least squares.
-    """
+    """Return n relaxation terms fitted to the loss factor of a group over a band in Hz."""
+    # Rates are evenly spaced in log frequency; the weights are by non-negative least squares.
     low, high = max(band[0], 1e-4 * band[1]), band[1]
     freq = np.geomspace(low, high, REAL_MODES.fitted_lines)
     omega = _TWO_PI * freq

@@ -222,11 +222,7 @@ def modal_space(
     *,
     backend: str | None = None,
 ) -> ModalSpace:
-    """Return the relevant modes of a model between some ports in a band.
-
-    Raises ModelError for an indefinite stiffness, SolverError if a motion has neither stiffness nor
-    mass or no reduced model is accurate enough, DofError if the model lacks a DOF of a port.
-    """
+    """Return the relevant modes of a model between some ports in a band."""
     structure = CompiledStructure.of(model)
     found = projection(structure, inputs, outputs, band, backend=backend)
     return found.space(structure.system.start)
@@ -298,7 +294,6 @@ class _Projector:
         return self.of(reduction, source)
 
     def whole(self) -> ModalProjection:
-        """Return the projection onto all DOFs."""
         matrices = []
         for term in self.system.terms:
             whole = np.zeros((self.system.n, self.system.n))
@@ -335,7 +330,6 @@ class _Projector:
         )
 
     def of(self, reduction: Reduction, source: str) -> ModalProjection:
-        """Return the projection onto a basis."""
         solver, basis = reduction.solver("plant"), reduction.basis
         return self._build_projection(
             solver.system, basis.terms, basis.at, self._count_rigid(reduction), source, solver

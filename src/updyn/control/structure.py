@@ -27,11 +27,9 @@ class CompiledStructure:
 
     @classmethod
     def of(cls, given: object) -> CompiledStructure:
-        """Return the structure of a model or of an update result.
-
-        For an update it is the start model at the estimate, with the matrices of the update, so its
-        basis applies. Raises OptionError for other types and for the result of several tests.
-        """
+        """Return the structure of a model or of an update result."""
+        # For an update it is the start model at the estimate, with the matrices of the update, so
+        # its basis applies.
         if isinstance(given, Model):
             return cls(given, AffineSystem.compile(given), given)
         if isinstance(given, JointResult):

@@ -140,10 +140,8 @@ class ResponseTarget:
         return np.array([np.inf, *[tolerance] * 4])
 
     def worst(self, G: ComplexArray) -> float:
-        """Return the largest error as a share of the `broad` peak or of a larger response.
-
-        A very sharp resonance thus does not hide errors elsewhere.
-        """
+        """Return the largest error as a share of the `broad` peak or of a larger response."""
+        # A very sharp resonance thus does not hide errors elsewhere.
         return float((np.abs(G - self.values) / np.maximum(self.broad, np.abs(self.values))).max())
 
     def all_errors(self, G: ComplexArray) -> RealArray:
@@ -163,11 +161,9 @@ class ResponseTarget:
         )
 
     def peak_error(self, G: ComplexArray, *, strict: bool = False) -> float:
-        """Return the largest relative error of the height of a resonance; 0 without one.
-
-        Only resonances above a tenth of the highest of their channel count. The highest values
-        between adjacent minima are compared, so a slight shift has no effect.
-        """
+        """Return the largest relative error of the height of a resonance; 0 without one."""
+        # Only resonances above a tenth of the highest of their channel count. The highest values
+        # between adjacent minima are compared, so a slight shift has no effect.
         magnitude, size = self._magnitude(self.values, strict), self._magnitude(G, strict)
         worst = 0.0
         for i, j in np.ndindex(*self.level.shape):
@@ -221,11 +217,9 @@ def receptance_function(
 
 
 def target_lines(poles: ComplexArray, band: tuple[float, float]) -> RealArray:
-    """Return ascending lines in Hz that resolve every resonance of a band, both ends included.
-
-    `poles` are those of the damped structure, in rad/s: strong damping in one part moves the
-    sharp resonances of the others by more than their width.
-    """
+    """Return ascending lines in Hz that resolve every resonance of a band, both ends included."""
+    # Poles (rad/s) of the damped structure: strong damping in one part moves the sharp resonances
+    # of the others by more than their width.
     low, high = band
     # The response at an undamped resonance is infinite.
     poles = poles[np.abs(poles.real) > POLES.undamped_ratio * np.abs(poles)]
@@ -274,13 +268,13 @@ def select_fewest(
 ) -> CandidateSelection:
     """Return the fewest candidates that hold a tolerance; those below the band are always kept.
 
-    Candidates are ranked by the largest change without each one, as a share of the peak of its
-    channel or line by line: modal cost (after R. E. Skelton & P. C. Hughes, J. Dynamic Systems,
-    Measurement, and Control 102 (1980) 151-158, with the largest change instead of the mean
-    square). With `lenient`, the tolerance applies only to the errors that a plant states; the
-    others may be those of all candidates. If all candidates do not hold it, all are returned; see
-    `CandidateSelection.holds`.
+    With `lenient`, the tolerance applies only to the errors that a plant states; the others may be
+    those of all candidates. If all candidates do not hold it, all are returned.
     """
+    # Candidates are ranked by the largest change without each one, as a share of the peak of its
+    # channel or line by line: modal cost (after R. E. Skelton & P. C. Hughes, J. Dynamic Systems,
+    # Measurement, and Control 102 (1980) 151-158, with the largest change instead of the mean
+    # square).
     level = np.broadcast_to(target.broad, target.reference.shape)
     if target.measure == "relative":
         level = target.reference

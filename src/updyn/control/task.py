@@ -125,11 +125,9 @@ class PlantTask:
             yield self.conversion(route, terms)
 
     def fitted_conversions(self, route: str) -> Iterator[Conversion]:
-        """Yield the conversions of a route, then fitted ones.
-
-        Those whose velocities are not 0 at rest are last: the constraint may leave too few degrees
-        of freedom with many inputs and few modes.
-        """
+        """Yield the conversions of a route, then fitted ones."""
+        # Those whose velocities are not 0 at rest are last: the constraint may leave too few
+        # degrees of freedom with many inputs and few modes.
         for conversion in self.conversions(route):
             yield conversion
             if isinstance(conversion, ComplexModes):
@@ -140,7 +138,6 @@ class PlantTask:
 
 
 def _with_modes(slow: SlowMotion, modes: ComplexModes, kept: BoolArray) -> SlowMotion:
-    """Return slow motion with additional complex modes."""
     A, B = modes.blocks(kept, modes.at_inputs[:, kept])
     left = 2.0 * modes.at_outputs[:, kept]
     pairs = np.stack([left.real, left.imag], axis=2).reshape(len(left), -1)
@@ -200,7 +197,7 @@ def make_task(
     """Return the task with the response at lines that resolve it.
 
     `damped` are the poles of the damped structure in rad/s and a function that returns its
-    spectrum. Raises SolverError if the response is not finite at a line.
+    spectrum.
     """
     powers = np.array([QUANTITIES[q] for q in quantities], dtype=np.intp)
     target = ResponseTarget.of(

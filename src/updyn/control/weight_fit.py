@@ -185,10 +185,9 @@ def _add_section(
 def _touched_and_free(
     bound: Bound, omega: RealArray, y: RealArray, weight: RealArray
 ) -> tuple[list[float], list[float]]:
-    """Return log frequencies where a bound is tight, and the middles of the widest gaps.
-
-    A peak of a section at a tight place lowers the bound elsewhere; a dip in a gap lowers it there.
-    """
+    """Return log frequencies where a bound is tight, and the middles of the widest gaps."""
+    # A peak of a section at a tight place lowers the bound elsewhere; a dip in a gap lowers it
+    # there.
     excess = bound.log_magnitude(omega) - y
     touched = np.argsort(excess, kind="stable")[: WEIGHT_FIT.trial_places]
     # Gaps lie between nearly tight places; their size is their area over log frequency.
@@ -282,11 +281,9 @@ def _largest_step(p: RealArray, order: int) -> RealArray:
 def _lift_above(
     p: RealArray, order: int, omega: RealArray, y: RealArray, weight: RealArray
 ) -> tuple[RealArray, RealArray, RealArray, float]:
-    """Return the parameters with the lowest gain above all lines, log |W|, slopes, and cost.
-
-    The damping of a section is limited by the spacing of the lines, between which a sharper one
-    could peak.
-    """
+    """Return the parameters with the lowest gain above all lines, log |W|, slopes, and cost."""
+    # The damping of a section is limited by the spacing of the lines, between which a sharper one
+    # could peak.
     first = 3 if order % 2 else 1
     p = p.copy()
     gaps = np.log(np.diff(np.log(omega))) if len(omega) > 1 else np.zeros(1)

@@ -73,7 +73,6 @@ def _weights(port: Port) -> str:
 
 
 def _is_plant(path: Path) -> bool:
-    """Return whether a plant format fits a file."""
     try:
         plant_format(path, "read_plant")
     except FormatError:

@@ -187,7 +187,6 @@ def _as_lists(value: Any) -> Any:
 
 
 def _check_digest(items: Mapping[str, Any], path: str | Path) -> None:
-    """Check the digest of items that have one."""
     if _DIGEST in items and items[_DIGEST] != _digest(items):
         raise FormatError(
             f"{_DIGEST}: the content of the file differs from what was written, by its digest."
@@ -305,7 +304,6 @@ _EARLIER: dict[str, Any] = {"relative_error": None, "zero_shift": []}
 
 
 def _replace_nan(found: dict[str, Any]) -> dict[str, Any]:
-    """Return items with None for nan."""
     out = {}
     for name, value in found.items():
         out[name] = None if isinstance(value, float) and math.isnan(value) else value
@@ -395,7 +393,6 @@ def _matrix(found: Any, columns: int, name: str, path: str | Path) -> RealArray:
 
 
 def _numbers(found: Any, ndim: int, name: str, path: str | Path) -> RealArray:
-    """Return an array of real numbers with `ndim` axes."""
     if (
         isinstance(found, list)
         and not all(map(is_number, found))

@@ -61,7 +61,6 @@ def describe_plant_result(result: PlantResult) -> str:
 
 
 def _zeros(plant: Plant) -> str:
-    """Return the shift of the antiresonances as text."""
     known = [zero for zero in plant.zero_shift if not math.isnan(zero.shift)]
     text = f"{format_count(len(plant.zero_shift), 'antiresonance')}"
     if known:

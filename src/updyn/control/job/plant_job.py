@@ -49,7 +49,6 @@ def default_plant_out(job: Job) -> Path:
 
 
 def _written_by_run(job: Job) -> bool:
-    """Return whether a run wrote the job file."""
     return is_run_job(job.path)
 
 
@@ -74,8 +73,7 @@ def plant_job(
 
     Without `run`, a finished run is searched in `out` and in the job's results folder; without one
     the plant is that of the original model. Files are replaced together; without a plant that holds
-    the tolerance, no plant file remains. Raises InputError for invalid input or a run of another
-    job, SolverError if the model has no response; nothing is written then.
+    the tolerance, no plant file remains.
     """
     out = check_plant_out(job, default_plant_out(job) if out is None else out)
     table = job.table(PlantTable)

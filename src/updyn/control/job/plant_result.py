@@ -101,8 +101,7 @@ def make_plant(
     """Make the plant, family and servo of a job; no plant if no order holds the tolerance.
 
     Without a `result` the plant is that of the original model; `source` is a sentence on it. With
-    `strict`, a failing servo is an error, else a note. Raises JobError with the line of the job if
-    the plant fails for another reason, SolverError if the model has no response at a frequency.
+    `strict`, a failing servo is an error, else a note.
     """
     job, number = ready.job, part_of_plant(ready.job)
     table = job.table(PlantTable)

@@ -108,11 +108,7 @@ class Nonlinear:
 
 
 def job_nonlinear(job: Job, model: Model, plant: Plant, servo: Servo) -> tuple[Nonlinear, ...]:
-    """Return limit cycles and simulation for each ``[[servo.nonlinear]]`` of a job.
-
-    Raises JobError with the line of the job if a mesh cannot be opened, no plant holds the
-    tolerance with it, or a number is out of its range.
-    """
+    """Return limit cycles and simulation for each ``[[servo.nonlinear]]`` of a job."""
     servo_table = job.table(ServoTable)
     out = []
     if servo_table is None:

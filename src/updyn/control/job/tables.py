@@ -267,8 +267,7 @@ class ControllerTable(Table):
     ) -> Controller:
         """Return the controller, sized by the inertia of the plant if the table states a crossover.
 
-        Without a `position` output, the gain of the position loop is not sized. Raises InputError
-        if the plant has no inertia for the rule, or for an invalid number.
+        Without a `position` output, the gain of the position loop is not sized.
         """
         if self.crossover is None:
             return Controller(**self.settings)

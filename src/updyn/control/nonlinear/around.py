@@ -87,9 +87,7 @@ def linear_loop(
     """Return the closed loop without its nonlinearity, which acts between output and input `at`.
 
     `names` are ``torque``, ``velocity``, ``position`` of a `Controller`, ``torque`` and
-    ``measured`` of others; None: the only candidate. `pade` is the order for the dead time. Raises
-    OptionError for a missing or unknown name or an unsuitable quantity, ModelError for a sampled
-    plant or an output that does not respond to the input as the nonlinearity requires.
+    ``measured`` of others; None: the only candidate. `pade` is the order for the dead time.
     """
     if not isinstance(plant, Plant):
         raise OptionError(

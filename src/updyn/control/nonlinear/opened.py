@@ -40,8 +40,7 @@ class OpenMesh:
         """Return the mesh with a gap from flank to flank, in rad of twist at the reference DOF.
 
         At `frequency` in Hz the damper dissipates as much as the loss factor of the mesh, which has
-        no counterpart in the time domain. Raises OptionError if a mesh with a loss factor lacks it,
-        or a number is out of range.
+        no counterpart in the time domain.
         """
         damping = self.damping
         if self.group.loss_factor:

@@ -57,10 +57,7 @@ class _Exact:
 
 
 def integrate(rules: PieceRules, start: RealArray, duration: float, step: float) -> Trajectory:
-    """Return the trajectory of a loop through its pieces; it ends with the last whole step.
-
-    Raises SolverError if pieces switch without end within one step, or the state overflows.
-    """
+    """Return the trajectory of a loop through its pieces; it ends with the last whole step."""
     exact = {name: _Exact(piece, step) for name, piece in rules.pieces.items()}
     with np.errstate(over="ignore", invalid="ignore"):
         return _follow_pieces(rules, exact, start, duration, step)

@@ -542,13 +542,11 @@ def _margins(loops: Sequence[Loop]) -> tuple[list[str], list[list[str]]]:
 
 
 def _robust(margin: RobustMargin) -> list[str]:
-    """Return the cells of a robust margin."""
     value = "∞" if math.isinf(margin.margin) else number(margin.margin, 3)
     return [margin.of, value, _hz(margin.at), _to_sentence(margin.meaning)]
 
 
 def _sampled_context(sampled: SampledLoops) -> dict[str, Any]:
-    """Return the table of the margins of the sampled loops."""
     head, rows = _margins(sampled.loops)
     late = "without delay"
     if sampled.delay:
@@ -734,5 +732,4 @@ def _drive_cells(drive: DriveFigures) -> list[tuple[str, str, str]]:
 
 
 def _units(dof: str) -> tuple[str, str]:
-    """Return the units of inertia and stiffness at a DOF."""
     return ("kg m²", "N m/rad") if "R" in dof else ("kg", "N/m")

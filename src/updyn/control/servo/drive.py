@@ -216,7 +216,6 @@ class DriveFigures:
 
 
 def _units(dof: str) -> tuple[str, str]:
-    """Return the units of inertia and stiffness at a DOF."""
     return ("kg m2", "N m/rad") if "R" in dof else ("kg", "N/m")
 
 
@@ -470,12 +469,10 @@ def _band_mask(freq: RealArray, limits: tuple[float, float] | None) -> BoolArray
 def _pairs(
     locked: Modes, free: Modes, separation: float, limits: tuple[float, float] | None
 ) -> tuple[tuple[ResonancePair, ...], tuple[float, ...]]:
-    """Return the observable pairs and the hidden locked-rotor frequencies.
-
-    Poles and zeros of a driving-point response alternate (Ewins, Modal Testing, 2nd ed. 2000,
-    chapter 2). Removing a neighbouring pole and zero keeps this order, so each remaining zero pairs
-    with the next pole.
-    """
+    """Return the observable pairs and the hidden locked-rotor frequencies."""
+    # Poles and zeros of a driving-point response alternate (Ewins, Modal Testing, 2nd ed. 2000,
+    # chapter 2). Removing a neighbouring pole and zero keeps this order, so each remaining zero
+    # pairs with the next pole.
     zeros, poles, hidden = _cancel_pairs(locked, free, separation)
     out = []
     for i in zeros:
@@ -595,11 +592,9 @@ def _choose_ratio(
 
 
 def _stiffness(model: Model, rigid: RealArray, at: IndexArray, note: str) -> RealArray:
-    """Return the stiffness condensed onto motor and load, shape (2, 2).
-
-    Rigid-body motions in which both DOFs are at rest carry no load, so supporting them statically
-    determinately does not change the result.
-    """
+    """Return the stiffness condensed onto motor and load, shape (2, 2)."""
+    # Rigid-body motions in which both DOFs are at rest carry no load, so supporting them
+    # statically determinately does not change the result.
     resting = rigid
     if rigid.shape[1]:
         resting = rigid @ scipy.linalg.null_space(rigid[at], rcond=DRIVE.rest_motion)

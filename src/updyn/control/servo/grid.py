@@ -95,11 +95,9 @@ def add_extremes(loop: Loop, w: RealArray, values: ComplexArray) -> tuple[RealAr
 
 
 def crossings_of_gain(loop: Loop, w: RealArray, values: ComplexArray) -> RealArray:
-    """Return the frequencies at which |L| = 1, in rad/s, ascending.
-
-    Crossings hidden by rounding next to a pole on the axis (an undamped mode that is hardly
-    observable) are omitted; the closed-loop poles determine the stability of such a mode.
-    """
+    """Return the frequencies at which |L| = 1, in rad/s, ascending."""
+    # Crossings hidden by rounding next to a pole on the axis (an undamped mode that is hardly
+    # observable) are omitted; the closed-loop poles determine the stability of such a mode.
     above = np.abs(values) >= 1.0
     at = np.flatnonzero(above[1:] != above[:-1])
     return _roots(lambda x: np.log(np.abs(loop(1j * x))), w, at)[0]

@@ -248,10 +248,8 @@ class Cascade:
         return wires, entries, taps
 
     def _differentiate_outputs(self, closed: StateSpace, outer: bool) -> StateSpace:
-        """Return a closed loop with displacements that serve as velocities differentiated.
-
-        The torque rolls off and causes no jump in them; an input that does gives nan in D.
-        """
+        """Return a closed loop with displacements that serve as velocities differentiated."""
+        # The torque rolls off and causes no jump in them; an input that does gives nan in D.
         C, D = closed.C.copy(), closed.D.copy()
         for row, power in ((0, int(not outer)), (2, self._powers[2])):
             if power == 1 and row < len(C):
@@ -260,10 +258,8 @@ class Cascade:
         return StateSpace(closed.A, closed.B, C, D)
 
     def _motion_states(self, outer: bool, pointing: bool) -> StateSpace:
-        """Return the plant from torque and disturbance to velocity, position and pointing.
-
-        A velocity of a displacement with direct feed-through remains the displacement.
-        """
+        """Return the plant from torque and disturbance to velocity, position and pointing."""
+        # A velocity of a displacement with direct feed-through remains the displacement.
         A, B, C, D = (getattr(self._system, n) for n in "ABCD")
         powers = self._powers
         C, D = C.copy(), D.copy()

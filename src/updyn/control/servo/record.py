@@ -342,7 +342,6 @@ def _name(loop: Loop) -> str:
 
 
 def _sampled_text(sampled: SampledLoops) -> list[str]:
-    """Return the margins of the sampled loops as lines of text."""
     late = "no delay"
     if sampled.delay:
         late = f"a delay of {sampled.delay} interval{'s' if sampled.delay > 1 else ''}"

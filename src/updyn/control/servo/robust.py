@@ -96,9 +96,9 @@ def _critical_factor(
 ) -> float:
     """Return the factor on the deviation of a member at which the loop becomes unstable.
 
-    L + t (L_k - L) = -1 at some frequency: the gain margin of (L_k - L) / (1 + L). Infinity if it
-    certainly exceeds `known`.
+    Infinity if it certainly exceeds `known`.
     """
+    # L + t (L_k - L) = -1 at some frequency: the gain margin of (L_k - L) / (1 + L).
 
     def loop(s: NumberArray) -> ComplexArray:
         away = (member.feedback_channels(s) - cascade.feedback_channels(s)).sum(axis=1)

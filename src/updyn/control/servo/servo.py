@@ -180,7 +180,6 @@ def servo(
 def _judge_sampled_loops(
     plant: Plant, controller: Controller, wiring: Wiring, judged: Sequence[JudgedLoop | None]
 ) -> SampledLoops:
-    """Return the loops on a sampled plant."""
     if not isinstance(plant, Plant):
         raise OptionError(f"sampled: expected a Plant, found {type(plant).__name__}")
     cascade = SampledCascade(plant, controller, wiring)
@@ -309,12 +308,10 @@ def _loop(name: str, judged: JudgedLoop, lines: RealArray, members: Sequence[Jud
 
 
 def _modulus_range(cascade: Cascade, judged: JudgedLoop, name: str) -> tuple[float, float] | None:
-    """Return the bounds of the modulus margin for the relative error d of the plant.
-
-    The velocity loop L changes by d |L|; the position loop by the share d (1 + |T|) / (1 - d |T|),
-    T = L / (1 + L) of the velocity loop; the loop at the torque by d times the sum of the moduli of
-    its two parts. |1 + L| changes by no more than L.
-    """
+    """Return the bounds of the modulus margin for the relative error d of the plant."""
+    # The velocity loop L changes by d |L|; the position loop by the share d (1 + |T|) / (1 - d
+    # |T|), T = L / (1 + L) of the velocity loop; the loop at the torque by d times the sum of the
+    # moduli of its two parts. |1 + L| changes by no more than L.
     plant, at = cascade.plant, judged.margins.modulus_margin_at
     error, (low, high) = plant.relative_error, plant.band
     if np.isnan(error) or at is None or not low <= at <= high:
@@ -336,7 +333,6 @@ def _modulus_range(cascade: Cascade, judged: JudgedLoop, name: str) -> tuple[flo
 def _robust(
     cascade: Cascade, judged: Sequence[JudgedLoop | None], members: Sequence[Cascade]
 ) -> tuple[RobustMargin, ...]:
-    """Return the robust margins of the loop broken at the torque."""
     whole = judged[2] or judged[0]
     if whole is None or not whole.margins.stable:
         return ()

@@ -43,12 +43,13 @@ def count_growing(poles: ComplexArray, scale: float) -> int:
 def nyquist_count(loop: Loop, w: RealArray, open_poles: ComplexArray, drifting: int) -> int:
     """Return the number of unstable closed-loop poles with dead time.
 
-    With p the poles of the open loop, chi(s) = prod(s - p) (1 + L(s)) has no poles, so the phase of
-    chi(j w) grows by (n - m - 2 Z) pi / 2 from w = 0 to infinity, where Z of its zeros lie to the
-    right and m (`drifting`) at 0 (Mikhailov's criterion). Dead time keeps the order n if |L| < 1
-    above the last line. `w` in rad/s begins below every closed-loop pole that is not at 0;
-    `open_poles` are without the dead time, including cancelled ones.
+    `w` in rad/s begins below every closed-loop pole that is not at 0; `open_poles` are without the
+    dead time, including cancelled ones.
     """
+    # Mikhailov's criterion: with p the poles of the open loop, chi(s) = prod(s - p) (1 + L(s)) has
+    # no poles, so the phase of chi(j w) grows by (n - m - 2 Z) pi / 2 from w = 0 to infinity,
+    # where Z of its zeros lie to the right and m (`drifting`) at 0. Dead time keeps the order n if
+    # |L| < 1 above the last line.
     lines, values = resolve(lambda s: 1.0 + loop(s), w)
     if abs(values[-1] - 1.0) >= 1.0:
         raise SolverError(
@@ -103,10 +104,8 @@ def judge_loops(cascade: Cascade) -> tuple[JudgedLoop, JudgedLoop | None]:
 
 
 def judge_torque(cascade: Cascade, outer: JudgedLoop) -> JudgedLoop:
-    """Return margins and stability of both loops closed, broken at the torque.
-
-    A change of gain or delay in drive and motor acts on both loops at this place.
-    """
+    """Return margins and stability of both loops closed, broken at the torque."""
+    # A change of gain or delay in drive and motor acts on both loops at this place.
     features = np.concatenate([cascade.zeros, outer.poles])
     return judge(cascade, cascade.torque, cascade.torque, cascade.poles, features, True)
 

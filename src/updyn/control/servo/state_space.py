@@ -66,10 +66,8 @@ class StateSpace:
 
 
 def balance(A: RealArray) -> tuple[RealArray, RealArray]:
-    """Return A with states of similar size, and the scales (powers of 2): x = scale * (new states).
-
-    The scales of subsystems without mutual coupling are unbounded, so they are limited.
-    """
+    """Return A with states of similar size, and their scales: x = scale * (new states)."""
+    # The scales of subsystems without mutual coupling are unbounded, so they are limited.
     if not len(A):
         return A, np.ones(0)
     with np.errstate(invalid="ignore"):  # scipy converts the scales to positions and discards these
@@ -89,7 +87,7 @@ def connect(
     """Return the interconnection of blocks.
 
     With u and y the stacked inputs and outputs of all blocks: u = wires y + entries w, and the
-    outputs are taps y (by default y). Raises OptionError for an algebraic loop of gain -1.
+    outputs are taps y (by default y).
     """
     A, B, C, D = (scipy.linalg.block_diag(*(getattr(b, name) for b in blocks)) for name in "ABCD")
     # y = C x + D (wires y + entries w)
@@ -110,11 +108,9 @@ def connect(
 
 
 def delay_approximation(delay: float, order: int) -> StateSpace:
-    """Return the diagonal Pade approximation of exp(-s delay), an all-pass of order 1 to 12.
-
-    Its denominator is a reverse Bessel polynomial, that of a Bessel filter with half the delay. The
-    system consists of second-order factors, which keep high orders well scaled.
-    """
+    """Return the diagonal Pade approximation of exp(-s delay), an all-pass of order 1 to 12."""
+    # Its denominator is a reverse Bessel polynomial, that of a Bessel filter with half the delay.
+    # The system consists of second-order factors, which keep high orders well scaled.
     from scipy.signal import besselap  # slow to import
 
     if not 1 <= order <= 12:
@@ -127,10 +123,8 @@ def delay_approximation(delay: float, order: int) -> StateSpace:
 
 
 def connect_sections(zeros: ComplexArray, poles: ComplexArray, gain: float) -> StateSpace:
-    """Return gain prod (s - zeros) / (s - poles) as sections in series, each scaled by its poles.
-
-    For an odd number of poles the first zero and the first pole are real; pairs follow.
-    """
+    """Return gain prod (s - zeros) / (s - poles) as sections in series, scaled by their poles."""
+    # For an odd number of poles the first zero and the first pole are real; pairs follow.
     out = StateSpace.gain(gain)
     first = len(poles) % 2
     cuts = [slice(0, 1)] * first + [slice(k, k + 2) for k in range(first, len(poles), 2)]
@@ -257,11 +251,9 @@ class Transfer:
 
 
 def channel_zeros(system: StateSpace) -> ComplexArray:
-    """Return the finite zeros of a system with one input and one output, in rad/s.
-
-    Generalised eigenvalues of [[A, B], [C, D]] (Emami-Naeini & Van Dooren 1982, Automatica 18, p.
-    415). Zeros far above all poles are infinite zeros moved by rounding, and are discarded.
-    """
+    """Return the finite zeros of a system with one input and one output, in rad/s."""
+    # Generalised eigenvalues of [[A, B], [C, D]] (Emami-Naeini & Van Dooren 1982, Automatica 18,
+    # p. 415). Zeros far above all poles are infinite zeros moved by rounding, and are discarded.
     n = system.n_states
     if n == 0:
         return np.zeros(0, dtype=np.complex128)

@@ -43,9 +43,10 @@ def linear_response(
 ) -> tuple[RealArray, RealArray]:
     """Return states and outputs of a system under inputs that are linear between samples.
 
-    `u`, shape (n_t, n_u), is sampled every `dt` s. First-order hold: exponential of the matrix
-    augmented with the input and its slope (Van Loan 1978, IEEE Trans. Autom. Control 23, p. 395).
+    `u`, shape (n_t, n_u), is sampled every `dt` s.
     """
+    # First-order hold: exponential of the matrix augmented with the input and its slope (Van Loan
+    # 1978, IEEE Trans. Autom. Control 23, p. 395).
     transition, held, sloped = interval_matrices(system.A, system.B, dt)
     transition = np.ascontiguousarray(transition.T)
     forced = u[:-1] @ held.T + np.diff(u, axis=0) @ sloped.T
@@ -64,9 +65,10 @@ def delayed_response(
     """Return time, outputs and their derivatives of a loop whose first output is fed back delayed.
 
     `opened` has the delayed input and the output to feed back first; `w` are the other inputs,
-    constant from time 0 on. `dt` divides `delay`. Method of steps: earlier steps give the delayed
-    input, which is linear between samples, with its jumps at multiples of the dead time.
+    constant from time 0 on. `dt` divides `delay`.
     """
+    # Method of steps: earlier steps give the delayed input, which is linear between samples, with
+    # its jumps at multiples of the dead time.
     late = round(delay / dt)
     transition, held, sloped = interval_matrices(opened.A, opened.B, dt)
     constant = held[:, 1:] @ w
@@ -115,10 +117,7 @@ def final_value(system: StateSpace, output: int, input: int) -> float:
 def schedule_intervals(
     system: StateSpace, output: int, input: int, duration: float | None = None
 ) -> list[tuple[int, float]]:
-    """Return numbers and lengths in s of the intervals that resolve a step response.
-
-    They resolve the fastest mode that contributes and by default end when the slowest has settled.
-    """
+    """Return numbers and lengths in s of intervals that resolve a step response."""
     poles, share = _pole_shares(system, output, input)
     rate = np.maximum(-poles.real, 1e-6 * np.abs(poles))
     largest = float(share.max(initial=0.0))
