@@ -207,8 +207,7 @@ class AffineSystem:
     def relative(self, at: Iterable[int], omega: RealArray) -> RealArray:
         """Return relative loss factors, shape (n_terms, n_lines), or (n_terms, 1) without tables.
 
-        `at` are the terms with tables to evaluate; others have 1. Raises ModelError if a line is
-        outside a table.
+        `at` are the terms with tables to evaluate; others have 1.
         """
         out = np.ones((len(self.terms), 1))
         for t in at:
@@ -301,10 +300,9 @@ def _combine_terms(terms: tuple[Term, ...], nnz: int) -> Any:
 
 
 def _union(matrices: list[Any], n: int) -> Any:
-    """Return the pattern of a sum and of the identity, as a sorted CSR array of booleans.
-
-    Adding neighbours in pairs copies each entry once per doubling; booleans never cancel to zero.
-    """
+    """Return the pattern of a sum and of the identity, as a sorted CSR array of booleans."""
+    # Adding neighbours in pairs copies each entry once per doubling; booleans never cancel to
+    # zero.
     if sum(m.nnz for m in matrices) + n <= AFFINE.sorted_entries:
         numbers = np.unique(np.concatenate([_full_positions(m) for m in matrices] + [_diagonal(n)]))
         ends = np.searchsorted(numbers, n * np.arange(n + 1)).astype(np.int32)
@@ -334,7 +332,6 @@ def _full_positions(matrix: Any) -> IntArray:
 
 
 def _diagonal(n: int) -> IntArray:
-    """Return the positions of the diagonal."""
     return (n + 1) * np.arange(n)
 
 
@@ -351,7 +348,6 @@ class _Places:
     _sorted: IntArray | None = field(default=None, init=False)
 
     def term(self, name: str, quantity: str, matrix: Any, table: LossTable | None) -> Term:
-        """Return the term of a canonical CSR matrix."""
         # All full patterns are equal.
         key = b"" if _is_full(matrix) else _digest(matrix.indptr, matrix.indices)
         if key not in self._known:

@@ -83,8 +83,7 @@ class ErrorEstimate:
         """Return the error of a basis by comparison with a larger basis that contains it.
 
         `narrow` has the first vectors of `basis`, `wide` all. `P` is K + omega_max^2 M in `basis`,
-        `definite` that of the full model at this or a close state. Raises SolverError if a reduced
-        model is singular at a line.
+        `definite` that of the full model at this or a close state.
         """
         eps = float(np.finfo(np.float64).eps)
         loaded, forced = channels.loaded, channels.forced

@@ -63,8 +63,7 @@ def weakest_dof(K: Any, M: Any) -> int:
 def real_pairs(K: Any, M: Any, n: int) -> Pairs:
     """Return the n lowest eigenvalues of K phi = lambda M phi (1/s2, ascending), and their vectors.
 
-    K and M must be positive semidefinite except for rounding. Raises SolverError if K + s M is
-    singular for every s, or modes were missed.
+    K and M must be positive semidefinite except for rounding.
     """
     heavy = np.flatnonzero(np.diff(M.indptr))
     share = EIGEN.dense_shift
@@ -91,7 +90,6 @@ def all_pairs(K: Any, M: Any, n: int) -> tuple[NumberArray, NumberArray, tuple[A
     """Return the n lowest eigenpairs of a small model, and a basis that diagonalises it.
 
     The basis is (V, diagonal of V^T K V, diagonal of V^T M V), the last 0 for motions without mass.
-    Raises SolverError if K + s M is singular for every s.
     """
     return all_dense_pairs(K.toarray(), M.toarray(), n)
 
@@ -261,8 +259,7 @@ def _count_below(K: Any, M: Any, value: RealArray, n: int) -> tuple[int, int] | 
 def complex_pairs(K: Any, M: Any, n: int, omega: float) -> Pairs:
     """Return at least n eigenpairs of complex symmetric K phi = lambda M phi near zero, in 1/s2.
 
-    Massless motions are omitted; `omega` in rad/s, the highest wanted frequency, is a scale. Raises
-    SolverError if the solver fails.
+    Massless motions are omitted; `omega` in rad/s, the highest wanted frequency, is a scale.
     """
     N = K.shape[0]
     shift = EIGEN.sparse_shift * omega**2
@@ -294,13 +291,11 @@ def complex_pairs(K: Any, M: Any, n: int, omega: float) -> Pairs:
 
 @use_one_thread
 def state_space_pairs(K: Any, C: Any, M: Any, omega: float) -> Pairs:
-    """Return lambda = -s^2 and vectors of s^2 M + s C + K for the roots s above the real axis.
-
-    Only these are valid, because structural damping (complex K) is defined for positive
-    frequencies. First companion linearisation (Tisseur & Meerbergen, SIAM Review 43 (2001) 235, eq.
-    3.4), with the time scaled by `omega` and each DOF to a unit diagonal: regular even if M is
-    singular. lambda = omega^2 (1 + i eta).
-    """
+    """Return lambda = -s^2 and vectors of s^2 M + s C + K for the roots s above the real axis."""
+    # Only these are valid, because structural damping (complex K) is defined for positive
+    # frequencies. First companion linearisation (Tisseur & Meerbergen, SIAM Review 43 (2001) 235,
+    # eq. 3.4), with the time scaled by `omega` and each DOF to a unit diagonal: regular even if M
+    # is singular. lambda = omega^2 (1 + i eta).
     k, c, m = K.toarray(), omega * C.toarray(), omega**2 * M.toarray()
     unit = 1.0 / np.sqrt(np.abs(np.diag(k)) + np.abs(np.diag(c)) + np.abs(np.diag(m)))
     k, c, m = (unit[:, None] * a * unit for a in (k, c, m))

@@ -69,10 +69,8 @@ class Excitation:
         return np.array_equal(self.moved, self.forced)
 
     def hold(self, system: AffineSystem, highest: float) -> AffineSystem:
-        """Return the system with springs to ground at the base, which do not change the result.
-
-        Their stiffness is above the dynamic stiffness of the base up to the line `highest` (Hz).
-        """
+        """Return the system with springs to ground at the base, which do not change the result."""
+        # Their stiffness is above the dynamic stiffness of the base up to the line `highest` (Hz).
         if not self.is_base:
             return system
         c = system.coefficients(system.start, np.array([0.0, 2.0 * np.pi * highest]))
@@ -88,11 +86,7 @@ class Excitation:
 
 
 def find_excitation(dofs: DofSet, frf: FRF) -> Excitation | None:
-    """Return the excitation of a measurement in a model with `dofs`; None for measured forces.
-
-    Raises `DataError` if the base or the force is not stated or there are several references, and
-    `DofError` if a DOF is not in the model.
-    """
+    """Return the excitation of a measurement in a model with `dofs`; None for measured forces."""
     if frf.quantity != TRANSMISSIBILITY:
         return None
     if frf.base is None and frf.force is None:
@@ -145,12 +139,7 @@ def _find_ratio(dofs: DofSet, reference: Dof, force: Dof) -> Excitation:
 
 
 def hold_base(model: Model, frf: FRF) -> tuple[Model, FRF]:
-    """Return the model with its base fixed, and the data of the sensors that are not on the base.
-
-    Model and data without a base are returned unchanged. Raises `DataError` if all sensors are at
-    the base, or the responses are relative to a sensor that a force moves: their peaks are no
-    natural frequencies.
-    """
+    """Return the model with its base fixed and the data of the sensors off the base."""
     if frf.quantity != TRANSMISSIBILITY:
         return model, frf
     if frf.base is None:

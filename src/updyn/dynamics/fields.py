@@ -202,11 +202,7 @@ class LineSolver:
         freq: RealArray,
         pencil: Pencil | None = None,
     ) -> ComplexArray:
-        """Return X of Z X = E, (N, n_lines, r) in m/N; E are columns of the identity.
-
-        A `pencil` must be that of the same state. Raises SolverError, with the line, if Z is
-        singular.
-        """
+        """Return X of Z X = E, (N, n_lines, r) in m/N; E are columns of the identity."""
         n, r = self.system.n, len(columns)
         B = make_unit_loads(n, columns)
         if self.tier == "dense":

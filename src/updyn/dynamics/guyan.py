@@ -23,12 +23,9 @@ _LOOSE = (
 
 
 def reduced_mass(model: Model, dofs: Iterable[str | Dof]) -> RealArray:
-    """Return T^T M T, T = [I; -K_ss^-1 K_sn], in kg (kg m2) (Guyan, AIAA J. 3 (1965) 380).
-
-    A sign reverses a DOF. The mass is accurate for modes that resemble the deformation under static
-    loads at these DOFs. Raises DofError for a DOF that is not in the model, and SolverError if the
-    structure with these DOFs fixed has a motion without stiffness.
-    """
+    """Return T^T M T, T = [I; -K_ss^-1 K_sn], in kg (kg m2) (Guyan, AIAA J. 3 (1965) 380)."""
+    # A sign reverses a DOF. The mass is accurate for modes that resemble the deformation under
+    # static loads at these DOFs.
     kept = DofSet(dofs)
     match = model.dofs.match(kept, "DOF to keep")
     rest = model.dofs.complement(kept)

@@ -48,11 +48,8 @@ def begin_reduction(
     state: State,
     freq: RealArray,
 ) -> None:
-    """Begin a reduction with the kept basis if it serves, or else with a new one.
-
-    The kept basis is compressed, because other sensors and a single state need fewer vectors.
-    Raises SolverError if the model cannot be solved at the state.
-    """
+    """Begin a reduction with the kept basis if it serves, or else with a new one."""
+    # The kept basis is compressed, because other sensors and a single state need fewer vectors.
     if kept is not None and kept.is_valid_for(model, reduction.band):
         reduction.basis = kept.basis.take_leading(kept.basis.size)
     else:

@@ -91,12 +91,10 @@ class LineResiduals:
         )
 
     def magnitudes(self) -> RealArray:
-        """Return |u_i|^T |Z| |u_j| for all loaded DOFs i and references j, shape (n_lines, k, n_j).
-
-        |Z| is the sum of the magnitudes of its terms. Times the unit roundoff, this bounds the
-        change of H_ij by a rounding error in each matrix entry (Higham, Accuracy and Stability of
-        Numerical Algorithms (2002), section 7.2).
-        """
+        """Return |u_i|^T |Z| |u_j| for loaded DOFs i and references j, (n_lines, k, n_j)."""
+        # |Z| is the sum of the magnitudes of its terms. Times the unit roundoff, this bounds the
+        # change of H_ij by a rounding error in each matrix entry (Higham, Accuracy and Stability
+        # of Numerical Algorithms (2002), section 7.2).
         out = np.zeros(self.H.shape)
         for line, sum_of in enumerate(out):
             q = self._q[:, line]

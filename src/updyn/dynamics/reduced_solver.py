@@ -131,7 +131,6 @@ class ReducedSolver:
         """Return the coordinates q of V^T Z V q = V^T E, (r, n_lines, k); `at` returns the motion.
 
         E are the columns `columns` of the identity. A `pencil` must be that of the same state.
-        Raises SolverError, with the line, if the matrix is singular.
         """
         loads = self._rows_of(columns).T
 

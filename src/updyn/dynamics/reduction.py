@@ -140,8 +140,8 @@ class Reduction:
         Each state adds, by one factorisation, the fields of the references and of two random
         combinations of the sensors, which differ between states (tangential interpolation:
         Gallivan, Vandendorpe & Van Dooren, SIAM J. Matrix Anal. Appl. 26 (2004) 328). States that
-        cannot be factorised are skipped; SolverError if none can. `across` gives other shifts and
-        vectors, for accuracy in the whole band.
+        cannot be factorised are skipped. `across` gives other shifts and vectors, for accuracy in
+        the whole band.
         """
         self._begin(states[0])
         rng, across = np.random.default_rng(seed), across or VectorsPerState()
@@ -233,7 +233,6 @@ class Reduction:
         return self.system.coefficients(state, np.array([2.0 * np.pi * self.band[1]]))[:, 0].imag
 
     def _mass_weights(self, state: State) -> RealArray:
-        """Return the weight of each term in M."""
         return np.array([t.quantity == "mass" for t in self.system.terms]) * state.factor
 
     # -- use ---------------------------------------------------------------------------------
@@ -247,10 +246,8 @@ class Reduction:
 
     @use_one_thread
     def compress(self, state: State, freq: RealArray) -> None:
-        """Reduce the basis to that of the fields at a state, by proper orthogonal decomposition.
-
-        The dropped directions change the receptance by far less than the permitted error.
-        """
+        """Reduce the basis to that of the fields at a state, by proper orthogonal decomposition."""
+        # The dropped directions change the receptance by far less than the permitted error.
         r = self.basis.size
         gram = np.zeros((r, r))
         for q, H in self._yield_responses(state, freq, self._loaded_dofs):
@@ -266,10 +263,11 @@ class Reduction:
         """Reduce the basis to fields at many states; return rms changes, shape (n_rows, n_columns).
 
         `share` is the root of the share of the energy that may be dropped, on the scale of the
-        first state. Each field of a reference is accompanied by one of a random combination of the
-        sensors, because the accuracy of a receptance depends on both. Each state uses every n-th
-        line, with its own offset.
+        first state.
         """
+        # Each field of a reference is accompanied by one of a random combination of the sensors,
+        # because the accuracy of a receptance depends on both. Each state uses every n-th line,
+        # with its own offset.
         rng = np.random.default_rng(len(states))
         metric = self.basis.weighted_sum(self.shifted.weights(states[0], -self.shifted.top))
         solver = self.solver()
@@ -324,22 +322,18 @@ class Reduction:
     ) -> Certificate:
         """Return the error at a state, and enrich the basis until the error is small enough.
 
-        Every pass computes residuals at `count` other lines (by default
-        `REDUCTION.lines_per_pass`), including the strongest; the last adds
-        nothing to the basis. The certified error exceeds the permitted one if enrichment was
-        insufficient. Raises SolverError if K + omega_max^2 M is not definite, or the reduced model
-        is singular at a line.
+        The certified error exceeds the permitted one if enrichment was insufficient.
         """
+        # Every pass computes residuals at `count` other lines, including the strongest; the last
+        # adds nothing to the basis.
         count = REDUCTION.lines_per_pass if count is None else count
         (found,) = self._certify_states([state], freq, enrich=enrich, count=count)
         return found
 
     @use_one_thread
     def certify_or_enrich(self, state: State, freq: RealArray) -> Certificate | None:
-        """Return the error at a state; if it is too large, enrich the basis and return None.
-
-        This is for a point that changes with the basis, which makes an earlier error invalid.
-        """
+        """Return the error at a state; if it is too large, enrich the basis and return None."""
+        # This is for a point that changes with the basis, which makes an earlier error invalid.
         with self.shifted.hold():
             definite, size = self.shifted.factor_definite(state), self.basis.size
             level = np.linalg.norm(self._receptance(state, freq), axis=(1, 2))
@@ -359,11 +353,9 @@ class Reduction:
 
     @use_one_thread
     def errors(self, states: Sequence[State], freq: RealArray) -> RealArray:
-        """Return `Certificate.error` at several states without changes of the basis.
-
-        Close states share a factorisation: P of one is as definite for the next, and at most 1 +
-        0.1 times as large. Raises SolverError as `certify`.
-        """
+        """Return `Certificate.error` at several states without changes of the basis."""
+        # Close states share a factorisation: P of one is as definite for the next, and at most 1 +
+        # 0.1 times as large.
         found = self._certify_states(states, freq, enrich=False, count=REDUCTION.lines_per_pass)
         return np.array([certificate.error for certificate in found])
 
@@ -405,10 +397,8 @@ class Reduction:
         lines: Sequence[float],
         allowed: float,
     ) -> ErrorEstimate | None:
-        """Check some lines and return the error at all lines, or None if the basis has grown.
-
-        The directions missing at these lines are then part of the basis, as its larger part.
-        """
+        """Check some lines and return the error at all lines, or None if the basis has grown."""
+        # The directions missing at these lines are then part of the basis, as its larger part.
         size = self.basis.size
         missing = list(self._check_in_groups(definite, state, lines, allowed))
         if self.basis.size > size:
@@ -420,10 +410,7 @@ class Reduction:
     def enrich_until_accurate(
         self, states: Sequence[State], freq: RealArray, *, accuracy: float | None = None
     ) -> None:
-        """Enrich the basis at some states until the residuals at some lines are small enough.
-
-        Unlike `certify`, it does not compute the error at all lines; SolverError as `certify`.
-        """
+        """Enrich the basis at some states until the residuals at some lines are small enough."""
         allowed = REDUCTION.enriched_share * (self.accuracy if accuracy is None else accuracy)
         for definite, state in self.shifted.factor_definites(states):
             level = np.linalg.norm(self._receptance(state, freq), axis=(1, 2))
@@ -493,10 +480,11 @@ class Reduction:
     ) -> bool:
         """Enrich the basis at a few lines by P of another state; return whether it has grown.
 
-        P of another state is definite, too, so P^-1 r is a preconditioned residual. A few passes
-        make the basis accurate for stiffnesses that differ by a factor of e. `level` is the
-        approximate magnitude of the response at each line; each pass (`number`) uses other lines.
+        `level` is the approximate magnitude of the response at each line; each pass (`number`) uses
+        other lines.
         """
+        # P of another state is definite, too, so P^-1 r is a preconditioned residual. A few passes
+        # make the basis accurate for stiffnesses that differ by a factor of e.
         size = self.basis.size
         lines = _choose_lines(freq, level, REDUCTION.nearby_parts, number)[1:-1]
         self._check_all(definite, state, lines, REDUCTION.enriched_share * accuracy)
@@ -516,11 +504,9 @@ class Reduction:
         return worst
 
     def _orthonormalise(self, pieces: list[RealArray], state: State) -> RealArray:
-        """Return a basis for the columns of pieces, (N, k) each, orthonormal in K + omega_max^2 M.
-
-        The weakest directions, due to rounding, are omitted. The pieces are consumed to save
-        memory.
-        """
+        """Return a basis of the columns of pieces, (N, k), orthonormal in K + omega_max^2 M."""
+        # The weakest directions, due to rounding, are omitted. The pieces are consumed to save
+        # memory.
         W = _join_columns(pieces)
         joined_basis = Basis(self.system, self.basis.weight)
         joined_basis.extend(W)
@@ -539,11 +525,9 @@ class Reduction:
     def _estimate_within(
         self, definite: Factorised, state: State, freq: RealArray, size: int
     ) -> ErrorEstimate:
-        """Return the estimate with as many of the vectors after the first `size` as possible.
-
-        The last ones, of least importance, are omitted if they make the larger model singular by
-        rounding.
-        """
+        """Return the estimate with as many of the vectors after the first `size` as possible."""
+        # The last ones, of least importance, are omitted if they make the larger model singular by
+        # rounding.
         while True:
             try:
                 return self._estimate(definite, state, freq, size)
@@ -607,12 +591,9 @@ class Reduction:
     def _check_lines(
         self, definite: Factorised, state: State, lines: RealArray, allowed: float
     ) -> RealArray:
-        """Add important missing directions at some lines, or return all if none is important.
-
-        None is important if no error exceeds `allowed`. Directions missing at several lines are
-        added once: with Y = P^-1 R, R^T Y is their Gram matrix in P (in single precision Y^T P Y,
-        because R^T Y is inaccurate).
-        """
+        """Add missing directions at some lines, or return all if no error exceeds `allowed`."""
+        # Directions missing at several lines are added once: with Y = P^-1 R, R^T Y is their Gram
+        # matrix in P (in single precision Y^T P Y, because R^T Y is inaccurate).
         solver = self.solver()
         checked = LineResiduals(solver, self.basis, self._channels, state, lines)
         R = checked.residual()

@@ -24,12 +24,10 @@ def even_lines(low: float, high: float, n: int) -> RealArray:
 
 
 def resonance_lines(model: Model, low: float, high: float, limit: int) -> RealArray:
-    """Return lines in a band (Hz) that resolve resonances; none if the modes are not computable.
-
-    The lines of a mode are f sqrt(1 + eta tan(theta)) with evenly spaced theta: equal distances
-    along its circle in the complex plane (Kennedy & Pancu, J. Aeronaut. Sci. 14 (1947) 603-625). If
-    `limit` permits fewer than four lines for each mode, only the lowest modes are resolved.
-    """
+    """Return lines in a band (Hz) that resolve resonances; none if the modes are not computable."""
+    # The lines of a mode are f sqrt(1 + eta tan(theta)) with evenly spaced theta: equal distances
+    # along its circle in the complex plane (Kennedy & Pancu, J. Aeronaut. Sci. 14 (1947) 603-625).
+    # If `limit` permits fewer than four lines for each mode, only the lowest modes are resolved.
     found = _modes_up_to(model, high, limit // RESONANCE_LINES.least_lines)
     if found is None:
         return np.empty(0)

@@ -79,11 +79,7 @@ class Shifted:
         error: float,
         single_only: bool = False,
     ) -> Factorised:
-        """Factorise K - s M (`shift` s in 1/s^2) and release the previous factorisation.
-
-        Raises SolverError if it is singular, memory is short, or single precision is too inaccurate
-        for `error` and `single_only` excludes double precision.
-        """
+        """Factorise K - s M (`shift` s in 1/s^2) and release the previous factorisation."""
         self._definite = None
         self.count += 1
         freq = float(np.sqrt(max(shift, 0.0)) / (2.0 * np.pi))
@@ -94,11 +90,9 @@ class Shifted:
     def solve(
         self, state: State, shift: float, loads: RealArray
     ) -> tuple[float, Factorised, RealArray]:
-        """Return s, the factorised K - s M and solutions for loads (N, k); errors as `factorise`.
-
-        If s is a natural frequency, it is moved away from the middle of the band, which keeps the
-        ends of the band outside.
-        """
+        """Return s, the factorised K - s M, and solutions for loads (N, k)."""
+        # If s is a natural frequency, it is moved away from the middle of the band, which keeps
+        # the ends of the band outside.
         away, moves = np.copysign(self.top, shift - 0.5 * self.top), self._moves
         for far, single_only in moves:
             s = float(shift + far * away)
@@ -111,10 +105,8 @@ class Shifted:
         raise AssertionError
 
     def count_modes_below(self, state: State, frequency: float) -> int | None:
-        """Return the number of modes below a frequency in Hz, by Sylvester's law of inertia.
-
-        None if the backend does not count, or the frequency is a natural frequency.
-        """
+        """Return the number of modes below a frequency in Hz; None if it cannot be counted."""
+        # Sylvester's law of inertia; the frequency must not be a natural frequency.
         try:
             shift = (2.0 * np.pi * frequency) ** 2
             return self.factorise(state, shift, error=BASIS.new_norm).negative
