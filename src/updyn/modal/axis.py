@@ -72,10 +72,8 @@ class Axis:
         return np.asarray(np.hypot(std[1], self.loss(poles) * std[0]) / np.abs(poles.real))
 
     def modal(self, poles: ComplexArray, residues: ComplexArray) -> ComplexArray:
-        """Return phi phi^T for residues of accelerance, both of shape (k, ...).
-
-        s^2 A / (s - p) has the residue p^2 A, with A = phi phi^T / (2 i omega_d); x A / (x - p) has
-        p A.
-        """
+        """Return phi phi^T for residues of accelerance, both of shape (k, ...)."""
+        # s^2 A / (s - p) has the residue p^2 A, with A = phi phi^T / (2 i omega_d); x A / (x - p)
+        # has p A.
         factor = 2j * poles.imag / poles**2 if self.mirrored else 1.0 / poles
         return np.asarray(residues * factor.reshape(-1, *(1,) * (residues.ndim - 1)))

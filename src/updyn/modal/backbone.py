@@ -22,10 +22,10 @@ __all__ = ["Backbone", "Level", "fit_backbone", "motion", "predict_gain"]
 def motion(x: ComplexArray, pole: complex, shift: complex, width: float) -> RealArray:
     """Return the square of the motion of a mode relative to that of the linear peak, shape (n,).
 
-    With X = (x - pole) / width and C = shift / width, a |X - C a|^2 = 1; `width` is the distance of
-    the half-power points from the pole. Of up to three solutions, above 1.54 widths, the smallest
-    is returned.
+    `width` is the distance of the half-power points from the pole.
     """
+    # With X = (x - pole) / width and C = shift / width, a |X - C a|^2 = 1. Of up to three
+    # solutions, above 1.54 widths, the smallest is returned.
     X, C = (x - pole) / width, shift / width
     square, crossed = np.abs(X) ** 2, 2.0 * (X.conj() * C).real
     # 1 / a = square / 3 + t is the largest root of b^3 - square b^2 + crossed b - |C|^2 (Cardano).
@@ -143,11 +143,9 @@ class Backbone:
         return self.level.join([fit.residues[0] for fit in self.fits])
 
     def agreement(self, width: float) -> float:
-        """Return the squared shift relative to its variance between channels.
-
-        By chance it has Hotelling's T^2 distribution with p - 1 degrees of freedom, also if the
-        residuals are not noise (H. White, Econometrica 50 (1982) 1-25).
-        """
+        """Return the squared shift relative to its variance between channels."""
+        # By chance it has Hotelling's T^2 distribution with p - 1 degrees of freedom, also if the
+        # residuals are not noise (H. White, Econometrica 50 (1982) 1-25).
         follow = np.linalg.lstsq(self.normal, self.gradients.T, rcond=None)[0][2:]
         shift = np.array([self.shift.real, self.shift.imag]) / width
         return float(shift @ np.linalg.lstsq(follow @ follow.T, shift, rcond=None)[0])
@@ -226,7 +224,6 @@ def _compute_step(current: Backbone, damping: float) -> tuple[ComplexArray, floa
 
 
 def _select_channels(window: LineWindow, chosen: BoolArray, shift: complex) -> _LeaningWindow:
-    """Return the window of some channels."""
     subtracted = window.subtracted if len(window.subtracted) == 1 else window.subtracted[chosen]
     parts = (
         window.basis,

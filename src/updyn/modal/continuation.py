@@ -15,13 +15,11 @@ __all__ = ["remove_decay"]
 
 
 def remove_decay(frf: FRF) -> FRF:
-    """Return FRFs on the axis of real frequency; data without a decay unchanged.
-
-    Accelerances H(i omega + decay) of records with an exponential window are fitted by a rational
-    function of -s^2 with common poles, exact for structural damping; the change of the fit to i
-    omega is added to the data, so their deviations are kept. A line at 0 Hz is unchanged: the
-    window affects it only to second order.
-    """
+    """Return FRFs on the axis of real frequency; data without a decay unchanged."""
+    # Accelerances H(i omega + decay) of records with an exponential window are fitted by a
+    # rational function of -s^2 with common poles, exact for structural damping; the change of the
+    # fit to i omega is added to the data, so their deviations are kept. A line at 0 Hz is
+    # unchanged: the window affects it only to second order.
     if not frf.decay:
         return frf
     moving = frf.freq > 0.0

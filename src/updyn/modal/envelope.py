@@ -111,7 +111,6 @@ class Envelope:
 
 
 def _power_over_time(columns: ComplexArray | RealArray, n: int | None = None) -> RealArray:
-    """Return the power over time of functions of lines."""
     return np.asarray(np.abs(np.fft.ifft(columns, n, axis=0)) ** 2)
 
 
@@ -137,10 +136,10 @@ def _power_response(response: ComplexArray | RealArray) -> RealArray:
 def _estimate_power(powers: Sequence[RealArray], responses: Sequence[RealArray]) -> RealArray:
     """Return the estimated power over time, with mean 1, by a fixed-point iteration.
 
-    `powers` have the shape (m, p), `responses`, (m, m), are from `_power_response`. Medians of
-    measured over expected powers are used, because a mode in one part would raise the mean; for
-    exponentially distributed powers the median is log 2 times the mean.
+    `powers` have the shape (m, p), `responses`, (m, m), are from `_power_response`.
     """
+    # Medians of measured over expected powers are used, because a mode in one part would raise the
+    # mean; for exponentially distributed powers the median is log 2 times the mean.
     whole = np.ones(NOISE_ENVELOPE.part_lines)
     response_at_time = np.mean([np.sum(r, axis=1) for r in responses], axis=0)
     known = response_at_time > NOISE_ENVELOPE.least_remaining_share * np.max(response_at_time)
@@ -155,11 +154,9 @@ def _estimate_power(powers: Sequence[RealArray], responses: Sequence[RealArray])
 
 
 def _extrapolate_power(power: RealArray, known: BoolArray) -> RealArray:
-    """Return the power over time, with mean 1, extrapolated to times around 0.
-
-    The extrapolation, from the powers just after and (time is periodic) just before, is
-    exponential, like the decay of records with an exponential window.
-    """
+    """Return the power over time, with mean 1, extrapolated to times around 0."""
+    # The extrapolation, from the powers just after and (time is periodic) just before, is
+    # exponential, like the decay of records with an exponential window.
     at = np.flatnonzero(known)
     first, last = int(at[0]), int(at[-1])
     logs = np.log(power + CHANNEL_FIT.smallest_divisor)

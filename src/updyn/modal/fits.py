@@ -90,10 +90,8 @@ class Mode:
 
 
 def bundle_poles(measured: Measured, fits: Sequence[WeightedFit]) -> list[list[tuple[int, int]]]:
-    """Return groups of close poles by fit and position; each pick is a group.
-
-    The poles of one mode have similar damping; a wide pole among narrow ones is background.
-    """
+    """Return groups of close poles by fit and position; each pick is a group."""
+    # The poles of one mode have similar damping; a wide pole among narrow ones is background.
     at = [(k, r) for k, fit in enumerate(fits) for r in range(len(fit.window_fit.poles))]
     poles = np.array([fits[k].window_fit.poles[r] for k, r in at], dtype=np.complex128)
     added = np.array([fits[k].added[r] >= 0 for k, r in at], dtype=np.bool_)

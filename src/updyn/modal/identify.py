@@ -131,11 +131,9 @@ def identify_with_picks(
 
 
 def _refine_exact_modes(measured: Measured, modes: list[Mode]) -> list[Mode]:
-    """Return the modes of noise-free data to rounding accuracy.
-
-    Only the polynomial for modes outside the window limits the accuracy of such data; vector
-    fitting from the known poles also finds poles outside the band.
-    """
+    """Return the modes of noise-free data to rounding accuracy."""
+    # Only the polynomial for modes outside the window limits the accuracy of such data; vector
+    # fitting from the known poles also finds poles outside the band.
     if not modes or min(mode.quality for mode in modes) < 1.0 - NOISE_FREE_DATA.unexplained_share:
         return modes
     begin = np.array([mode.pole for mode in modes])
@@ -165,10 +163,8 @@ def _refine_exact_modes(measured: Measured, modes: list[Mode]) -> list[Mode]:
 
 
 def _identify_noise_free(measured: Measured) -> list[Mode]:
-    """Return the modes of few lines without noise; none for noisy data, or without modes.
-
-    Few lines may be too far apart for a search part by part, but determine all poles together.
-    """
+    """Return the modes of few lines without noise; none for noisy data, or without modes."""
+    # Few lines may be too far apart for a search part by part, but determine all poles together.
     axis, most = measured.axis, len(measured.x) // MODE_WINDOW.lines_per_mode
     first = min(VECTOR_FITTING.first_poles, most)
     f = np.linspace(measured.freq[0], measured.freq[-1], first + 2)[1:-1]
@@ -188,10 +184,8 @@ def _identify_noise_free(measured: Measured) -> list[Mode]:
 
 
 def _fit_exactly(measured: Measured, begin: ComplexArray, most: int) -> RationalFit | None:
-    """Return an exact rational fit of the data by vector fitting; None if there is none.
-
-    Most noisy data are excluded by a subset of the lines, at lower cost.
-    """
+    """Return an exact rational fit of the data by vector fitting; None if there is none."""
+    # Most noisy data are excluded by a subset of the lines, at lower cost.
     Y = measured.cube.reshape(len(measured.x), -1)
     combinations = np.linalg.svd(Y, full_matrices=False)[2].conj().T
     few = np.asarray(Y @ combinations[:, : NOISE_FREE_DATA.strongest_functions])
@@ -276,10 +270,8 @@ def _make_mode_set(
 
 
 def _compute_lean(axis: Axis, mode: Mode) -> float:
-    """Return the shift of the frequency in Hz with the motion; nan if it is insignificant.
-
-    If damping changes more than stiffness, the peak is flat and does not lean.
-    """
+    """Return the shift of the frequency in Hz with the motion; nan if it is insignificant."""
+    # If damping changes more than stiffness, the peak is flat and does not lean.
     if not mode.shift:
         return np.nan
     ends = np.array([mode.pole, mode.pole + mode.shift])
@@ -289,7 +281,6 @@ def _compute_lean(axis: Axis, mode: Mode) -> float:
 
 
 def _select_modes(measured: Measured, modes: list[Mode]) -> list[Mode]:
-    """Return the physical modes and the picks."""
     shape, mirrored = measured.level.shape, measured.axis.mirrored
     physical = [mode for mode in modes if mode.added >= 0 or _is_physical(measured, mode)]
     return [

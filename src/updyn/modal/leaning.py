@@ -84,11 +84,9 @@ class Leaning:
     gain: float
 
     def mode(self) -> Mode:
-        """Return the mode.
-
-        Its standard deviation includes the shift along the peak as the root mean square, weighted
-        by the squared motion, because a model without this shift is compared with it.
-        """
+        """Return the mode."""
+        # Its standard deviation includes the shift along the peak as the root mean square,
+        # weighted by the squared motion, because a model without this shift is compared with it.
         window, weights, found = self.fit.window, self.fit.weights, self.backbone
         pole = np.array([found.pole])
         std, errors = found.spread(window, weights)
@@ -105,10 +103,8 @@ class Leaning:
 def find_leaning(
     measured: Measured, fits: Sequence[WeightedFit], bundles: Sequence[Bundle]
 ) -> list[Leaning]:
-    """Return the leaning peaks among the poles of all fits.
-
-    Forces at all references are assumed to have the same amplitude.
-    """
+    """Return the leaning peaks among the poles of all fits."""
+    # Forces at all references are assumed to have the same amplitude.
     found: list[Leaning] = []
     for _ in range(LEANING_PEAK.iterations):
         envelope = _estimate_envelope(measured, fits, found)
@@ -206,11 +202,9 @@ def _mode_response(window: LineWindow, pole: complex, residues: ComplexArray) ->
 def _compare(
     measured: Measured, fit: WeightedFit, part: list[int], claim: PolesByRun | None, count: int
 ) -> tuple[WeightedFit, Backbone, float] | None:
-    """Return poles of a fit as one leaning peak, with its gain; None if it is no better.
-
-    It must be better than the poles `part` of the fit, than one linear pole, and than poles for
-    each run (`claim`). `count` is the number of peaks in the band.
-    """
+    """Return poles of a fit as one leaning peak, with its gain; None if it is no better."""
+    # It must be better than the poles `part` of the fit, than one linear pole, and than poles for
+    # each run (`claim`).
     window, weights, common = fit.window, fit.weights, fit.window_fit
     p, n_f = window.Y.shape
     inflation = 2.0 * float(np.mean(window.inflation(common.poles, weights)[part]))
@@ -256,10 +250,8 @@ def _is_better(
 
 
 def _chance_agreement(p: int, count: int) -> float:
-    """Return Hotelling's T^2 that shifts of p channels exceed by chance at any peak.
-
-    Two channels do not determine the variance of a shift with two parts.
-    """
+    """Return Hotelling's T^2 that shifts of p channels exceed by chance at any peak."""
+    # Two channels do not determine the variance of a shift with two parts.
     if p < 3:
         return 0.0
     ratio = scipy.special.fdtri(2, p - 2, 1.0 - UNEXPLAINED_PEAK.false_alarm / count)
@@ -267,7 +259,6 @@ def _chance_agreement(p: int, count: int) -> float:
 
 
 def _estimate_weights(found: Backbone) -> Weights:
-    """Return weights from the residual of a fit."""
     deviations = [
         ChannelNoise.of(fit.unbiased_squared_error, fit.size).deviation(fit.size)
         for fit in found.fits

@@ -22,13 +22,11 @@ __all__ = ["fit_orders"]
 
 
 def fit_orders(omega: RealArray, Y: ComplexArray, orders: Iterable[int]) -> Iterator[ComplexArray]:
-    """Yield the stable poles s in rad/s within the band for fits of increasing order.
-
-    Right matrix fraction Y(omega) = B(omega) A(omega)^-1, Y of shape (n_f, n_o, n_r), in powers of
-    z = exp(-i (omega - omega_1) T), with the band on half of the circle; numerators are eliminated
-    from the normal equations (Peeters et al. 2004, equations 10-17). Each order has n_r poles,
-    counting both of a conjugate pair.
-    """
+    """Yield the stable poles s in rad/s within the band for fits of increasing order."""
+    # Right matrix fraction Y(omega) = B(omega) A(omega)^-1, Y of shape (n_f, n_o, n_r), in powers
+    # of z = exp(-i (omega - omega_1) T), with the band on half of the circle; numerators are
+    # eliminated from the normal equations (Peeters et al. 2004, equations 10-17). Each order has
+    # n_r poles, counting both of a conjugate pair.
     orders = list(orders)
     n_r, largest = Y.shape[2], max(orders)
     step = np.pi / (omega[-1] - omega[0])

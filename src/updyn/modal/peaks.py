@@ -43,11 +43,9 @@ def find_resonance_peaks(frf: FRF) -> ModeSet | None:
 
 
 def find_prominences(level: RealArray) -> tuple[IndexArray, RealArray]:
-    """Return positions of the inner local maxima of a curve, and their topographic prominences.
-
-    A prominence is the height over the higher of the two lowest values before the next higher
-    value, or the end of the curve, on either side.
-    """
+    """Return positions of the inner local maxima of a curve, and their topographic prominences."""
+    # A prominence is the height over the higher of the two lowest values before the next higher
+    # value, or the end of the curve, on either side.
     inner = level[1:-1]
     peaks = 1 + np.flatnonzero((inner > level[:-2]) & (inner >= level[2:]))
     height = np.empty(len(peaks))

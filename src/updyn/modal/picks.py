@@ -88,7 +88,6 @@ def add_picks(
 
 
 def _find_same(measured: Measured, poles: ComplexArray, pole: complex) -> BoolArray:
-    """Return which poles of the fits are the same as one of the diagram."""
     width = np.abs(poles.real if measured.axis.mirrored else poles.imag)
     return np.asarray(np.abs(poles - pole) < POLE_PICK.same_distance * width)
 

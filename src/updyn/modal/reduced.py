@@ -106,10 +106,7 @@ class ReducedModes:
 
     @use_one_thread
     def lowest(self, state: State, n: int, highest: float) -> RealModes:
-        """Return the lowest `n` modes at a state, and more up to `highest` in Hz, not certified.
-
-        Raises SolverError as `RealModes.lowest`.
-        """
+        """Return the lowest `n` modes at a state, and more up to `highest` in Hz, not certified."""
         if self._basis is None:
             self._begin(RealModes.lowest(self.system, state, n, highest), state)
         assert self._basis is not None
@@ -172,7 +169,6 @@ class ReducedModes:
 
     # -- basis ---------------------------------------------------------------------------------
     def _begin(self, modes: RealModes, state: State) -> None:
-        """Begin with modes of the full model."""
         self._shifted = Shifted(self.system, float(modes.value[0]), self.backend)
         self._basis = Basis(self.system, self._shifted.find_dof_scale(state))
         self._restart(modes)
@@ -282,7 +278,6 @@ class ReducedModes:
         return below is None or below == number + self._n_rigid
 
     def _factorise(self, state: State) -> tuple[Factorised, State]:
-        """Factorise P at a state."""
         self._reference, self.n_changes = None, self.n_changes + 1
         factorised = self._shifted.factorise(
             state, -self._shifted.top, error=MODE_REDUCTION.solution_error
@@ -291,7 +286,6 @@ class ReducedModes:
         return self._reference
 
     def _reference_at(self, state: State) -> tuple[Factorised, State]:
-        """Return the factorised P at a state."""
         if self._reference is None or not self._is_reference(state):
             return self._factorise(state)
         return self._reference

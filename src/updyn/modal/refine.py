@@ -65,11 +65,9 @@ class LineWindow:
 
     @property
     def measured_channels(self) -> ComplexArray:
-        """The channels with the subtracted contributions, shape (p, n_f).
-
-        Fractions of distant modes are large at low frequencies, where a polynomial cancels them, so
-        `Y` can be much larger than the measurement.
-        """
+        """The channels with the subtracted contributions, shape (p, n_f)."""
+        # Fractions of distant modes are large at low frequencies, where a polynomial cancels them,
+        # so `Y` can be much larger than the measurement.
         return np.asarray(self.Y + self.subtracted)
 
     def of_lines(self, chosen: BoolArray) -> LineWindow:
@@ -170,10 +168,10 @@ class ChannelNoise:
     def of(cls, squares: RealArray, size: RealArray) -> ChannelNoise:
         """Return the noise of maximum likelihood for exponentially distributed squares.
 
-        `squares` are squared errors, `size` squared values without noise, shape (p, n_f). The
-        multiplicative updates never become negative (C. Fevotte, N. Bertin & J.-L. Durrieu, Neural
-        Comput. 21 (2009) 793-830, equation 4.2).
+        `squares` are squared errors, `size` squared values without noise, shape (p, n_f).
         """
+        # The multiplicative updates never become negative (C. Fevotte, N. Bertin & J.-L. Durrieu,
+        # Neural Comput. 21 (2009) 793-830, equation 4.2).
         # Channels are independent: groups of them stay in the processor's cache over all updates.
         together = max(1, POLE_REFINEMENT.cached_values // size.shape[1])
         parts = [
@@ -398,10 +396,8 @@ def estimate_pole_deviation(window: LineWindow, fitted: WindowFit, weights: Weig
 
 
 def estimate_errors(window: LineWindow, fitted: WindowFit, weights: Weights) -> list[Errors]:
-    """Return the errors of the residues of each pole, in noise as for `estimate_pole_deviation`.
-
-    Residues change by -A^+ dA/dpoles with the poles, and have the noise of a linear fit.
-    """
+    """Return the errors of the residues of each pole, in noise as for `estimate_pole_deviation`."""
+    # Residues change by -A^+ dA/dpoles with the poles, and have the noise of a linear fit.
     basis, k, p = window.basis, len(fitted.poles), len(window.Y)
     follow = fitted.columns.project_out(window.derivatives(fitted.poles))[1]
     follow = -np.matmul(follow, window.derivative_coefficients(fitted.residues / fitted.level.T))
@@ -429,10 +425,7 @@ def fit_with_unknown_noise(
     weights: Weights,
     gain: float | None = None,
 ) -> tuple[WindowFit, Weights]:
-    """Return the fit of maximum likelihood for unknown noise, and its weights.
-
-    The argument `gain` is that of `fit_poles`.
-    """
+    """Return the fit of maximum likelihood for unknown noise, and its weights."""
     fitted = fit_poles(window, poles, weights, gain)
     for _ in range(POLE_REFINEMENT.reweightings):
         weights = Weights.from_residual(fitted)

@@ -121,11 +121,9 @@ def _pole_width(pole: complex, mirrored: bool) -> float:
 def _group_by_shape(
     fit: WeightedFit, bundle: list[int], runs: tuple[IndexArray, IndexArray]
 ) -> list[tuple[list[int], tuple[IndexArray, ...]]]:
-    """Return parts of a bundle with one shape each, and the sides that may be roving.
-
-    A mode split by runs has poles of the same shape on the fixed side; two modes have it on
-    neither. A side of few channels does not distinguish these cases.
-    """
+    """Return parts of a bundle with one shape each, and the sides that may be roving."""
+    # A mode split by runs has poles of the same shape on the fixed side; two modes have it on
+    # neither. A side of few channels does not distinguish these cases.
     rows, columns = runs
     residues = fit.window_fit.residues[bundle].reshape(
         len(bundle), rows.max() + 1, columns.max() + 1
@@ -153,10 +151,8 @@ def _is_damped(pole: complex, window: LineWindow) -> bool:
 
 
 def _may_rove(fit: WeightedFit, bundle: list[int], runs: IndexArray) -> bool:
-    """Return whether poles may be one mode with a pole for each run.
-
-    For a single pole, one Gauss-Newton step in each run predicts the gain before any fit.
-    """
+    """Return whether poles may be one mode with a pole for each run."""
+    # For a single pole, one Gauss-Newton step in each run predicts the gain before any fit.
     if len(bundle) > 1:
         return not _are_in_separate_runs(fit, bundle, runs)
     found = fit.window_fit
@@ -238,11 +234,9 @@ def _count_shapes(fit: WeightedFit, bundle: list[int], runs: IndexArray) -> int:
 
 
 def _are_in_separate_runs(fit: WeightedFit, bundle: list[int], runs: IndexArray) -> bool:
-    """Return whether each run contains only one of the poles.
-
-    Example: sensors in two directions of a structure with one mode in each. Poles for each run fit
-    these as well.
-    """
+    """Return whether each run contains only one of the poles."""
+    # Example: sensors in two directions of a structure with one mode in each. Poles for each run
+    # fit these as well.
     increase = np.array(
         [np.bincount(runs, one) for one in fit.window_fit.cost_increase_by_channel[bundle]]
     )
@@ -361,7 +355,6 @@ def _residual_without(
 
 
 def _mode_with_common_pole(fit: WeightedFit, r: int, errors: Errors) -> Mode:
-    """Return a mode with a pole common to all channels."""
     window, found = fit.window, fit.window_fit
     others = LineWindow(
         window.basis,

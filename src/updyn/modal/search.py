@@ -33,12 +33,10 @@ __all__ = [
 
 
 def chance_gain(window: LineWindow) -> float:
-    """Return the decrease of the deviance that a spurious mode reaches by chance.
-
-    Each free number costs the logarithm of the number of values that determine it: for a residue
-    those of its channel, for a pole all (M. Delattre, M. Lavielle & M.-A. Poursat, Electron. J.
-    Stat. 8 (2014) 456-475).
-    """
+    """Return the decrease of the deviance that a spurious mode reaches by chance."""
+    # Each free number costs the logarithm of the number of values that determine it: for a residue
+    # those of its channel, for a pole all (M. Delattre, M. Lavielle & M.-A. Poursat, Electron. J.
+    # Stat. 8 (2014) 456-475).
     p, n_f = window.Y.shape
     return float(2 * p * np.log(2 * n_f) + 2 * np.log(2 * p * n_f))
 
@@ -46,11 +44,10 @@ def chance_gain(window: LineWindow) -> float:
 def search_window(
     window: LineWindow, stable: ComplexArray, trials: ComplexArray, most: int
 ) -> WindowFit:
-    """Return the fit of a window with at most `most` modes.
-
-    Before any mode is known, a window full of modes looks like correlated noise, so stable poles
-    and poles within their widths are tested as in white noise; `fit_all_windows` removes ripples.
-    """
+    """Return the fit of a window with at most `most` modes."""
+    # Before any mode is known, a window full of modes looks like correlated noise, so stable poles
+    # and poles within their widths are tested as in white noise; `fit_all_windows` removes
+    # ripples.
     none, rough = np.zeros(0, dtype=np.complex128), POLE_REFINEMENT.rough_decrease
     fitted, weights = fit_with_unknown_noise(window, none, Weights.of(np.abs(window.Y) ** 2))
     total = float(np.sum(np.abs(window.Y) ** 2))

@@ -148,8 +148,7 @@ def differentiate_mode(
 
     Those of the eigenvalue, shape (n,), are in 1/s2. Those of the shape of unit modal mass, shape
     (n, k + p), are at the k DOFs `rows` and along the constant vectors `along`, shape (N, p).
-    Unknowns on damping have no effect. Raises SolverError if an unknown couples another mode of the
-    same eigenvalue.
+    Unknowns on damping have no effect.
     """
     phi, value, group = (
         modes.shapes[:, which],

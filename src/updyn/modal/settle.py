@@ -96,7 +96,6 @@ class _Residuals:
 
     @classmethod
     def of(cls, measured: Measured, fits: Sequence[WeightedFit]) -> _Residuals:
-        """Return the residuals of fits."""
         middle = [float(np.mean(measured.axis.frequency(f.window_fit.poles))) for f in fits]
         return cls(
             np.array(middle),
@@ -105,7 +104,6 @@ class _Residuals:
         )
 
     def noise(self, measured: Measured, poles: ComplexArray) -> ChannelNoise:
-        """Return the noise around some poles."""
         at = float(np.mean(measured.axis.frequency(poles)))
         nearest, lines = np.argsort(np.abs(self.frequency - at), kind="stable"), 0
         chosen: list[int] = []
@@ -160,11 +158,9 @@ def _reset_escaped_poles(
 def _yield_excess_gains(
     measured: Measured, window: LineWindow, fitted: WindowFit, weights: Weights
 ) -> Iterator[float]:
-    """Yield the gain in deviance of each pole less that by chance; above 0 for a mode.
-
-    The fit without a pole is weighted by its noise: with that of the fit with the pole, a peak with
-    a large share of noise would have little weight at any height.
-    """
+    """Yield the gain in deviance of each pole less that by chance; above 0 for a mode."""
+    # The fit without a pole is weighted by its noise: with that of the fit with the pole, a peak
+    # with a large share of noise would have little weight at any height.
     inflation = window.inflation(fitted.poles, weights)
     least, whole = chance_gain(window), deviance(fitted)
     excess = 2.0 * fitted.cost_increase / inflation - least

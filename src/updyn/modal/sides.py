@@ -80,14 +80,12 @@ class Sides:
         return len(self.rows) > 0
 
     def shapes(self, product: ComplexArray) -> list[ComplexArray]:
-        """Return one or several shapes of one frequency at `dofs`.
-
-        `product`, (n_i, n_j), sums the products of these shapes at responses and references. With
-        its singular vectors, product = U W^T, the shapes are U G and W G^-T. At drive points they
-        are equal, so U S = W there with the symmetric S = G G^T (Ewins 2000, section 4.5, for one
-        mode: phi_j = r_jj^(1/2)). Rotations are scaled first: in rad and N m the noise of one
-        channel may exceed a mode in another, and appear as a second mode.
-        """
+        """Return one or several shapes of one frequency at `dofs`."""
+        # `product`, (n_i, n_j), sums the products of these shapes at responses and references.
+        # With its singular vectors, product = U W^T, the shapes are U G and W G^-T. At drive
+        # points they are equal, so U S = W there with the symmetric S = G G^T (Ewins 2000, section
+        # 4.5, for one mode: phi_j = r_jj^(1/2)). Rotations are scaled first: in rad and N m the
+        # noise of one channel may exceed a mode in another, and appear as a second mode.
         U, W = self._factors(product)
         if not self.is_scaled:
             if self.at_references:
@@ -112,12 +110,12 @@ class Sides:
     ) -> RealArray:
         """Return standard deviations of the real shape at `dofs`, for fixed length, shape (N,).
 
-        They are nan if the product contains two modes, whose shapes are arbitrary in their plane.
         `noise` and `common` are the `Errors` of the product, shapes (n_i, n_j) and (q, n_i, n_j).
-        First order: with dP = dU W^T + U dW^T and dU orthogonal to U, dU and dW follow from dP W^*
-        / |W|^2 and dP^T U^* / |U|^2. The shape x + i y is rotated to x . y = 0, and dx taken
-        orthogonal to x.
         """
+        # They are nan if the product contains two modes, whose shapes are arbitrary in their
+        # plane. First order: with dP = dU W^T + U dW^T and dU orthogonal to U, dU and dW follow
+        # from dP W^* / |W|^2 and dP^T U^* / |U|^2. The shape x + i y is rotated to x . y = 0, and
+        # dx taken orthogonal to x.
         shapes = self.shapes(product)
         if len(shapes) > 1:
             return np.full(len(self.dofs), np.nan)
@@ -165,11 +163,9 @@ def _real_part(shape: ComplexArray, slope: ComplexArray) -> ComplexArray:
 
 
 def _scale_of_rotations(frf: FRF) -> float:
-    """Return the factor on rotations that makes them as large as translations.
-
-    The rms values of the kinds of FRF are fitted by level q^-n with n the number of rotations, by
-    least squares in the logarithm.
-    """
+    """Return the factor on rotations that makes them as large as translations."""
+    # The rms values of the kinds of FRF are fitted by level q^-n with n the number of rotations,
+    # by least squares in the logarithm.
     rotations = np.add.outer((frf.responses.axes >= 3) * 1, (frf.references.axes >= 3) * 1)
     rows, levels = [], []
     for n in np.unique(rotations):

@@ -16,11 +16,9 @@ __all__ = ["band_of_modes", "line_weights", "synthesise"]
 
 
 def line_weights(frf: FRF) -> RealArray:
-    """Return the weight of each line: the inverse of the rms of all channels around it, or 0.
-
-    Without weights, errors of the largest peaks would determine the residues of all modes. Each
-    channel is divided by its rms first, because units may differ.
-    """
+    """Return the weight of each line: the inverse of the rms of all channels around it, or 0."""
+    # Without weights, errors of the largest peaks would determine the residues of all modes. Each
+    # channel is divided by its rms first, because units may differ.
     power = np.abs(frf.values) ** 2
     mean = power.mean(axis=0)
     power = np.divide(power, mean, out=np.zeros_like(power), where=mean > 0.0).mean(axis=(1, 2))
@@ -32,11 +30,9 @@ def line_weights(frf: FRF) -> RealArray:
 
 
 def band_of_modes(modes: ModeSet, frf: FRF) -> BoolArray:
-    """Return the lines that the modes of a set can explain, shape (n_f,).
-
-    These are the lines from five half-power bandwidths below the lowest mode to five above the
-    highest; all lines if none is between.
-    """
+    """Return the lines that the modes of a set can explain, shape (n_f,)."""
+    # These are the lines from five half-power bandwidths below the lowest mode to five above the
+    # highest; all lines if none is between.
     reach = SYNTHESIS.band_bandwidths * modes.frequency * np.nan_to_num(modes.loss_factor)
     low, high = (modes.frequency - reach).min(), (modes.frequency + reach).max()
     inside = (frf.freq >= low) & (frf.freq <= high)

@@ -91,7 +91,6 @@ def _tile_limits(freq: RealArray, first: int, last: int) -> tuple[float, float]:
 def _make_trial_poles(
     measured: Measured, tile_candidates: ComplexArray, tile: _Tile
 ) -> ComplexArray:
-    """Return trial poles over all lines of a tile."""
     axis, f = measured.axis, measured.freq[tile.lines]
     f = f[(f >= tile.low) & (f < tile.high)]
     if not len(f):

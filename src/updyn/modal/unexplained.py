@@ -23,10 +23,8 @@ def describe_unexplained(peaks: RealArray) -> str:
 
 
 def find_unexplained(measured: Measured, poles: ComplexArray) -> RealArray:
-    """Return the frequencies in Hz of significant peaks without a mode, ascending.
-
-    The mode indicator is the sum of the squared values of all channels over its running median.
-    """
+    """Return the frequencies in Hz of significant peaks without a mode, ascending."""
+    # The mode indicator is the sum of the squared values of all channels over its running median.
     n = len(measured.freq)
     channels = measured.cube.reshape(n, -1)
     power = np.sum(np.abs(channels) ** 2, axis=1)
@@ -48,12 +46,10 @@ def find_unexplained(measured: Measured, poles: ComplexArray) -> RealArray:
 
 
 def _noise_peak(p: int, n: int) -> float:
-    """Return the indicator that noise of p channels exceeds by chance on any of n lines.
-
-    The sum of p squares over an estimate of its mean has an F distribution. A median of m squares
-    is as accurate as a mean of half as many: 0.48 m for exponential variables, 0.64 m for normal
-    ones (H. Cramer, Mathematical Methods of Statistics, 1946, section 28.5).
-    """
+    """Return the indicator that noise of p channels exceeds by chance on any of n lines."""
+    # The sum of p squares over an estimate of its mean has an F distribution. A median of m
+    # squares is as accurate as a mean of half as many: 0.48 m for exponential variables, 0.64 m
+    # for normal ones (H. Cramer, Mathematical Methods of Statistics, 1946, section 28.5).
     lines = 2 * UNEXPLAINED_PEAK.narrow_surroundings + 1
     probability = 1.0 - UNEXPLAINED_PEAK.false_alarm / (2 * n)  # two surroundings
     over_mean = scipy.special.fdtri(2 * p, p * lines, probability)

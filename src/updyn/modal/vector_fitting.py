@@ -41,11 +41,9 @@ class RationalBasis:
     mirrored: bool
 
     def fractions(self, x: ComplexArray, poles: ComplexArray) -> ComplexArray:
-        """Return the fractions at x, shape (n_f, m).
-
-        A mirrored pole has two, the sum and i times the difference with its image, unless it is
-        real.
-        """
+        """Return the fractions at x, shape (n_f, m)."""
+        # A mirrored pole has two, the sum and i times the difference with its image, unless it is
+        # real.
         direct = 1.0 / (x[:, None] - poles)
         if not self.mirrored:
             return direct
