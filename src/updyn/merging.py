@@ -84,7 +84,6 @@ def split_changes(
 
 
 def _assign_groups(groups: Mapping[str, Group], merged: Mapping[str, Any]) -> dict[str, str]:
-    """Return the name of the new group by group, for the groups to merge."""
     if not isinstance(merged, Mapping) or not merged:
         raise ModelError(f"groups: expected names with patterns, found {merged!r}")
     new_name: dict[str, str] = {}
@@ -166,7 +165,6 @@ def _common_value(target: str, members: Mapping[str, Group], quantity: str) -> f
 
 
 def _common_table(target: str, members: Mapping[str, Group]) -> LossTable | None:
-    """Return the loss table of all members with stiffness."""
     able = {name: group for name, group in members.items() if group.stiffness is not None}
     if not able:
         return None
@@ -210,7 +208,6 @@ class _MergedRecipe:
     others: tuple[Group, ...]
 
     def matrices(self) -> StiffnessAndMass:
-        """Compute stiffness and mass."""
         parts: list[StiffnessAndMass | Group] = [
             *self.others,
             *(one.matrices() for one in self.exchanged),

@@ -82,10 +82,8 @@ class LabelCheck:
 
 
 def rigid_motion(x: Points, y: Points) -> tuple[Points, Points]:
-    """Return rotation R and shift that bring points (n, 3) onto others: y is about x @ R.T + shift.
-
-    Least squares (Kabsch 1976, Horn 1987). Points in a line are turned by the smallest angle.
-    """
+    """Return rotation R and shift of points (n, 3) onto others: y is about x @ R.T + shift."""
+    # Least squares (Kabsch 1976, Horn 1987). Points in a line are turned by the smallest angle.
     x0, y0 = x.mean(axis=0), y.mean(axis=0)
     a, b = x - x0, y - y0
     if is_in_line(a) or is_in_line(b):
@@ -347,7 +345,6 @@ class _Comparison:
         )
 
     def remedy_text(self, near: Points, n_gross: int, proposal: Mapping[str, Any]) -> str:
-        """Return the remedy as a sentence."""
         if proposal:
             options = ", ".join(f'{key} = "{value}"' for key, value in proposal.items())
             return (

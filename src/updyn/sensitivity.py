@@ -134,7 +134,7 @@ def receptance(
     """Return H (m/N), (n_f, n_i, n_j), and dH, (n_p, n_f, n_i, n_j), per unit of each unknown.
 
     `freq` (Hz) is a block of `lines`, on which the choice of the solver depends. dH is multiplied
-    by `weights`, (n_p, n_f). Raises SolverError if the dynamic stiffness is singular at a line.
+    by `weights`, (n_p, n_f).
     """
     system, omega = solver.system, 2.0 * np.pi * freq
     state = unknowns.state(system, values)
@@ -203,8 +203,7 @@ def condensed_product(
 ) -> tuple[ComplexArray, ComplexArray | None]:
     """Return Z_red h_X, (n_f, n, m), and derivatives T^T Z'_p (T h_X) for measured columns h_X.
 
-    Columns of the identity if model and measurement agree. Raises SolverError if the structure with
-    fixed retained DOFs is singular at a line.
+    Columns of the identity if model and measurement agree.
     """
     system, omega = solver.system, 2.0 * np.pi * freq
     state = unknowns.state(system, values)
@@ -235,10 +234,7 @@ def _view(places: IndexArray) -> Any:
 def contract(
     system: AffineSystem, unknowns: Unknowns, slopes: ComplexArray, V: ComplexArray, U: ComplexArray
 ) -> ComplexArray:
-    """Return the sum of slope_d V^T A_d U over the drives of each unknown, (n_p, n_f, n_v, n_u).
-
-    V is transposed, not conjugated.
-    """
+    """Return the sum of slope_d V^T A_d U over the drives of each unknown, (n_p, n_f, n_v, n_u)."""
     owner, n_u = unknowns.owner.tolist(), U.shape[2]
     weights = slopes[:, :, None, None]
     out = np.empty((unknowns.n, U.shape[1], V.shape[2], n_u), dtype=np.complex128)

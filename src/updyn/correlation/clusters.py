@@ -229,7 +229,6 @@ def _compute_bases(shapes: NumberArray, clusters: Sequence[IndexArray]) -> list[
 
 
 def _membership(clusters: Sequence[IndexArray]) -> IndexArray:
-    """Return the index of the cluster of each mode."""
     number = np.zeros(sum(map(len, clusters)), dtype=np.intp)
     for k, cluster in enumerate(clusters):
         number[cluster] = k
@@ -259,11 +258,9 @@ def _limit_pairs(
     second: IndexArray,
     difference: Array,
 ) -> BoolArray:
-    """Return which pairs to keep: between two clusters, at most as many as common directions.
-
-    The basis of a cluster is arbitrary, so any of its pairs can be dropped; pairs with the largest
-    difference of frequency are.
-    """
+    """Return which pairs to keep: between two clusters, at most as many as common directions."""
+    # The basis of a cluster is arbitrary, so any of its pairs can be dropped; pairs with the
+    # largest difference of frequency are.
     keep = np.ones(len(first), dtype=bool)
     blocks = list(zip(membership[0][first].tolist(), membership[1][second].tolist(), strict=True))
     for block in set(blocks) & set(most):
@@ -280,10 +277,7 @@ def _add_subspaces(
     clusters: tuple[list[IndexArray], list[IndexArray]],
     values: Array,
 ) -> PairedModes:
-    """Return the pairs with the MAC of the subspaces of their clusters.
-
-    Clusters that are connected by pairs, directly or through others, form one subspace.
-    """
+    # Clusters that are connected by pairs, directly or through others, form one subspace.
     from scipy.optimize import linear_sum_assignment
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components

@@ -222,7 +222,6 @@ def _describe_lines(freq: Array) -> str:
 
 
 def _select_heard(channels: BoolArray, heard: BoolArray) -> BoolArray:
-    """Return the selected channels that are heard, or all selected ones if none are heard."""
     both = channels & heard
     return both if both.any() else channels
 

@@ -409,8 +409,7 @@ def model_modes(model: Model, highest: float) -> Modes:
     """Return at most 400 modes of a model up to a frequency in Hz, without rigid-body modes.
 
     The modes are complex if the model is damped, has at most 5000 DOFs and no loss factor that
-    depends on frequency; otherwise real, with loss factors by modal strain energy. Raises DataError
-    if there is no mode up to `highest`.
+    depends on frequency; otherwise real, with loss factors by modal strain energy.
     """
     found = _compute_undamped(model, highest)
     if found.loss_factor.any() and model.n_dofs <= MODEL_MODES.most_complex_dofs:
@@ -419,10 +418,7 @@ def model_modes(model: Model, highest: float) -> Modes:
 
 
 def undamped_modes(model: Model, highest: float) -> Modes:
-    """Return at most 400 real modes up to a frequency in Hz, without rigid-body modes.
-
-    Raises DataError if there is no mode up to `highest`.
-    """
+    """Return at most 400 real modes up to a frequency in Hz, without rigid-body modes."""
     return _select_elastic(_compute_undamped(model, highest), highest)
 
 
@@ -481,7 +477,6 @@ def _scale_rotations(of: Modes, measured: Modes) -> NumberArray:
 
 
 def _pair_modes(a: Modes, b: Modes, rule: PairingRule) -> PairedModes:
-    """Return the pairs and subspaces of modes at the sensors."""
     if not len(b.dofs):
         return PairedModes(pair_frequencies((a.frequency, b.frequency), rule.gate), ())
     at_sensors = _scale_rotations(a, b), _scale_rotations(b, b)

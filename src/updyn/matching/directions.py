@@ -89,8 +89,7 @@ def assign_dofs(
     A sensor within `angle` degrees of a DOF is taken to be along it. Returns the model (the same
     object if nothing was rotated), the DOFs in the order of `targets`, and notes. Labels are
     unchanged; `Geometry.axes` has the orthogonal directions of rotated nodes, title and notes give
-    others. Raises MatchError if the model lacks a DOF, or directions at one node are too many or
-    too close.
+    others.
     """
     nodes = {target.dof.node for target in targets}
     frames = _node_frames(model, nodes)
@@ -112,7 +111,6 @@ def assign_dofs(
 
 # -- one sensor
 def _node_frames(model: Model, nodes: Iterable[int]) -> dict[int, RealArray]:
-    """Return the displacement directions of nodes, as rows."""
     out = {node: np.eye(3) for node in nodes}
     if model.geometry is not None and model.geometry.axes is not None:
         for row in np.flatnonzero(np.isin(model.geometry.nodes, list(out))):
@@ -230,7 +228,6 @@ class _NodeDirections:
         return self.translations if part == _TRANSLATION else self.rotations
 
     def row(self, axis: int) -> RealArray:
-        """Return the direction of one of the six DOFs."""
         rows = self.translations if axis < _ROTATION else self.rotations
         return np.asarray(rows[axis % 3])
 
@@ -261,10 +258,8 @@ def _any_oblique(found: Sequence[_Local]) -> bool:
 
 
 def _mixes_directions(A: RealArray, mask: BoolArray) -> bool:
-    """Return whether new directions combine directions that a node has with directions it lacks.
-
-    Such a combination is not allowed: a planar model remains planar.
-    """
+    """Return whether new directions combine directions that a node has with directions it lacks."""
+    # Such a combination is not allowed: a planar model remains planar.
     if not mask.any():
         return False
     return bool(A[np.ix_(mask, ~mask)].any() or A[np.ix_(~mask, mask)].any())

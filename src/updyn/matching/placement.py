@@ -100,7 +100,6 @@ def _points_of_pairs(
 def _fit_to_pairs(
     pairs: Mapping[int, int], test: Geometry, model: Geometry, factor: float, unit: str | None
 ) -> Alignment:
-    """Return the alignment of given test nodes with model nodes."""
     x, y = _points_of_pairs(pairs, test, model, factor)
     R, shift, residual = fit_rigid(x, y)
     return Alignment(f"aligned on {len(pairs)} pairs of nodes", R, shift, factor, unit, residual)
@@ -141,11 +140,9 @@ def _fit_to_nearest(
     unit: str | None,
     tolerance: float,
 ) -> Alignment:
-    """Fit points (n, 3) to the nearest points of the model by iterated closest points.
-
-    Besl & McKay 1992; it finds a local minimum. The fit starts from the given positions and, if the
-    points are not within the tolerance (m), once more with the centres of both sets aligned.
-    """
+    """Fit points (n, 3) to the nearest points of the model by iterated closest points."""
+    # Besl & McKay 1992; it finds a local minimum. The fit starts from the given positions and, if
+    # the points are not within the tolerance (m), once more with the centres of both sets aligned.
     starts: Sequence[tuple[str, Points]] = (
         ("from the positions as given", np.zeros(3)),
         ("with the centres on each other", centre - x.mean(axis=0)),
@@ -250,7 +247,6 @@ class _Attempt:
         return float(np.linalg.norm(np.ptp(self.points, axis=0)))
 
     def fits(self, tolerance: float) -> bool:
-        """Return whether all nodes are within the tolerance."""
         return bool((self.distance <= tolerance).all())
 
 
@@ -317,8 +313,7 @@ def match_nodes(
     """Return the nearest model node of each test node, the alignment and notes.
 
     `needs` maps nodes of the test to the required DOFs of the model node: translations (0),
-    rotations (1) or both. Raises MatchError if no node is within the tolerance, two nodes are
-    equally near, or the unit must be given.
+    rotations (1) or both.
     """
     if model.geometry is None:
         raise MatchError(

@@ -333,11 +333,9 @@ class _UserInput:
 
     @property
     def geometry(self) -> Geometry | None:
-        """Geometry used for positions."""
         return self.measured if self.given is None else self.given
 
     def _geometry_of_node(self, node: int) -> Geometry | None:
-        """Return the geometry used for directions of a node."""
         for source in (self.measured, self.given):
             if source is not None and node in source.nodes:
                 return source
@@ -550,7 +548,6 @@ def _rename_dofs(frf: FRF, new: Mapping[Dof, Dof], table: _Table) -> FRF:
 
 
 def _model_dofs(what: str, dofs: DofSet, new: Mapping[Dof, Dof], table: _Table) -> DofSet:
-    """Return DOFs with the labels of the model, with their signs."""
     renamed = []
     taken: dict[Dof, Dof] = {}
     for old in dofs:

@@ -128,7 +128,6 @@ class _Setting:
     independent: float
 
     def frf(self, spectra: Spectra, source: str) -> FRF:
-        """Return the FRFs of spectra."""
         found = ESTIMATORS[self.estimator].estimate(spectra, self.freq, tuple(self.forces))
         frf = FRF(
             self.freq,
@@ -402,7 +401,6 @@ def _check_label(name: str, label: str) -> None:
 
 
 def _find_kept_records(records: Records, reject: Mapping[int, str]) -> tuple[int, ...]:
-    """Return the numbers of the records that are not rejected."""
     n = len(records.values)
     for number in reject:
         if number not in range(1, n + 1):
@@ -529,7 +527,6 @@ def _window_hits(
 
 
 def _window(name: str, size: int) -> RealArray:
-    """Return a window of scipy by name."""
     try:
         return np.asarray(get_window(name, size), dtype=np.float64)
     except ValueError as error:

@@ -78,12 +78,10 @@ def _h1(spectra: Spectra) -> ComplexArray:
 
 
 def _h2(spectra: Spectra) -> ComplexArray:
-    """Return H2: least squares of the forces on the responses, for noise on the forces.
-
-    For one force, each response separately (Mitchell, 1982). For several it is S_xx S_fx^-1, of all
-    responses together (Allemang and Brown, J. Sound Vib. 211, 1998); with more responses than
-    forces, the pseudo-inverse.
-    """
+    """Return H2: least squares of the forces on the responses, for noise on the forces."""
+    # For one force, each response separately (Mitchell, 1982). For several it is S_xx S_fx^-1, of
+    # all responses together (Allemang and Brown, J. Sound Vib. 211, 1998); with more responses
+    # than forces, the pseudo-inverse.
     n_i, n_r = spectra.xf.shape[1:]
     if n_r == 1:
         across = spectra.xf.conj()
@@ -103,12 +101,10 @@ def _h2(spectra: Spectra) -> ComplexArray:
 
 
 def _hv(spectra: Spectra) -> ComplexArray:
-    """Return Hv: total least squares, for noise on all channels in proportion to their levels.
-
-    Each channel is divided by its level; the smallest eigenvector of the spectral matrix of the
-    forces and one response is normal to their plane: Rocklin, Crowley and Vold (1985). For one
-    force this is the geometric mean of H1 and H2.
-    """
+    """Return Hv: total least squares, for noise on all channels in proportion to their levels."""
+    # Each channel is divided by its level; the smallest eigenvector of the spectral matrix of the
+    # forces and one response is normal to their plane: Rocklin, Crowley and Vold (1985). For one
+    # force this is the geometric mean of H1 and H2.
     n_i, n_r = spectra.xf.shape[1:]
     if n_r == 1:
         size = np.sqrt(spectra.xx[:, :, None] / spectra.ff.real)

@@ -36,18 +36,14 @@ _MODELS = (
 def local_rational(
     spectra: Spectra, freq: RealArray, names: Sequence[str]
 ) -> tuple[ComplexArray, RealArray]:
-    """Return FRFs by the local rational method, and the variance of each value.
-
-    Around each line the responses are (B F + C) / A with polynomials in the frequency: A is common
-    to all responses and records; C, the transient at the ends of a record, is separate for each
-    record (McKelvey and Guerin, IFAC SYSID 2012; without A it is the local polynomial method of
-    Pintelon, Schoukens, Vandersteen and Barbe, Mech. Syst. Signal Process. 24 (2010) 573). The
-    model of each line is selected by cross-validation (Stone, J. R. Stat. Soc. B 36, 1974).
-
-    The spectra are those of records without a window, at evenly spaced lines. Errors of lines in
-    one window are correlated. Raises DataError if there are too few lines, a force is zero at a
-    line, or is not distinct from a transient or the other forces.
-    """
+    """Return FRFs by the local rational method, and the variance of each value."""
+    # Around each line the responses are (B F + C) / A with polynomials in the frequency: A is
+    # common to all responses and records; C, the transient at the ends of a record, is separate
+    # for each record (McKelvey and Guerin, IFAC SYSID 2012; without A it is the local polynomial
+    # method of Pintelon, Schoukens, Vandersteen and Barbe, Mech. Syst. Signal Process. 24 (2010)
+    # 573). The model of each line is selected by cross-validation (Stone, J. R. Stat. Soc. B 36,
+    # 1974). The spectra are those of records without a window, at evenly spaced lines. Errors of
+    # lines in one window are correlated.
     spectra.check_power(freq, names)
     found = _local_values(spectra, freq, names)
     return found.values, found.variance
@@ -56,13 +52,10 @@ def local_rational(
 def without_transients(
     spectra: Spectra, freq: RealArray, names: Sequence[str]
 ) -> tuple[ComplexArray, RealArray]:
-    """Return H1 of records without their transients, and the variance of each value.
-
-    H is (X - C / A) F^H (F F^H)^-1 over the records, with C / A of `local_rational`; the variance
-    is the noise of the local model over the power of the force. The remaining noise is independent
-    from line to line, so a fit to all lines loses no information. Raises DataError as
-    `local_rational`, and for fewer records or segments than forces.
-    """
+    """Return H1 of records without their transients, and the variance of each value."""
+    # H is (X - C / A) F^H (F F^H)^-1 over the records, with C / A of `local_rational`; the
+    # variance is the noise of the local model over the power of the force. The remaining noise is
+    # independent from line to line, so a fit to all lines loses no information.
     spectra.check_forces(freq, names)
     found = _local_values(spectra, freq, names)
     power = spectra.ff * len(spectra.force)
@@ -143,7 +136,6 @@ def _check_separable(separable: RealArray, freq: RealArray, names: Sequence[str]
 
 
 def _values_at_lines(force: ComplexArray, motion: ComplexArray, model: LocalModel) -> LocalValues:
-    """Return the values of one model at all lines, in batches of windows."""
     records, lines, forces = force.shape
     served = max(1, model.half // LOCAL_RATIONAL.half_width_per_use)
     offsets = np.arange(served) - served // 2

@@ -121,11 +121,9 @@ class Windows:
         return _Solution.of(self._fit(start), offsets).values(start.separable)
 
     def _fit(self, fit: _FittedModels) -> _FittedModels:
-        """Return the fitted models: for a given A, B and C are linear (variable projection).
-
-        A follows from Gauss-Newton steps from A = 1, with each response relative to its residual
-        (Golub and Pereyra, SIAM J. Numer. Anal. 10, 1973).
-        """
+        """Return the fitted models: for a given A, B and C are linear (variable projection)."""
+        # A follows from Gauss-Newton steps from A = 1, with each response relative to its residual
+        # (Golub and Pereyra, SIAM J. Numer. Anal. 10, 1973).
         for step in range(LOCAL_RATIONAL.steps if self.model.poles else 0):
             refitted = fit.poles + fit.change(is_first=step == 0)
             fit = fit.better(_FittedModels.of(self, refitted))
@@ -199,11 +197,9 @@ class _FittedModels:
         return motion - self.residual.reshape(motion.shape)
 
     def change(self, *, is_first: bool) -> ComplexArray:
-        """Return the Gauss-Newton step of the poles, shape (n, poles).
-
-        The first step uses the measured response instead of the model's: linear least squares of A
-        X = B F + C (Levy, IRE Trans. Autom. Control AC-4, 1959).
-        """
+        """Return the Gauss-Newton step of the poles, shape (n, poles)."""
+        # The first step uses the measured response instead of the model's: linear least squares of
+        # A X = B F + C (Levy, IRE Trans. Autom. Control AC-4, 1959).
         J, _ = self._slopes(self.windows.motion if is_first else self.fitted_motion)
         error = (self.residual / np.sqrt(self.power)[:, None]).reshape(len(J), -1, 1)
         Q, R = np.linalg.qr(self._weigh_slopes(J))
@@ -360,7 +356,6 @@ def _herm(x: ComplexArray) -> ComplexArray:
 
 
 def _stack_records(x: ComplexArray) -> ComplexArray:
-    """Return the lines of all records, stacked."""
     return x.reshape(len(x), -1, x.shape[-1])
 
 

@@ -89,9 +89,7 @@ class Records:
 
         Dimensions may have any order; an array without ``record`` is one record. Times are in s, in
         the unit of their attribute ``units``, or timedelta64 or datetime64. An attribute ``units``
-        of the array is the unit of all channels. Raises DataError if a dimension or coordinate is
-        missing, the times are not evenly spaced or in an unknown unit, or two units of a channel
-        differ.
+        of the array is the unit of all channels.
         """
         if "record" not in given.dims:
             given = given.expand_dims("record")
@@ -187,7 +185,7 @@ def _check_common(common: str, units: Sequence[str], channels: Sequence[str]) ->
 def seconds(times: NumberArray, label: str, name: str = "time") -> RealArray:
     """Return times in s, from 0; `label` is the unit of numbers, such as ``"ms since 2020-01-01"``.
 
-    Numbers without a label are in s; DataError for an unknown unit or another type.
+    Numbers without a label are in s.
     """
     stated = label.partition(" since ")[0].strip()
     unit = find_unit(stated or "s", "time")

@@ -68,13 +68,11 @@ class Spectra:
 
     @property
     def partial(self) -> RealArray:
-        """Partial coherence of a response and a force, without the other forces, (n_f, n_i, n_r).
-
-        |H|^2 / (|H|^2 + N S_ff^-1) with H1 and the spectrum N of the response that no force
-        explains: the squared partial correlation by the coefficients of a regression, and the
-        conditioned spectra of Bendat and Piersol (2010), section 7.3, in one step. Equal to the
-        ordinary one for one force.
-        """
+        """Partial coherence of response and force, without the other forces, (n_f, n_i, n_r)."""
+        # |H|^2 / (|H|^2 + N S_ff^-1) with H1 and the spectrum N of the response that no force
+        # explains: the squared partial correlation by the coefficients of a regression, and the
+        # conditioned spectra of Bendat and Piersol (2010), section 7.3, in one step. Equal to the
+        # ordinary one for one force.
         if self.ff.shape[1] == 1:
             return self.ordinary
         size = np.abs(self.least_squares) ** 2
@@ -91,10 +89,8 @@ class Spectra:
 
     @property
     def spread(self) -> RealArray:
-        """Unexplained spectrum of the responses times diag(S_ff^-1), shape (n_f, n_i, n_r).
-
-        Divided by the number of averages less that of the forces, it is the variance of H1.
-        """
+        """Unexplained spectrum of the responses times diag(S_ff^-1), shape (n_f, n_i, n_r)."""
+        # Divided by the number of averages less that of the forces, it is the variance of H1.
         residual_power = np.maximum(self.xx * (1.0 - self.multiple), 0.0)
         if self.ff.shape[1] == 1:
             return np.asarray(residual_power[:, :, None] / self.power[:, None, :])

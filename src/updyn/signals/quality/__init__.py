@@ -164,7 +164,6 @@ def _check_hit(
 
 
 def _check_continuous(records: Records, number: int) -> Iterator[RecordFinding]:
-    """Yield the faults of one record of a continuous force."""
     for name, channel in zip(records.channels, records.values[number - 1], strict=True):
         yield from find_clipped_run(channel, name, number)
         yield from find_drift(channel, None, name, number)

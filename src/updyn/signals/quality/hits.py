@@ -49,11 +49,9 @@ def find_clipped_run(channel: RealArray, name: str, record: int) -> Iterator[Rec
 
 
 def find_clipped_pair(channel: RealArray, name: str, record: int) -> Iterator[RecordFinding]:
-    """Yield an overload of two samples of a hit with equal values.
-
-    The two samples at a regular peak differ by up to the adjacent jump; the probability of equal
-    values is a step of the converter over that jump.
-    """
+    """Yield an overload of two samples of a hit with equal values."""
+    # The two samples at a regular peak differ by up to the adjacent jump; the probability of equal
+    # values is a step of the converter over that jump.
     quantum = _smallest_step(channel)
     for extreme in _extremes(channel):
         at = np.flatnonzero(channel == extreme)
@@ -204,11 +202,9 @@ def find_cut_off(
 
 
 def _is_noise(free: RealArray, begin: int, n: int) -> bool:
-    """Return whether the last n samples of a response are noise.
-
-    Without samples before the hit, noise is recognised by its prediction error: n modes follow a
-    recursion over 2 n samples, noise follows none. A line of the mains does, but does not decay.
-    """
+    """Return whether the last n samples of a response are noise."""
+    # Without samples before the hit, noise is recognised by its prediction error: n modes follow a
+    # recursion over 2 n samples, noise follows none. A line of the mains does, but does not decay.
     quiet, order = begin - HIT_RESPONSE.filter_samples, HIT_RESPONSE.prediction_order
     if quiet >= HIT_RESPONSE.rest_samples:
         return _rms(free[-n:]) <= 2.0 * _rms(free[:quiet])

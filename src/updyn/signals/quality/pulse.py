@@ -16,11 +16,9 @@ __all__ = ["check_pulse", "time_of_energy"]
 def check_pulse(
     values: RealArray, step: float, names: Sequence[str], force: int, others: Sequence[int]
 ) -> RecordFinding | None:
-    """Return a finding if the force oscillates and another channel is a pulse; else None.
-
-    A response to a hit cannot be shorter than the hit, and a shaker causes no pulse in a response.
-    At least half of the records must show it.
-    """
+    """Return a finding if the force oscillates and another channel is a pulse; else None."""
+    # A response to a hit cannot be shorter than the hit, and a shaker causes no pulse in a
+    # response. At least half of the records must show it.
     lasts, sign = _shape(values[:, force])
     for row in others:
         short, one = _shape(values[:, row])

@@ -23,13 +23,11 @@ def find_level_dependence(
     name: str,
     records: Sequence[int],
 ) -> Iterator[RecordFinding]:
-    """Yield the peak whose shape changes most with the level of the hits: a nonlinear structure.
-
-    Around each peak the FRF of a hit is divided by the complex factor that brings it closest to the
-    mean, which removes the effect of a hit away from the point. The remaining shape is regressed on
-    the level, and the explained part is compared with chance (F test). `force` and `motion` have no
-    offset.
-    """
+    """Yield the peak whose shape changes most with the level of the hits: a nonlinear structure."""
+    # Around each peak the FRF of a hit is divided by the complex factor that brings it closest to
+    # the mean, which removes the effect of a hit away from the point. The remaining shape is
+    # regressed on the level, and the explained part is compared with chance (F test). `force` and
+    # `motion` have no offset.
     levels = np.abs(force).max(axis=1)
     n = len(levels)
     if n < LEVEL_DEPENDENCE.least_hits:
@@ -99,10 +97,8 @@ def _peaks(size: RealArray, lines: BoolArray) -> Iterator[tuple[int, slice]]:
 
 
 def _shape_change(H: ComplexArray, levels: RealArray) -> tuple[float, float]:
-    """Return the change of a shape from the lowest level to the highest, and F of that change.
-
-    The noise of an FRF is inverse to the level of its hit, so the levels are the weights.
-    """
+    """Return the change of a shape from the lowest level to the highest, and F of that change."""
+    # The noise of an FRF is inverse to the level of its hit, so the levels are the weights.
     mean = levels**2 @ H / np.sum(levels**2)
     power = float(np.vdot(mean, mean).real)
     shapes = H / (H @ mean.conj() / power)[:, None]
