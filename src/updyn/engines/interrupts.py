@@ -11,10 +11,8 @@ __all__ = ["block_interrupts"]
 
 @contextmanager
 def block_interrupts() -> Iterator[None]:
-    """Block SIGINT in this thread, and in processes started meanwhile until they unblock it.
-
-    A SIGINT while a process imports its modules would end it with a traceback.
-    """
+    """Block SIGINT in this thread, and in processes started meanwhile until they unblock it."""
+    # A SIGINT while a process imports its modules would end it with a traceback.
     if not hasattr(signal, "pthread_sigmask"):  # Windows
         yield
         return

@@ -34,9 +34,7 @@ def load(
 ) -> Any:
     """Return plain data from ``"module:function"`` of this package, called in a child process.
 
-    `beside` are files that are read with the file. A `FormatError` is raised if the library cannot
-    read the file, crashes, or exceeds `updyn.foreign.limits`; other errors of the function are an
-    `InputError`.
+    `beside` are files that are read with the file.
     """
     others = list(map(str, beside))
     limits = limits_of(path, others)

@@ -56,7 +56,6 @@ def serve() -> None:
 
 
 def _end_with(request: Mapping[str, Any], descriptor: int) -> NoReturn:
-    """Answer a request and end the process."""
     status = 1
     try:
         answer(request, descriptor)

@@ -33,10 +33,8 @@ def check_inside(path: Path) -> None:
 
 
 def resolve_path(path: Path) -> Path:
-    """Return the absolute path of a file without links; the file need not exist.
-
-    Unlike `Path.resolve`, which differs between versions of Python, this refuses circular links.
-    """
+    """Return the absolute path of a file without links; the file need not exist."""
+    # Unlike `Path.resolve`, which differs between versions of Python, this refuses circular links.
     try:
         _check_loops(path)
         return path.resolve()

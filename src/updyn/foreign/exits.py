@@ -11,10 +11,8 @@ _BY_SHELL = 128
 
 
 def signal_name(status: int) -> str | None:
-    """Return the name of the signal that ended a program (SIGSEGV), or None.
-
-    A status is minus the signal, or 128 plus the signal if a shell ran the program.
-    """
+    """Return the name of the signal that ended a program (SIGSEGV), or None."""
+    # A status is minus the signal, or 128 plus the signal if a shell ran the program.
     number = -status if status < 0 else status - _BY_SHELL
     return signal.Signals(number).name if number in set(signal.Signals) else None
 

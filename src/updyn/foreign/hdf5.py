@@ -120,7 +120,6 @@ def has_no_variable(dataset: Any) -> bool:
 
 
 def _values(dataset: Any) -> Any:
-    """Return the values of a dataset."""
     if h5py.check_string_dtype(dataset.dtype) is not None and dataset.dtype.kind == "O":
         return np.asarray(dataset.asstr()[()], dtype=object)
     if dataset.dtype.kind in "biufcS" and dataset.shape is not None:

@@ -133,11 +133,9 @@ def _stored_5(element: bytes, path: str) -> dict[str, Any]:
 
 
 def _elements_4(path: str) -> Iterator[bytes]:
-    """Yield each variable of a version 4 file as a separate file, its length checked.
-
-    A variable is five integers (type, rows, columns, complex or not, length of its name), the name,
-    and the numbers (MathWorks, MAT-File Format, chapter 2).
-    """
+    """Yield each variable of a version 4 file as a separate file, its length checked."""
+    # A variable is five integers (type, rows, columns, complex or not, length of its name), the
+    # name, and the numbers (MathWorks, MAT-File Format, chapter 2).
     limits = limits_of(path)
     with Path(path).open("rb") as file:
         at = 0
@@ -250,11 +248,8 @@ def _item_5(value: Any, name: str, path: str) -> Any:
 
 
 def _object_fields(value: Any) -> dict[str, str]:
-    """Return the texts in an object of MATLAB by field.
-
-    scipy 1.18 has ``_Class``. Earlier versions have ``s2`` instead, and the name of the variable in
-    ``s0``; they name every such variable "None".
-    """
+    # scipy 1.18 has ``_Class``. Earlier versions have ``s2`` instead, and the name of the variable
+    # in ``s0``; they name every such variable "None".
     fields = zip(value.dtype.names, value[0], strict=True)
     return {name: _text(item) for name, item in fields if isinstance(item, bytes | str)}
 
@@ -276,7 +271,6 @@ class _File73:
         self._content = HDF5Content(path, False)
 
     def variables(self) -> dict[str, Any]:
-        """Return all variables by name."""
         found = {}
         for name, item in self._content.members(self._file).items():
             if not name.startswith("#"):
@@ -335,7 +329,6 @@ class _File73:
     def _structs(
         self, item: Any, members: dict[str, Any], name: str, depth: int
     ) -> list[dict[str, Any]]:
-        """Return a struct array as one dict per element."""
         elements: list[dict[str, Any]] = []
         for key in _fields(item):
             references = _vector(self._values(members[key]), name, self._path)
@@ -364,7 +357,6 @@ class _File73:
 
 
 def _is_array(members: dict[str, Any]) -> bool:
-    """Return whether a struct is a struct array."""
     # Each field then contains one reference per element, without a class.
     for field in members.values():
         is_reference = getattr(field, "dtype", np.dtype("i1")).kind == "O"

@@ -69,7 +69,6 @@ def encode(value: Any) -> Iterator[bytes | memoryview]:
 
 
 def _tag_value(value: Any, arrays: list[NumberArray], end: int) -> tuple[Any, int]:
-    """Return a value for JSON, and the end of its numbers."""
     if value is None or isinstance(value, bool | int | float | str):
         return value, end
     if isinstance(value, Other):

@@ -143,7 +143,6 @@ class _Card:
 
     @classmethod
     def connect(cls, stack: ExitStack) -> _Card:
-        """Open a session."""
         found = _libraries()
         cudss = found.cudss
         with _convert_errors(cudss):
@@ -161,7 +160,6 @@ class _Card:
         return made
 
     def set(self, name: str, kind: type, value: float) -> None:
-        """Set a parameter."""
         values: NumberArray = np.array([value], dtype=kind)
         parameter = self.cudss.ConfigParam[name]
         with _convert_errors(self.cudss):
@@ -185,12 +183,10 @@ class _Card:
         return int(place)
 
     def upload(self, place: int, array: NumberArray) -> None:
-        """Copy an array to the card."""
         to_card = self.cuda.cudaMemcpyKind.cudaMemcpyHostToDevice
         self._check_code(self.cuda.cudaMemcpy(place, array.ctypes.data, array.nbytes, to_card))
 
     def download(self, array: NumberArray, place: int) -> None:
-        """Copy from the card into an array."""
         to_host = self.cuda.cudaMemcpyKind.cudaMemcpyDeviceToHost
         self._check_code(self.cuda.cudaMemcpy(array.ctypes.data, place, array.nbytes, to_host))
 

@@ -286,10 +286,9 @@ class Factorised:
 
     @property
     def negative(self) -> int | None:
-        """Number of negative eigenvalues of a real A (Sylvester's law of inertia); None if unknown.
-
-        For K - omega^2 M with positive definite M: the number of natural frequencies below omega.
-        """
+        """Number of negative eigenvalues of a real A (law of inertia); None if unknown."""
+        # For K - omega^2 M with positive definite M: the number of natural frequencies below
+        # omega.
         return self._latest_factors()[0].negative
 
     @property
@@ -399,12 +398,10 @@ class Factorised:
         return False
 
     def _distance_from_matrix(self, factors: Factors) -> _FactorDistance:
-        """Return the distance of factors in single precision, those of A + E, from the matrix A.
-
-        A refinement step changes a solution by the share A^-1 E and leaves an error of that share.
-        If it is far below 1, no eigenvalue crosses zero between A + E and A, so both have the same
-        number of negative eigenvalues.
-        """
+        """Return the distance of factors in single precision, those of A + E, from the matrix A."""
+        # A refinement step changes a solution by the share A^-1 E and leaves an error of that
+        # share. If it is far below 1, no eigenvalue crosses zero between A + E and A, so both have
+        # the same number of negative eigenvalues.
         load = np.asfortranarray(probe_load(self._scale).real)
         with np.errstate(invalid="ignore", over="ignore"):
             X = factors(load)
@@ -439,30 +436,24 @@ _EXACT = _FactorDistance(0.0, 0.0)
 
 
 def unit_scale(diagonal: NumberArray) -> RealArray:
-    """Return the scale that makes rows and columns of a matrix comparable, independent of units.
-
-    DOFs with a zero entry get 1e-8 of the largest scale, or 1 if all are zero.
-    """
+    """Return the scale that makes rows and columns of a matrix comparable, independent of units."""
+    # DOFs with a zero entry get 1e-8 of the largest scale, or 1 if all are zero.
     scale = np.sqrt(np.abs(diagonal))
     largest = scale.max(axis=-1, keepdims=True, initial=0.0)
     return np.asarray(np.where(largest > 0, np.maximum(scale, 1e-8 * largest), 1.0))
 
 
 def growth(diagonal: NumberArray, X: NumberArray, B: NumberArray) -> RealArray:
-    """Return the largest growth of a solution of A X = B relative to B, in any units, shape (...).
-
-    It is approximately a lower bound of the condition number of the matrix scaled by `diagonal`.
-    """
+    """Return the largest growth of a solution of A X = B relative to B, shape (...)."""
+    # It is approximately a lower bound of the condition number of the matrix scaled by `diagonal`.
     scale = unit_scale(diagonal)[..., None]
     grown = _compute_growth((np.abs(X) * scale).max(axis=-2), (np.abs(B) / scale).max(axis=-2))
     return np.asarray(grown.max(axis=-1, initial=0))
 
 
 def probe_load(scale: RealArray) -> ComplexArray:
-    """Return a load that excites every mode, shape (..., n, 1): random phases, scaled by row.
-
-    The same on every call; its `growth` is close to the condition number of the scaled matrix.
-    """
+    """Return a load that excites every mode, shape (..., n, 1): random phases, scaled by row."""
+    # The same on every call; its `growth` is close to the condition number of the scaled matrix.
     phase = 2j * np.pi * np.random.default_rng(0).random(scale.shape[-1])
     return np.asarray(np.exp(phase) * scale)[..., None]
 
@@ -476,11 +467,11 @@ def accuracy(
 ) -> tuple[RealArray, RealArray]:
     """Return backward error and growth of each column of A X = B, at the cost of one column in 64.
 
-    The residual of a random combination of the columns is evaluated (Freivalds, 1977); every column
-    only if it exceeds `allowed`. The error, or a bound of it, is normwise in the DOFs scaled by
-    `unit_scale`: max |A x - b| / max (|A| |x| + |b|), nan if the solution is nan. The growth is as
-    `growth` within a factor of 1.4.
+    The error, or a bound of it, is normwise in the DOFs scaled by `unit_scale`: max |A x - b| / max
+    (|A| |x| + |b|), nan if the solution is nan. The growth is as `growth` within a factor of 1.4.
     """
+    # The residual of a random combination of the columns is evaluated (Freivalds, 1977); every
+    # column only if it exceeds `allowed`.
     errors, grown = np.zeros(X.shape[1]), np.zeros(X.shape[1])
     absolute = None
     for first in range(0, X.shape[1], SPARSE_SOLVER.columns_per_check):
@@ -521,10 +512,8 @@ def _combination_bound(
 
 
 def _times(X: NumberArray, weight: RealArray) -> NumberArray:
-    """Return X @ weight, in pieces small enough for BLAS to use one thread.
-
-    More threads would wait for the cores on which the solver's threads still spin.
-    """
+    """Return X @ weight, in pieces small enough for BLAS to use one thread."""
+    # More threads would wait for the cores on which the solver's threads still spin.
     step = max(1, SPARSE_SOLVER.one_thread_entries // len(weight))
     return np.concatenate([X[i : i + step] @ weight for i in range(0, len(X), step)])
 

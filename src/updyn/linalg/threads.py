@@ -19,11 +19,9 @@ _is_alone = ContextVar("_is_alone", default=False)
 
 
 def use_one_thread(function: Callable[P, R]) -> Callable[P, R]:
-    """Decorate a function to run with one thread of OpenBLAS, the library of numpy and scipy.
-
-    In many small factorisations and products, threads wait for each other: on a busy core, that
-    takes 5 to 50 times as long (measured: 300 equations, two cores).
-    """
+    """Decorate a function to run with one thread of OpenBLAS, the library of numpy and scipy."""
+    # In many small factorisations and products, threads wait for each other: on a busy core, that
+    # takes 5 to 50 times as long (measured: 300 equations, two cores).
 
     @wraps(function)
     def run_limited(*args: P.args, **kwargs: P.kwargs) -> R:
@@ -50,11 +48,9 @@ def _openblas() -> Any:
 
 
 def limit(n: int) -> None:
-    """Limit the threads of MKL, and so of PARDISO, in this process; without MKL do nothing.
-
-    Call it before the first factorisation: PARDISO plans its analysis for the number of threads.
-    MKL is limited directly, as it may hang with an additional limit by threadpoolctl.
-    """
+    """Limit the threads of MKL, and so of PARDISO, in this process; without MKL do nothing."""
+    # Call it before the first factorisation: PARDISO plans its analysis for the number of threads.
+    # MKL is limited directly, as it may hang with an additional limit by threadpoolctl.
     if n < 1:
         raise ValueError(f"threads: {n}; expected at least 1")
     mkl = library()

@@ -11,10 +11,9 @@ __all__ = ["upper_triangle"]
 
 
 def upper_triangle(indptr: NumberArray, indices: NumberArray) -> tuple[BoolArray, IntArray]:
-    """Return the mask of the upper triangle of a symmetric CSC pattern, and its CSR row pointers.
-
-    CSC of a symmetric matrix is its CSR: rows of the upper triangle are columns of the lower one.
-    """
+    """Return the upper-triangle mask of a symmetric CSC pattern, and its CSR row pointers."""
+    # CSC of a symmetric matrix is its CSR: rows of the upper triangle are columns of the lower
+    # one.
     n = len(indptr) - 1
     kept = np.empty(len(indices), dtype=np.bool_)
     begin = np.zeros(n + 1, dtype=np.int64)

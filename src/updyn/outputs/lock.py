@@ -106,7 +106,6 @@ def _open_lock_file(path: Path) -> int:
 
 
 def _write_owner(number: int, path: Path) -> None:
-    """Lock an open file and write the owner into it."""
     try:
         _lock(number)
     except OSError as error:

@@ -186,10 +186,7 @@ def find_obstacle(folder: Path, name: str, digests: Iterable[str]) -> str:
 
 
 def find_obstacles(folder: Path, names: Iterable[str]) -> dict[str, str]:
-    """Return the reasons by name for the files of a folder that must not be replaced.
-
-    A `FormatError` is raised if ``manifest.json`` is not a manifest of updyn.
-    """
+    """Return the reasons by name for the files of a folder that must not be replaced."""
     manifest = Manifest.read(folder)
     reasons = {name: manifest.find_obstacle(folder, name) for name in names}
     return {name: why for name, why in reasons.items() if why}

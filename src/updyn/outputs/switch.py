@@ -48,7 +48,7 @@ def open_folder(folder: Path) -> Iterator[None]:
     """Create a folder if missing, lock it, and complete an interrupted switch in it.
 
     If the block raises, the folder and its parents are removed again, if they were created here and
-    are empty. An `InUseError` is raised if another process is writing to it.
+    are empty.
     """
     with create_folder(folder), lock_folder(folder):
         _recover(folder)
@@ -79,8 +79,7 @@ def replace_files(folder: Path, command: str, names: Collection[str] = ()) -> It
     """Yield a folder to write a set of files to; at the end, they replace the old set together.
 
     `names` are in the order in which the files appear; one that is not written is removed from
-    `folder`, and other files that are written belong to the set, too. An `InputError` is raised if
-    a user's file has appeared under a name of the set, which is then kept in a separate folder.
+    `folder`, and other files that are written belong to the set, too.
     """
     run = secrets.token_hex(8)
     staging = folder / f".unfinished-{run}"
@@ -193,11 +192,7 @@ def _complete_switch(finished: Path, folder: Path, plan: _Plan) -> None:
 
 
 def recover(folder: Path) -> None:
-    """Complete or remove the interrupted switches that killed processes left in a folder.
-
-    The folder need not exist. An `InUseError` is raised if a running process is about to replace
-    the files, an `InputError` if a user's file has appeared under a name of the new set.
-    """
+    """Complete or remove the switches that killed processes left in a folder, if it exists."""
     found = list(_find_interrupted(folder)) if folder.is_dir() else []
     if not found:
         return
@@ -210,7 +205,6 @@ def recover(folder: Path) -> None:
 
 
 def _find_interrupted(folder: Path) -> Iterator[Path]:
-    """Yield the folders of interrupted switches."""
     for path in folder.iterdir():
         if _NAME.fullmatch(path.name) and path.is_dir() and not path.is_symlink():
             yield path
@@ -242,7 +236,6 @@ def _discard(staging: Path) -> None:
 
 
 def _read_plan(finished: Path) -> _Plan:
-    """Return the plan of an interrupted switch."""
     path = finished / PLAN
     try:
         content: Any = json.loads(path.read_text(encoding="utf-8"))
@@ -271,11 +264,9 @@ def _is_free(name: str) -> bool:
 
 
 def _check_user_files(finished: Path, folder: Path, plan: _Plan) -> None:
-    """Check that no user's file has appeared under a name of an interrupted switch.
-
-    The plan may be forged: its digests of old files are accepted only for the fixed names of
-    outputs (`is_output`) and for the manifest.
-    """
+    """Check that no user's file has appeared under a name of an interrupted switch."""
+    # The plan may be forged: its digests of old files are accepted only for the fixed names of
+    # outputs (`is_output`) and for the manifest.
     obstacles: dict[str, str] = {}
     for name, (before, after) in plan.moved.items():
         if (finished / name).is_file():
