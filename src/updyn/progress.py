@@ -152,7 +152,6 @@ def _shorten_name(stage: str) -> str:
 
 
 def _clock(seconds: float) -> str:
-    """Return a time as text."""
     minutes, rest = divmod(round(seconds), 60)
     hours, minutes = divmod(minutes, 60)
     return f"{hours}:{minutes:02}:{rest:02}" if hours else f"{minutes}:{rest:02}"
@@ -184,7 +183,6 @@ class ProgressBar:
 
     # -- a bar
     def _draw(self, progress: RunProgress) -> None:
-        """Update the bar."""
         where = self._clock.locate(progress)
         known = not math.isnan(where.share)
         self._bar.update(
@@ -240,7 +238,6 @@ class ProgressBar:
 
 
 def _name(where: RunPosition) -> str:
-    """Return the name of a stage with its number."""
     if where.of and where.number:
         return f"stage {where.number} of {where.of} {where.name}"
     return where.name

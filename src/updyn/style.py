@@ -183,12 +183,10 @@ def colour_scale(stops: Sequence[str]) -> list[list[float | str]]:
 
 
 def css() -> str:
-    """Return the tokens as style sheet variables for light screen, dark screen and paper.
-
-    The attribute ``data-look`` of the root overrides the system's light or dark mode. The class
-    ``paper`` of the root is set while a page is printed, as figures are drawn before the print
-    rules apply.
-    """
+    """Return the tokens as style sheet variables for light screen, dark screen and paper."""
+    # The attribute ``data-look`` of the root overrides the system's light or dark mode. The class
+    # ``paper`` of the root is set while a page is printed, as figures are drawn before the print
+    # rules apply.
     sizes = {f"size-{name}": f"{size:g}rem" for name, size in SIZES.items()}
     spaces = {f"space-{name}": f"{space}px" for name, space in SPACES.items()}
     rest = {"font": _FONT, "figure-text": f"{FIGURE_TEXT}px", **sizes, **spaces}

@@ -37,8 +37,6 @@ def percent(share: float) -> str:
 
 
 def printable(text: str) -> str:
-    r"""Return text with escaped control characters, such as ``\x1b``, except line ends and tabs.
-
-    All text for the terminal is escaped, as names come from files.
-    """
+    r"""Return text with escaped control characters, such as ``\x1b``, except line ends and tabs."""
+    # All text for the terminal is escaped, as names come from files.
     return _CONTROL.sub(lambda found: found[0].encode("unicode_escape").decode("ascii"), text)

@@ -186,11 +186,9 @@ def _is_pair(text: str) -> bool:
 
 
 def find_unit(label: str, *kinds: str) -> Unit | None:
-    """Return the unit that a label names, by default of a force or a motion; None if unknown.
-
-    Case matters only if it changes the meaning, as for ``mN`` and ``MN``. Brackets around the
-    label, ``**`` for ``^`` and ``sec`` for ``s`` are accepted.
-    """
+    """Return the unit that a label names, by default of a force or a motion; None if unknown."""
+    # Case matters only if it changes the meaning, as for ``mN`` and ``MN``. Brackets around the
+    # label, ``**`` for ``^`` and ``sec`` for ``s`` are accepted.
     text = _normal(label)
     for unit in _UNITS.get(text) or _FOLDED.get(text.lower(), []):
         if unit.kind in (kinds or CHANNEL):

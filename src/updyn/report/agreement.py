@@ -244,10 +244,8 @@ def level_difference(measured: ComplexArray, computed: ComplexArray) -> RealArra
 
 
 def agreement_figures(result: UpdateResult, data: ReportData) -> dict[str, dict[str, float]]:
-    """Return the figures of agreement ``before``, ``after`` and of the ``validation`` set.
-
-    Figures that the result lacks are computed from the FRFs of the page.
-    """
+    """Return the figures of agreement ``before``, ``after`` and of the ``validation`` set."""
+    # Figures that the result lacks are computed from the FRFs of the page.
     validation = result.correlation.get("validation") or {}
     computed = {"before": data.before, "after": data.after}
     out = {"validation": dict(validation.get("after") or {})}
@@ -285,7 +283,6 @@ def _list_scores(
 
 
 def _format_figure(name: str, figures: Mapping[str, float]) -> str:
-    """Return a figure of agreement as formatted in the terminal."""
     value = figures.get(name)
     if value is None or not math.isfinite(value) or not name.startswith(ONE_AT_BEST):
         return number(value, 3)

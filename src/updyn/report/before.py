@@ -101,7 +101,6 @@ def _judge_resemblance(start: Start) -> list[VerdictPart]:
 
 
 def _find_model_error(start: Start) -> list[VerdictPart]:
-    """Return the likeliest error of the model as a part of the verdict."""
     of_model = [found for found in start.findings if found.concerns_model]
     return [VerdictPart("Model sound", False, found.statement) for found in of_model[:1]]
 

@@ -111,7 +111,6 @@ def _value_words(result: UpdateResult, p: Parameter) -> str:
 
 
 def _has_percent(result: UpdateResult, p: Parameter) -> bool:
-    """Whether the change of an unknown can be given in percent."""
     return p.start > 0.0 and math.isfinite(result.values[p.name])
 
 
@@ -176,11 +175,9 @@ def _arrange_rows(result: UpdateResult) -> tuple[list[_ChangeRow], dict[int, str
 
 
 def changes_figure(result: UpdateResult) -> Figure | None:
-    """Return the change of each unknown from its start with its 95 % interval, by quantity.
-
-    The axis is logarithmic in the ratio to the start and labelled in percent, so half and double
-    are equally far from no change. None if no unknown starts above zero.
-    """
+    """Return the change of each unknown from its start with its 95 % interval, by quantity."""
+    # The axis is logarithmic in the ratio to the start and labelled in percent, so half and double
+    # are equally far from no change. None if no unknown starts above zero.
     rows, headings = _arrange_rows(result)
     if not rows:
         return None

@@ -496,7 +496,6 @@ def _unevenness(values: RealArray) -> float:
 
 
 def _find_first_result(comparison: Comparison, test: Test) -> UpdateResult | None:
-    """Return the first result for a test, or None."""
     for row in comparison:
         result = _find_test_result(row, test)
         if result is not None:

@@ -110,7 +110,6 @@ class _Fit:
     rejected: list[tuple[int, Iteration]]
 
     def iterations_since_start(self, made: int) -> int:
-        """Return the number of iterations since the start of this fit."""
         return made - self.accepted[0][0]
 
     @property
@@ -127,10 +126,8 @@ class _Fit:
 
 
 def _split_fits(history: Sequence[Iteration]) -> list[_Fit]:
-    """Return the fits of a history in order.
-
-    A new fit begins at a change of stage, at a step of zero length, and at an increase of the cost.
-    """
+    # A new fit begins at a change of stage, at a step of zero length, and at an increase of the
+    # cost.
     fits: list[_Fit] = []
     for made, step in zip(count_iterations(history), history, strict=True):
         if not np.isfinite(step.cost):
@@ -198,7 +195,6 @@ def _panel_title(text: str, domain: Sequence[float]) -> dict[str, Any]:
 
 
 def _zero_position(costs: RealArray) -> float:
-    """Return the position of zero costs on a logarithmic axis."""
     positive = costs[costs > 0]
     return float(positive.min()) / 10.0 if positive.size else 0.1
 
@@ -276,16 +272,13 @@ def _iteration_axis(fits: Sequence[_Fit]) -> dict[str, Any]:
 
 
 def _with_integer_ticks(axis: dict[str, Any], last: int) -> dict[str, Any]:
-    """Return an iteration axis with integer ticks only."""
     return axis | {"dtick": 1} if last <= 6 else axis
 
 
 def value_paths(result: UpdateResult, chosen: Sequence[Parameter]) -> Figure | None:
-    """Return the values of unknowns of one kind over the iterations; None without any.
-
-    Factors are relative to their start. Fits are separated by gaps. Of many unknowns, those with
-    the largest range are named.
-    """
+    """Return the values of unknowns of one kind over the iterations; None without any."""
+    # Factors are relative to their start. Fits are separated by gaps. Of many unknowns, those with
+    # the largest range are named.
     made, steps = _collect_steps(result)
     if not chosen or not steps:
         return None
@@ -346,12 +339,10 @@ def _collect_steps(result: UpdateResult) -> tuple[list[int | None], list[Iterati
 
 
 def _find_leading_fits(result: UpdateResult) -> list[_Fit]:
-    """Return the fits that led to the result, in order.
-
-    For each stage, the fit that ended nearest to the result, preceded by the fits that it
-    continues, up to the stage that reached the result. Other starts of a search and descents to
-    alternative solutions are excluded.
-    """
+    """Return the fits that led to the result, in order."""
+    # For each stage, the fit that ended nearest to the result, preceded by the fits that it
+    # continues, up to the stage that reached the result. Other starts of a search and descents to
+    # alternative solutions are excluded.
     fits = _split_fits(result.history)
     distances = [_distance(result, fit.accepted[-1][1]) for fit in fits]
     nearest: dict[str, int] = {}

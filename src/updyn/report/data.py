@@ -102,12 +102,9 @@ class ReportData:
 
 
 def gather(result: UpdateResult) -> ReportData:
-    """Compute the start and the updated model and compare them with the data.
-
-    The agreement is computed at the measured lines, the curves on a finer grid. Above
-    `REPORT_COMPUTATION.evaluation_budget` (lines x DOFs), lines are thinned with their peaks kept,
-    with a note.
-    """
+    """Compute the start and the updated model and compare them with the data."""
+    # The agreement is computed at the measured lines, the curves on a finer grid. With too many
+    # lines x DOFs, lines are thinned with their peaks kept, with a note.
     gains = estimated_gains(result)
     made = _compute_data(
         result.frf,
@@ -237,10 +234,9 @@ def _limit_lines(per_line: int) -> int:
 
 
 def fine_grid(models: Sequence[Model], freq: RealArray, *, reduced: bool) -> RealArray:
-    """Return the given lines (Hz) together with lines that resolve the resonances of the models.
-
-    If `reduced`, lines are evenly spaced, because the modes of the full model would be expensive.
-    """
+    """Return the given lines (Hz) together with lines that resolve the resonances of the models."""
+    # If `reduced`, lines are evenly spaced, because the modes of the full model would be
+    # expensive.
     if freq.size < 2:
         return freq
     low, high = float(freq[0]), float(freq[-1])

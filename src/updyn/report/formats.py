@@ -162,10 +162,8 @@ def change(parameter: Parameter, value: float) -> str:
 def interval(
     parameter: Parameter, value: float, std: float, freedom: int | None = None
 ) -> tuple[float, float] | None:
-    """Return the 95 % interval; None if the data do not determine the unknown.
-
-    With `freedom`, by Student's t distribution, because the noise was estimated from few values.
-    """
+    """Return the 95 % interval; None if the data do not determine the unknown."""
+    # With `freedom`, by Student's t distribution, because the noise was estimated from few values.
     if not math.isfinite(std) or not math.isfinite(value):
         return None
     return confidence_interval(parameter, value, std, freedom=freedom)

@@ -266,7 +266,6 @@ def verdict(result: UpdateResult) -> Verdict:
 
 
 def _list_parts(result: UpdateResult, trust: Trust) -> tuple[tuple[VerdictPart, ...], str]:
-    """Return the parts of the verdict and the remainder of the message."""
     steps = f" After {format_count(result.iterations, 'iteration')}."
     parts = []
     for name, claim in trust.items():

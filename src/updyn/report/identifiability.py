@@ -108,10 +108,8 @@ IDENTIFIABILITY = IdentifiabilitySection()
 
 
 def singular_values(ident: Identifiability) -> Figure | None:
-    """Return the singular values of the scaled Jacobian, determined and undetermined separately.
-
-    Zeros are drawn at the lower end of the logarithmic axis.
-    """
+    """Return the singular values of the scaled Jacobian, determined and undetermined separately."""
+    # Zeros are drawn at the lower end of the logarithmic axis.
     values = np.array(ident.singular_values, dtype=np.float64)
     values = values[np.isfinite(values)]
     if values.size < 2:
@@ -179,10 +177,7 @@ def correlations(covariance: RealArray) -> RealArray:
 
 
 def correlation_map(parameters: ParameterSet, covariance: RealArray) -> Figure | None:
-    """Return the correlation map of the unknowns; cells of undetermined unknowns are blank.
-
-    None for a single unknown, and if no correlation is known.
-    """
+    """Return the correlation map of the unknowns, blank where undetermined; None if unknown."""
     names = name_unknowns(tuple(parameters))
     if len(names) < 2 or covariance.shape != (len(names), len(names)):
         return None

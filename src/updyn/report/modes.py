@@ -142,11 +142,8 @@ def _mode_axis(frequency: RealArray, title: str, most: int) -> dict[str, Any]:
 
 
 def comac_bars(table: ModalTable) -> Figure | None:
-    """Return COMAC by sensor before and after the update; None without paired modes.
-
-    Of more than `REPORT_LIST.comac_sensors` sensors, those with the lowest COMAC in the last model
-    are shown.
-    """
+    """Return COMAC by sensor before and after the update; None without paired modes."""
+    # Of many sensors, those with the lowest COMAC in the last model are shown.
     found = {}
     for name, correlation in table.correlations.items():
         values = correlation.comac()
@@ -192,10 +189,9 @@ def comac_bars(table: ModalTable) -> Figure | None:
 
 
 def comac_maps(table: ModalTable, geometry: Geometry | None) -> dict[str, Figure]:
-    """Return the figures ``"comac-map-start"`` and ``"comac-map-updated"`` by name.
-
-    A node with several sensors shows their lowest COMAC. Sensors outside the geometry are omitted.
-    """
+    """Return the figures ``"comac-map-start"`` and ``"comac-map-updated"`` by name."""
+    # A node with several sensors shows their lowest COMAC. Sensors outside the geometry are
+    # omitted.
     made: dict[str, Figure] = {}
     if geometry is None or not len(geometry.nodes):
         return made

@@ -63,11 +63,9 @@ class IdentifiedModes:
 
     @cached_property
     def channels(self) -> IndexArray:
-        """Ascending flat positions of the channels that are drawn.
-
-        All lines of a channel are kept, because the synthesis needs them. Of too many channels,
-        those with the lowest FRAC are drawn. Channels that are zero at all lines are omitted.
-        """
+        """Ascending flat positions of the channels that are drawn."""
+        # All lines of a channel are kept, because the synthesis needs them. Of too many channels,
+        # those with the lowest FRAC are drawn. Channels that are zero at all lines are omitted.
         nonzero = np.flatnonzero(self.frf.values.any(axis=0))
         most = max(1, REPORT_SIZE.frf_bytes // (8 * len(self.frf.freq)))
         return np.sort(self._sort_by_agreement(nonzero)[:most])
@@ -128,7 +126,6 @@ def picker_figure(found: IdentifiedModes) -> Figure:
 
 
 def _pole_traces(diagram: Diagram) -> list[dict[str, Any]]:
-    """Return the traces of new poles and of stable poles."""
     new = {"color": "@muted", "size": 4}
     stable = {"color": "@third", "size": 6}
     hover = "pole at %{x:.6g} Hz, order %{y}, damping %{customdata:.3g} %<extra></extra>"

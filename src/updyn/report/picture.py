@@ -222,7 +222,6 @@ def _draw_arrow(
 
 
 def _svg_path(*points: RealArray) -> str:
-    """Return a polyline as an SVG path."""
     return "M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in points)
 
 
@@ -266,11 +265,8 @@ def _place_column(
 
 
 def spread_heights(wanted: RealArray, gap: float, low: float, high: float) -> RealArray:
-    """Return ascending heights near `wanted` (ascending), at least `gap` apart, within limits.
-
-    Heights are moved up to keep the gap, then down from the upper limit. ``(n - 1) gap`` must fit
-    between the limits.
-    """
+    """Return ascending heights near `wanted` (ascending), at least `gap` apart, within limits."""
+    # Heights are moved up to keep the gap, then down from the upper limit.
     out = np.clip(np.asarray(wanted, dtype=np.float64), low, high)
     for i in range(1, len(out)):
         out[i] = max(out[i], out[i - 1] + gap)
@@ -283,7 +279,6 @@ def spread_heights(wanted: RealArray, gap: float, low: float, high: float) -> Re
 def _draw_view(
     scene: PictureScene, callouts: Sequence[Callout], name: str, *, labelled: bool
 ) -> dict[str, Any]:
-    """Return the elements of the picture from one viewpoint."""
     view = camera(*VIEWS[name])
     projected = scene.xyz @ view.T  # columns: right, up, towards the viewer
     to_picture = _Projection(scene, projected)
@@ -359,7 +354,6 @@ def _draw_squares(scene: PictureScene, xy: RealArray) -> list[dict[str, Any]]:
 
 
 def _draw_callout(callout: Callout, place: RealArray, camera: RealArray) -> dict[str, Any]:
-    """Return the arrows of a callout."""
     axes = callout.axes @ camera.T * [1.0, -1.0, 1.0]
     arrows = [_draw_arrow(place, d, axes, _ARROW, "sensor") for d in callout.sensors]
     arrows += [_draw_arrow(place, d, axes, 1.25 * _ARROW, "force") for d in callout.forces]

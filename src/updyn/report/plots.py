@@ -325,10 +325,8 @@ def _avoid_zeros(values: ArrayLike, tiny: float) -> RealArray:
 
 
 def thin_indices(values: ArrayLike, limit: int) -> IndexArray:
-    """Return ascending positions of the minimum and maximum of each interval, at most `limit`.
-
-    An interval with nan has the position of one in addition, such that gaps are preserved.
-    """
+    """Return ascending positions of the minimum and maximum of each interval, at most `limit`."""
+    # An interval with nan has the position of one in addition, such that gaps are preserved.
     array = np.asarray(values, dtype=np.float64)
     if len(array) <= limit:
         return np.arange(len(array))

@@ -18,11 +18,9 @@ __all__ = ["PROVENANCE", "data_checksum", "model_checksum"]
 
 
 def data_checksum(data: FRF | ModeSet) -> str:
-    """Return the SHA-256 of the data as hexadecimal digits.
-
-    FRFs: quantity, labels, lines (float64) and values (complex128), little-endian. Modes: labels,
-    frequencies, shapes and loss factors.
-    """
+    """Return the SHA-256 of the data as hexadecimal digits."""
+    # FRFs: quantity, labels, lines (float64) and values (complex128), little-endian. Modes:
+    # labels, frequencies, shapes and loss factors.
     digest = hashlib.sha256()
     if isinstance(data, ModeSet):
         digest.update("\n".join(["modes", *data.dofs.labels]).encode())
@@ -38,10 +36,8 @@ def data_checksum(data: FRF | ModeSet) -> str:
 
 
 def model_checksum(model: Model) -> str:
-    """Return the SHA-256 of a model: labels, then name, damping and matrices of each group.
-
-    Sparse matrices are hashed as little-endian CSR arrays.
-    """
+    """Return the SHA-256 of a model: labels, then name, damping and matrices of each group."""
+    # Sparse matrices are hashed as little-endian CSR arrays.
     digest = hashlib.sha256()
     digest.update("\n".join(model.dofs.labels).encode())
     for name, group in model.groups.items():

@@ -137,10 +137,8 @@ def shown_channels(found: Adequacy) -> IndexArray:
 
 
 def misfit_map(found: Adequacy | None) -> Figure | None:
-    """Return a heat map of the rms misfit over the noise: channels down, bands across.
-
-    Channels and bands that a test finds suspicious are marked.
-    """
+    """Return a heat map of the rms misfit over the noise: channels down, bands across."""
+    # Channels and bands that a test finds suspicious are marked.
     if found is None:
         return None
     at = shown_channels(found)
@@ -200,7 +198,6 @@ def _find_edges(bands: RealArray) -> RealArray:
 
 
 def _hover_row(found: Adequacy, i: int, j: int) -> list[str]:
-    """Return the hover texts of the cells of one channel."""
     response, reference = escape_label(found.responses[i]), escape_label(found.references[j])
     where = f"response {response}<br>reference {reference}"
     unit = "noise" if found.absolute else "typical misfit"

@@ -106,10 +106,8 @@ def scene_of(
 
 
 def sensors_of(data: Sequence[FRF | ModeSet]) -> tuple[list[str], list[str]]:
-    """Return the DOF labels of sensors and forces of some measurements, without duplicates.
-
-    The reference of a transmissibility is a sensor.
-    """
+    """Return the DOF labels of sensors and forces of some measurements, without duplicates."""
+    # The reference of a transmissibility is a sensor.
     responses: dict[str, None] = {}
     references: dict[str, None] = {}
     for one in data:
@@ -195,10 +193,9 @@ class _ModalShapes:
         return next(one for one in found if entry.number in one.computed)
 
     def model_shape(self, name: str, row: ModalRow) -> NumberArray | None:
-        """Return the shape of a model's mode; None without one.
-
-        Close modes of a model are combined to the shape nearest to the test mode (least squares).
-        """
+        """Return the shape of a model's mode; None without one."""
+        # Close modes of a model are combined to the shape nearest to the test mode (least
+        # squares).
         entry: ModeEntry | None = getattr(row, name)
         if entry is None or name not in self.full:
             return None
@@ -217,11 +214,9 @@ class _ModalShapes:
     def test_shape(
         self, row: ModalRow, close: Subspace | None, at_sensors: NumberArray | None
     ) -> Any:
-        """Return the shape of a test mode, scaled to the model's shape; None without a test mode.
-
-        Close modes of the test paired with separate model modes are combined to the shape nearest
-        to the model's.
-        """
+        """Return the shape of a test mode, scaled to the model's; None without a test mode."""
+        # Close modes of the test paired with separate model modes are combined to the shape
+        # nearest to the model's.
         if row.test is None:
             return None
         shape = self.test.shapes[:, row.test.number]

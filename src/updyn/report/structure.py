@@ -111,10 +111,8 @@ STRUCTURE = StructureSection()
 
 
 def structure_of(results: Sequence[UpdateResult]) -> str:
-    """Return picture and legend of a structure with the sensors of all its tests.
-
-    The model with the most degrees of freedom is drawn. Empty if no model has a geometry.
-    """
+    """Return picture and legend of a structure with the sensors of all its tests; empty without."""
+    # The model with the most degrees of freedom is drawn.
     result = _find_largest(results)
     if result is None:
         return ""
@@ -178,7 +176,6 @@ class _GroupChanges:
         return cls(changes, remarks, max([_LEAST, *logs]))
 
     def parts(self) -> dict[str, tuple[str, str]]:
-        """Return colour and title of each changed group."""
         return {name: (self._colour(name), self._title(name)) for name in self.changes}
 
     def _colour(self, name: str) -> str:
@@ -188,7 +185,6 @@ class _GroupChanges:
         return f"s{_step(math.log(self.changes[name][1]), self.reach)}"
 
     def _title(self, name: str) -> str:
-        """Return the name of a group and its change."""
         quantity, factor = self.changes[name]
         text = f"{name}: {quantity_words(quantity)} {_percent(factor)}"
         if self.remarks[name]:
@@ -210,7 +206,6 @@ class _GroupChanges:
         return steps + out
 
     def make_colouring(self, groups: Sequence[str]) -> Colouring:
-        """Return the colouring of the groups for the viewer."""
         scale, parts = self.scale(), self.parts()
         steps = [(_TOKENS[colour], text) for colour, text in scale]
         number = {colour: i for i, (colour, _) in enumerate(scale)}
@@ -229,11 +224,9 @@ class _GroupChanges:
 
 
 def group_changes(result: UpdateResult) -> dict[str, tuple[str, float]]:
-    """Return the change of each group affected by an unknown: quantity and factor.
-
-    The factor is on the first of stiffness, mass and viscous damping that is an unknown. Loss
-    factors are not factors and are omitted.
-    """
+    """Return the change of each group affected by an unknown: quantity and factor."""
+    # The factor is on the first of stiffness, mass and viscous damping that is an unknown. Loss
+    # factors are not factors and are omitted.
     parameters = result.parameters
     changes = parameters.changes([result.values[name] for name in parameters.names])
     out = {}
@@ -246,11 +239,8 @@ def group_changes(result: UpdateResult) -> dict[str, tuple[str, float]]:
 
 
 def group_remarks(result: UpdateResult) -> dict[str, str]:
-    """Return a remark on the change of each group in `group_changes`; empty if significant.
-
-    A change is significant if the 95 % interval of an unknown that causes it excludes the start.
-    The remarks are ``"not significant"`` and ``"not determined"``.
-    """
+    """Return a remark on the change of each group in `group_changes`; empty if significant."""
+    # A change is significant if the 95 % interval of an unknown that causes it excludes the start.
     changes = group_changes(result)
     out = dict.fromkeys(changes, "not significant")
     for p in result.parameters:

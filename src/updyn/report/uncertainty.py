@@ -134,11 +134,8 @@ def find_intervals(found: Draws | Profiles) -> dict[str, tuple[float, float]]:
 
 # -- intervals -----------------------------------------------------------------------------------
 def intervals_figure(result: UpdateResult | JointResult, found: Draws | Profiles) -> Figure | None:
-    """Return the intervals of the unknowns in Laplace standard deviations from the estimate.
-
-    Intervals of factors are shown on the logarithm. None if no unknown has both an interval and a
-    standard deviation.
-    """
+    """Return the intervals of the unknowns in Laplace standard deviations; None without any."""
+    # Intervals of factors are shown on the logarithm.
     intervals = find_intervals(found)
     chosen = [
         p for p in result.parameters if p.name in intervals and 0 < result.std[p.name] < np.inf

@@ -119,7 +119,6 @@ def _parameter_row(result: UpdateResult, parameter: Parameter) -> dict[str, Any]
 
 
 def _parameter_notes(result: UpdateResult, parameter: Parameter) -> list[str]:
-    """Return the remarks on an unknown."""
     p = parameter
     value, std = result.values[p.name], result.std[p.name]
     notes = []
@@ -137,10 +136,8 @@ def _parameter_notes(result: UpdateResult, parameter: Parameter) -> list[str]:
 
 
 def estimates(result: UpdateResult, chosen: Sequence[Parameter]) -> Figure | None:
-    """Return the estimates of one kind of unknown with 95 % intervals and bounds.
-
-    Factors are shown relative to their start, on a logarithmic axis. None without unknowns.
-    """
+    """Return the estimates of one kind of unknown with 95 % intervals and bounds; None without."""
+    # Factors are shown relative to their start, on a logarithmic axis.
     if not chosen:
         return None
     relative = chosen[0].is_factor

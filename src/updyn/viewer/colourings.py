@@ -74,7 +74,6 @@ def _find_edges(values: RealArray, *, logarithmic: bool) -> RealArray:
 
 
 def _describe_size(name: str, unit: str, size: float, edges: RealArray) -> tuple[int, str]:
-    """Return the step and the text of a value."""
     if np.isnan(size):
         return -1, ""
     if np.isinf(size):

@@ -146,11 +146,9 @@ def _encode_entries(entries: Entries) -> dict[str, Any]:
 
 
 def _encode_reference(reference: Reference) -> dict[str, Any]:
-    """Return the layers of a reference, each line scaled by its largest value in any layer.
-
-    Shapes are drawn at the same size at every line. The level is in the curve: the root mean square
-    over the channels.
-    """
+    """Return the layers of a reference, each line scaled by its largest value in any layer."""
+    # Shapes are drawn at the same size at every line. The level is in the curve: the root mean
+    # square over the channels.
     values = [layer.values for layer in reference.layers]
     largest = np.max([np.abs(v).max(axis=1, initial=0.0) for v in values], axis=0)
     level = np.where(largest > 0.0, largest, 1.0)[:, None]

@@ -14,23 +14,19 @@ __all__ = ["groups_of_faces", "groups_of_lines", "nodes_of_groups"]
 
 
 def groups_of_lines(model: Model) -> IndexArray:
-    """Return the group of each line of the model's geometry, shape (m,); -1 if unknown.
-
-    The model does not store it. It is the group whose stiffness matrix has the largest norm of the
-    entries between the DOFs of the two nodes; if only one node has DOFs (the other is fixed or
-    dependent), the largest entries at that node; if neither has, it is unknown.
-    """
+    """Return the group of each line of the model's geometry, shape (m,); -1 if unknown."""
+    # The model does not store it. It is the group whose stiffness matrix has the largest norm of
+    # the entries between the DOFs of the two nodes; if only one node has DOFs (the other is fixed
+    # or dependent), the largest entries at that node; if neither has, it is unknown.
     assert model.geometry is not None
     return _groups_of_cells(model, model.geometry.line_ends)
 
 
 def groups_of_faces(model: Model) -> IndexArray:
-    """Return the group of each face of the model's geometry, shape (k,); -1 if unknown.
-
-    It is the group whose stiffness matrix couples all pairs of nodes of the face, diagonals
-    included, and whose weakest coupling is the strongest of all groups. Nodes without DOFs are
-    ignored; with one node left the rule for lines applies, with none the group is unknown.
-    """
+    """Return the group of each face of the model's geometry, shape (k,); -1 if unknown."""
+    # It is the group whose stiffness matrix couples all pairs of nodes of the face, diagonals
+    # included, and whose weakest coupling is the strongest of all groups. Nodes without DOFs are
+    # ignored; with one node left the rule for lines applies, with none the group is unknown.
     assert model.geometry is not None
     return _groups_of_cells(model, model.geometry.face_corners)
 
@@ -92,8 +88,9 @@ def _is_first(cells: IndexArray) -> BoolArray:
 def nodes_of_groups(model: Model, groups: IndexArray, most: int) -> dict[int, IndexArray]:
     """Return the nodes of groups without lines (lumped masses, springs to the ground) by group.
 
-    Groups with more than `most` nodes are omitted; groups and nodes are positions.
+    Groups and nodes are positions.
     """
+    # Groups with more than `most` nodes are omitted.
     at = _places(model)
     out = {}
     every = list(model.groups.values())
