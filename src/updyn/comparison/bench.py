@@ -196,10 +196,7 @@ class Bench:
         options: Options,
         fit_options: Mapping[str, Any],
     ) -> Bench:
-        """Choose the lines once for all methods, and check the inputs for consistency.
-
-        An `InputError` is raised if lines, noise or validation set do not fit the data.
-        """
+        """Choose the lines once for all methods, and check the inputs for consistency."""
         with_lines, data = [], []
         for test in map(leave_out_undefined_line, tests):
             held: Any = test.validation
@@ -226,11 +223,7 @@ class Bench:
 
     # -- one method ----------------------------------------------------------------------------
     def run_method(self, name: str, counter: StepCounter) -> Row:
-        """Run a method with the unknowns that it can update.
-
-        Raises `InputError` if the method does not apply, `SolverError` if the model cannot be
-        solved at its start values.
-        """
+        """Run a method with the unknowns that it can update."""
         facts = method_facts(name)
         updatable: list[Parameter] = []
         fixed: list[str] = []
@@ -323,7 +316,6 @@ class Bench:
         return Selection(unknowns, left_out=left_out, held=tuple(held))
 
     def _find_method_options(self, name: str) -> Mapping[str, Any]:
-        """Return the options given for one method."""
         return self.options.by_method.get(name, {})
 
     def _select_fit_options(self, name: str) -> dict[str, Any]:
@@ -403,14 +395,12 @@ class Bench:
         return distance
 
     def _select_lines(self, count: int) -> tuple[Test, ...]:
-        """Return the tests with `count` of their lines, the same for every method."""
         if count not in self._subsets:
             thinned = map(self._thin_test, self.tests, self.data, repeat(count))
             self._subsets[count] = tuple(thinned)
         return self._subsets[count]
 
     def _thin_test(self, test: Test, frf: FRF, count: int) -> Test:
-        """Return a test with `count` of its lines."""
         n = len(frf.freq)
         if count >= n:
             at = np.arange(n)

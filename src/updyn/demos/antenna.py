@@ -109,7 +109,6 @@ validation = ["463:Z"]
 
 
 def _unknown_per_group(groups: Sequence[str], quantity: str, low: float, high: float) -> str:
-    """Return the text of unknowns, one per group."""
     return (
         f"[[parameter]]\ngroups = {_toml_array(groups)}\n"
         f'quantity = "{quantity}"\nbounds = [{low}, {high}]\n'
@@ -136,7 +135,6 @@ def _parts(axis: str, names: Sequence[str], quantity: str) -> dict[str, float]:
 
 
 def _unknowns() -> str:
-    """Return the text of all unknowns."""
     thickness = {"reflector.stiffness": 1, "reflector bending.stiffness": 3, "reflector.mass": 1}
     modulus = f'nominal = {STEEL["E"]:g}\nunit = "Pa"\n'
     skin = f'nominal = {SKIN:g}\nunit = "m"\n'
@@ -164,9 +162,10 @@ def _unknowns() -> str:
 def measure(model: Model, seed: int, *, torques: bool, n_lines: int = _LINES) -> FRF:
     """Return the simulated measurement of a model, with noise of a seed.
 
-    The variance of H is estimated as |H|^2 (1 - gamma^2) / (gamma^2 (n - 1)) (Bendat & Piersol,
-    Random Data, 2010). With `torques`, the rotors are free and the motor torques are references.
+    With `torques`, the rotors are free and the motor torques are references.
     """
+    # The variance of H is estimated as |H|^2 (1 - gamma^2) / (gamma^2 (n - 1)) (Bendat & Piersol,
+    # Random Data, 2010).
     sensors = list(itertools.chain.from_iterable(SENSORS.values()))
     forces = list(HAMMER)
     if torques:

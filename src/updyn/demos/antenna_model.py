@@ -68,11 +68,9 @@ _TRAINS = {"azimuth": AZIMUTH, "elevation": ELEVATION}
 
 
 def antenna() -> Model:
-    """Return the antenna of the drawings, rotors free.
-
-    The rotation of a motor (nodes 2001 and 3001) is that of its rotor relative to its housing, so
-    fixing this DOF locks the rotor.
-    """
+    """Return the antenna of the drawings, rotors free."""
+    # The rotation of a motor (nodes 2001 and 3001) is that of its rotor relative to its housing,
+    # so fixing this DOF locks the rotor.
     body = _split(_structure(SKIN), _structure(2.0 * SKIN))
     assert body.geometry is not None
     model = _with_drive(body, "azimuth", NODES["turntable"], NODES["pedestal top"], "Z")
@@ -187,11 +185,9 @@ def _structure(thickness: float) -> Model:
 
 
 def _split(single: Model, double: Model) -> Model:
-    """Return the model with the bending of the reflector as a separate group.
-
-    K(t) = t A + t^3 B, so K(2 t) - 2 K(t) = 6 t^3 B: membrane and shear stiffness are proportional
-    to t, bending stiffness to its cube.
-    """
+    """Return the model with the bending of the reflector as a separate group."""
+    # K(t) = t A + t^3 B, so K(2 t) - 2 K(t) = 6 t^3 B: membrane and shear stiffness are
+    # proportional to t, bending stiffness to its cube.
     skin = single.group("reflector")
     thick = double.group("reflector")
     assert skin.stiffness is not None

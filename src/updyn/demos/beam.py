@@ -380,10 +380,8 @@ def sensor_levels(measured: FRF, computed: FRF) -> dict[str, float]:
 
 
 def find_torsion(computed: Correlation, length: float) -> tuple[float, float]:
-    """Return natural frequency in Hz and MAC of the residual's mode near the line of least CSAC.
-
-    The MAC compares its shape with cos(pi x / length), the first torsion mode of a free bar.
-    """
+    """Return natural frequency in Hz and MAC of the residual's mode near the line of least CSAC."""
+    # The MAC compares its shape with cos(pi x / length), the first torsion mode of a free bar.
     measured = computed.measured
     rest = replace(measured, values=measured.values - computed.computed.values)
     frequency, _, residues = fit_one_mode(rest, float(computed.freq[computed.csac.argmin()]))
@@ -393,11 +391,9 @@ def find_torsion(computed: Correlation, length: float) -> tuple[float, float]:
 
 
 def fit_one_mode(frf: FRF, near: float) -> tuple[float, float, ComplexArray]:
-    """Return frequency in Hz, loss factor and residues of the mode within 5 % of a frequency in Hz.
-
-    The least-squares model of receptance is a pole and a constant; the residues have an arbitrary
-    factor.
-    """
+    """Return frequency in Hz, loss factor and residues of the mode within 5 % of a frequency."""
+    # The least-squares model of receptance is a pole and a constant; the residues have an
+    # arbitrary factor.
     from scipy.optimize import least_squares
 
     part = frf.select(band=(0.95 * near, 1.05 * near))

@@ -298,11 +298,9 @@ def _fifth_line(second: UpdateResult, result: UpdateResult) -> str:
 
 
 def move_along_family(result: UpdateResult) -> UpdateResult:
-    """Move the published result along its undetermined combination to the paper's K(6,6).
-
-    All other unknowns are fitted to the same data. K(6,6) is printed with five digits, and nearly
-    all of it belongs to unit 6.
-    """
+    """Move the published result along its undetermined combination to the paper's K(6,6)."""
+    # All other unknowns are fitted to the same data. K(6,6) is printed with five digits, and
+    # nearly all of it belongs to unit 6.
     from updyn.updating.update import update
 
     wanted = paper_matrices()["K(6,6)"]
@@ -340,7 +338,6 @@ def paper_matrices() -> dict[str, float]:
 
 
 def _matrix_entries(model: Model) -> dict[str, float]:
-    """Return the same matrix entries of a model."""
     K = np.zeros((model.n_dofs, model.n_dofs))
     M = np.zeros((model.n_dofs, model.n_dofs))
     for group in model.groups.values():

@@ -262,7 +262,6 @@ class _SegmentRecipe:
     loss_factor: float
 
     def group(self) -> Group:
-        """Return the group."""
         shared = (self.common, self.shear_ratio, self.loss_factor)
         first, *others = (_segment_group(self.x, one, *shared) for one in self.segments)
         for other in others:
@@ -270,7 +269,6 @@ class _SegmentRecipe:
         return first
 
     def section(self, segment: Segment) -> tuple[float, float]:
-        """Return width and height of a segment."""
         width, height = (
             size if (size := getattr(segment, key)) is not None else self.common[key]
             for key in ("width", "height")
@@ -278,7 +276,6 @@ class _SegmentRecipe:
         return width, height
 
     def matrices(self) -> StiffnessAndMass:
-        """Compute stiffness and mass."""
         group = self.group()
         return StiffnessAndMass(group.stiffness, group.mass)
 

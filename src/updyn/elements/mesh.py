@@ -203,7 +203,6 @@ class Mesh:
 def _elements(
     path: str, name: str, kind: str, cells: IntArray, given: Mapping[str, Any]
 ) -> list[Element]:
-    """Return the elements of the cells of one type in a group."""
     what = f"material of group {name!r}"
     if not isinstance(given, Mapping):
         raise ModelError(f"{what}: {given!r}; expected a mapping of field to value")
@@ -323,7 +322,6 @@ def _find_hdf5_files(path: Path) -> list[Path]:
 
 
 def _positions(path: Path, points: NumberArray) -> RealArray:
-    """Return positions in three dimensions."""
     if points.ndim != 2 or not 1 <= points.shape[1] <= 3 or points.dtype.kind not in "iuf":
         raise FormatError(
             f"positions: {points.dtype} of shape {points.shape}; expected rows of 1 to 3 numbers",
@@ -337,11 +335,9 @@ def _positions(path: Path, points: NumberArray) -> RealArray:
 
 
 def _orient_outwards(cells: _CellBlock, xyz: RealArray) -> _CellBlock:
-    """Return solids in the node order that encloses a positive volume.
-
-    The node order of MED is mirrored relative to VTK (Gmsh, GModelIO_MED.cpp, med2mshNodeIndex),
-    but meshio writes and reads it in the order of VTK.
-    """
+    """Return solids in the node order that encloses a positive volume."""
+    # The node order of MED is mirrored relative to VTK (Gmsh, GModelIO_MED.cpp, med2mshNodeIndex),
+    # but meshio writes and reads it in the order of VTK.
     order = _MIRRORED.get(cells.type)
     if order is None or not len(cells.data) or cells.data.shape[1] != len(order):
         return cells
@@ -354,7 +350,6 @@ def _orient_outwards(cells: _CellBlock, xyz: RealArray) -> _CellBlock:
 
 
 def _check_indices(path: Path, what: str, members: NumberArray, size: int) -> IndexArray:
-    """Return the indices of members, after a check that each is below `size`."""
     if members.size and (members.dtype.kind not in "iu" or members.ndim != 1):
         raise FormatError(f"{what}: {members.dtype} of shape {members.shape}, no numbers", path)
     if members.size and not 0 <= members.min() <= members.max() < size:
@@ -518,11 +513,7 @@ def structure_from_mesh(
 
 
 def _node_numbers(path: Path) -> IntArray | None:
-    """Return the node numbers of a mesh file, in its order; None if the format has none.
-
-    A `FormatError` is raised if the numbers are missing, or meshio would misread the groups of an
-    Abaqus deck.
-    """
+    """Return the node numbers of a mesh file, in its order; None if the format has none."""
     suffix = path.suffix.lower()
     if suffix == ".inp":
         return _abaqus_numbers(path, _lines(path))

@@ -22,8 +22,7 @@ def find_candidates(
     """Return the candidates of labels and globs, each once, in order of appearance.
 
     None: all translational DOFs of the model, or all DOFs without any; ``"all"``: all DOFs. Labels
-    keep their sign. A `DofError` is raised for an invalid or missing DOF, a glob without a match,
-    or no candidate.
+    keep their sign.
     """
     if given is None:
         moving = np.flatnonzero(model.dofs.axes < 3)

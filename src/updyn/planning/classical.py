@@ -91,10 +91,10 @@ def driving_point_residues(shapes: RealArray, frequency: RealArray) -> RealArray
 def effective_independence(shapes: RealArray, count: int) -> list[int]:
     """Return DOFs, ascending, after deletion of those that contribute least to the rank.
 
-    `shapes` has shape (n, n_modes); at most `count` modes are used. The contribution of a DOF is
-    its diagonal entry of phi (phi^T phi)^-1 phi^T (Kammer 1991, eq. 15), here from orthonormal
-    columns of phi.
+    `shapes` has shape (n, n_modes); at most `count` modes are used.
     """
+    # The contribution of a DOF is its diagonal entry of phi (phi^T phi)^-1 phi^T (Kammer 1991, eq.
+    # 15), here from orthonormal columns of phi.
     phi = shapes[:, : min(count, shapes.shape[1])]
     remaining = np.arange(len(phi))
     while len(remaining) > count:
@@ -116,10 +116,8 @@ class _LargestMac(DesignScore):
 
 
 def least_mac(shapes: RealArray, count: int) -> list[int]:
-    """Return DOFs, ascending, with the smallest maximum MAC between different modes.
-
-    Greedy from the best pair, then by exchange. Raises `DataError` for fewer than two modes.
-    """
+    """Return DOFs, ascending, with the smallest maximum MAC between different modes."""
+    # Greedy from the best pair, then by exchange.
     if shapes.shape[1] < 2:
         raise DataError("MAC requires at least two modes in the band, found one")
     unit = shapes / np.linalg.norm(shapes, axis=0)

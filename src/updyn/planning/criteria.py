@@ -102,11 +102,9 @@ class Criterion(ABC):
 
 
 def volume_score(planning: Planning) -> DesignScore:
-    """Return the score of the volume of the confidence ellipsoid of the parameters of interest.
-
-    Minus twice the logarithm of the geometric mean of its semi-axes (at one standard deviation),
-    averaged over the points of the parameters, up to a constant.
-    """
+    """Return the score of the volume of the confidence ellipsoid of the parameters of interest."""
+    # Minus twice the logarithm of the geometric mean of its semi-axes (at one standard deviation),
+    # averaged over the points of the parameters, up to a constant.
     n = len(planning.information.scale)
     others = tuple(i for i in range(n) if i not in planning.wanted)
     return OverPoints(_PerUnknown(DOptimal(others), len(planning.wanted)))

@@ -74,10 +74,7 @@ class Candidates:
         noise: Stated,
         session: Session | None = None,
     ) -> Candidates:
-        """Compile a model for its candidates, without the level of the noise.
-
-        Raises `DataError` for an invalid quantity or line.
-        """
+        """Compile a model for its candidates, without the level of the noise."""
         nothing = np.zeros((len(freq), 1, 1), dtype=np.complex128)
         data = FRF(freq, nothing, responses[:1], references[:1], quantity)
         part = FRFPart.build(model, data, parameters, session=session)
@@ -87,8 +84,7 @@ class Candidates:
     def with_level(self, among: Candidates | None = None) -> Candidates:
         """Return the candidates with the level of the noise, from their rms or that of a sample.
 
-        A sample `among` has channels of every unit; then no channel is removed as too weak. Raises
-        `SolverError` if the model cannot be solved at a line.
+        A sample `among` has channels of every unit; then no channel is removed as too weak.
         """
         reference_sample = self if among is None else among
         squared, of_kind = (
@@ -104,10 +100,7 @@ class Candidates:
         return found._mask_weak(squared) if among is None else found
 
     def without_weak(self) -> Candidates:
-        """Return the candidates with an infinite level of the noise in weak channels.
-
-        Raises `SolverError` if the model cannot be solved at a line.
-        """
+        """Return the candidates with an infinite level of the noise in weak channels."""
         return self._mask_weak(_compute_mean_square(self))
 
     def _mask_weak(self, squared: RealArray) -> Candidates:
@@ -159,7 +152,6 @@ class Candidates:
         """Return the sum of a function over all lines at a point, computed in pieces.
 
         The module-level function takes the candidates, and the point with a piece of the lines.
-        Raises `Stopped` if the user stops the work.
         """
         session, n_lines = self.part.session, len(self.freq)
         session.check()
@@ -265,9 +257,7 @@ class PairInformation:
     ) -> PairInformation:
         """Return the information of every pair at points in the optimiser's coordinates.
 
-        `stage` names the work at each point. Raises `OptionError`, with the permitted number, if
-        memory does not suffice; `SolverError` if the model cannot be solved at a line; `Stopped` if
-        the user stops the work.
+        `stage` names the work at each point.
         """
         n = candidates.part.n
         shape = (len(candidates.responses), len(candidates.references), len(points))
@@ -296,17 +286,11 @@ class PairInformation:
         return self.packed.shape[2], len(self.scale), len(self.scale)
 
     def of_responses(self, columns: Sequence[int]) -> RealArray:
-        """Return each response's information with given references, (n_i, n_points, n, n).
-
-        Without the prior.
-        """
+        """Return the information of each response without prior, (n_i, n_points, n, n)."""
         return self._unpack(self.packed[:, list(columns)].sum(axis=1))
 
     def of_references(self, rows: Sequence[int]) -> RealArray:
-        """Return each reference's information with given responses, (n_j, n_points, n, n).
-
-        Without the prior.
-        """
+        """Return the information of each reference without prior, (n_j, n_points, n, n)."""
         return self._unpack(self.packed[list(rows)].sum(axis=0))
 
     def of_layout(self, rows: Sequence[int], columns: Sequence[int]) -> RealArray:
@@ -356,10 +340,8 @@ def _compute_information(candidates: Candidates, x: RealArray) -> RealArray:
 
 @use_one_thread
 def _compute_line_information(candidates: Candidates, item: _Item) -> RealArray:
-    """Return the information of each pair at some lines, shape (n_i, n_j, n (n + 1) / 2).
-
-    By reciprocity, pairs of the same candidates are computed once, below the diagonal.
-    """
+    """Return the information of each pair at some lines, shape (n_i, n_j, n (n + 1) / 2)."""
+    # By reciprocity, pairs of the same candidates are computed once, below the diagonal.
     x, _ = item
     part = candidates.part
     system, unknowns, values = candidates.solver.system, part.unknowns, part.values(x)

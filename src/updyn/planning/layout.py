@@ -37,12 +37,10 @@ class OverPoints(DesignScore):
 def best_layout(
     information: PairInformation, n_rows: int, n_columns: int, criterion: DesignScore
 ) -> Layout:
-    """Return responses and references with the largest score of their information.
-
-    References are selected greedily as if all responses were measured, starting with each of the
-    best separate ones; responses are then selected greedily for them. Both are exchanged in turn
-    while the score increases.
-    """
+    """Return responses and references with the largest score of their information."""
+    # References are selected greedily as if all responses were measured, starting with each of the
+    # best separate ones; responses are then selected greedily for them. Both are exchanged in turn
+    # while the score increases.
     all_rows = range(information.shape[0])
     alone = information.of_references(all_rows)
     firsts = np.argsort(-criterion.score(alone + information.before), kind="stable")
@@ -61,7 +59,6 @@ def best_layout(
 def _select_further(
     items: RealArray, total: RealArray, chosen: Sequence[int], count: int, criterion: DesignScore
 ) -> list[int]:
-    """Return further items by greedy selection."""
     left = np.setdiff1d(np.arange(len(items)), chosen)
     order, _ = select_greedily(items[left], total, count, criterion)
     return [int(i) for i in left[order]]

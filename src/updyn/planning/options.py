@@ -113,7 +113,6 @@ def find_lines(given: int | ArrayLike, band: Band) -> RealArray:
     """Return the lines of a band in Hz, ascending.
 
     A number gives evenly spaced lines with both ends; of given lines, those in the band are used.
-    Raises `OptionError` if invalid, or if no line is in the band.
     """
     low, high = band
     if isinstance(given, int | np.integer) and not isinstance(given, bool):

@@ -251,7 +251,6 @@ class _PlanTask:
     draws: StartDraws
 
     def choose(self, band: Band, candidates: Candidates, callback: _Callback | None) -> Choice:
-        """Return the selected layout in a band."""
         stage = _make_stage(candidates, callback)
         points = self.draws.points(candidates.part.coordinates)
         pairs = f"{len(candidates.responses)} x {len(candidates.references)} pairs"

@@ -40,8 +40,7 @@ def screen_candidates(
     """Return the most informative candidates, with the level of the noise, in a reduced model.
 
     The first of the `points` is the start of the parameters; `counts` are the numbers of responses
-    and references to select. Raises `SolverError` if the model cannot be solved, `Stopped` if the
-    user stops the work.
+    and references to select.
     """
     solver = _build_reduction(candidates, points).solver()
     rows = np.arange(len(candidates.responses))
@@ -78,10 +77,8 @@ def screen_candidates(
 def _select_responses(
     information: PairInformation, counts: tuple[int, int], kept: int, score: DesignScore
 ) -> IndexArray:
-    """Return indices of responses: of layouts from several references, then the best of all.
-
-    For each reference the layout that greedy selection reaches from it, the best layouts first.
-    """
+    """Return indices of responses: of layouts from several references, then the best of all."""
+    # For each reference the layout that greedy selection reaches from it, the best layouts first.
     n_i, n_j = information.shape
     if n_i <= kept:
         return np.arange(n_i)
@@ -131,11 +128,7 @@ def _build_reduction(candidates: Candidates, points: Sequence[RealArray]) -> Red
 
 
 def reduce_candidates(candidates: Candidates, points: Sequence[RealArray]) -> Candidates:
-    """Return the candidates in a reduced model that is accurate at all points, if possible.
-
-    A small model is not reduced. Raises `SolverError` if the model cannot be solved, `Stopped` if
-    the user stops the work.
-    """
+    """Return the candidates in a reduced model that is accurate at all points, if possible."""
     part = candidates.part
     if part.solver.system.n <= CANDIDATE_REDUCTION.most_exact_dofs:
         return candidates

@@ -123,7 +123,6 @@ def _to_list(nodes: Iterable[int]) -> Iterable[int]:
 def _build_model(
     parts: Iterable[Part], held: Iterable[int], keep: Iterable[int], title: str = ""
 ) -> Model:
-    """Return the model of a train."""
     train = assemble(parts, held)
     groups = {
         name: _build_group(name, pieces, train) for name, pieces in _pieces_by_group(train).items()
@@ -166,7 +165,6 @@ def drivetrain_from_table(table: Mapping[str, Any]) -> Model:
 
 
 def _read_table(table: Mapping[str, Any]) -> tuple[list[Part], dict[str, Any]]:
-    """Return the parts of a table and the other arguments of `drivetrain`."""
     data = dict(table)
     kind = data.pop("kind", "drivetrain")
     if kind != "drivetrain":

@@ -535,7 +535,6 @@ class Planetary(Part):
         return out
 
     def _planet_inertia(self, what: str, carrier: int) -> list[Piece]:
-        """Return the mass of the planets as an inertia of the carrier."""
         mass = check_not_negative(what, "planet_mass", self.planet_mass)
         if not mass:
             return []

@@ -213,11 +213,8 @@ def make_transmission(
     along: bool = False,
     housing_factor: float | None = None,
 ) -> TorsionSpring | RigidRatio:
-    """Return the spring or, without stiffness, the rigid ratio of a part that transmits motion.
-
-    The second node of a rigid ratio is the dependent one. A `ModelError` is raised for invalid
-    numbers, or damping of a rigid part.
-    """
+    """Return the spring or, without stiffness, the rigid ratio of a part that transmits motion."""
+    # The second node of a rigid ratio is the dependent one.
     every, values = relative_deformation(what, nodes, row, part.housing, housing_factor)
     viscous, loss = check_damping(what, part)
     if stiffness is not None:
@@ -234,11 +231,10 @@ def solve_ratios(
 ) -> dict[int, dict[int, float]]:
     """Solve the rigid ratios for the dependent nodes: their coefficients by independent node.
 
-    Gauss-Jordan elimination, first the ratios, then the fixed nodes, to distinguish contradicting
-    ratios from wheels that are fixed. Nodes in `keep` remain independent. A node at rest has no
-    coefficients. A `ModelError` is raised if ratios contradict each other, or a node in `keep` is
-    dependent.
+    Nodes in `keep` remain independent. A node at rest has no coefficients.
     """
+    # Gauss-Jordan elimination, first the ratios, then the fixed nodes, to distinguish
+    # contradicting ratios from wheels that are fixed.
     kept = set(keep)
     known: dict[int, dict[int, float]] = {}
     # Anchors come last: they may fix nodes that the other ratios connect.

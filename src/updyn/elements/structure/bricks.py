@@ -61,10 +61,10 @@ def brick_matrices(
 def mass_matrices(volume: RealArray, N: RealArray, rho: float, lumped: bool) -> RealArray:
     """Return the mass of solids, shape (m, 3 k, 3 k), node by node.
 
-    `volume` (m, q) and the shape functions `N` (q, k) are those of the quadrature points. A lumped
-    mass is scaled from the diagonal of the consistent one (Hinton, Rock & Zienkiewicz, Earthquake
-    Eng. Struct. Dyn. 4 (1976) 245-249).
+    `volume` (m, q) and the shape functions `N` (q, k) are those of the quadrature points.
     """
+    # A lumped mass is scaled from the diagonal of the consistent one (Hinton, Rock & Zienkiewicz,
+    # Earthquake Eng. Struct. Dyn. 4 (1976) 245-249).
     mass = rho * np.einsum("mq,qa,qb->mab", volume, N, N, optimize=True)
     m, k = mass.shape[:2]
     if lumped:
@@ -109,11 +109,9 @@ def _strains_of_gradients(gradients: RealArray) -> RealArray:
 
 
 def _internal_strains(shape: _BrickShape, volume: RealArray, centre: RealArray) -> RealArray:
-    """Return the strains of the functions 1 - r^2, (m, q, 6, 9); their mean is zero.
-
-    `centre` is the Jacobian at the centre, (m, 3, 3), used at all points for the patch test to
-    hold.
-    """
+    """Return the strains of the functions 1 - r^2, (m, q, 6, 9); their mean is zero."""
+    # `centre` is the Jacobian at the centre, (m, 3, 3), used at all points for the patch test to
+    # hold.
     slopes = np.zeros((len(volume), len(shape.points), 3, 3))
     for i in range(3):
         slopes[:, :, i, i] = -2 * shape.points[:, i]
@@ -125,10 +123,7 @@ def _internal_strains(shape: _BrickShape, volume: RealArray, centre: RealArray) 
 def _reduce_shear(
     strain: RealArray, volume: RealArray, centre: RealArray, shape: _BrickShape
 ) -> None:
-    """Replace each natural shear strain by its mean over the points with the same third coordinate.
-
-    The natural axes are those at the centre of the element.
-    """
+    """Replace natural shear strains by their means over points with the same third coordinate."""
     axes = centre / np.linalg.norm(centre, axis=2, keepdims=True)
     to_natural = _strain_transformation(axes)
     natural = to_natural[:, None, 3:] @ strain  # (m, q, 3, n)

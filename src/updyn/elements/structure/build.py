@@ -322,7 +322,6 @@ def _dofs(table: _Nodes, used: BoolArray) -> DofSet:
 def _fixed_dofs(
     table: _Nodes, used: BoolArray, dofs: DofSet, grounded: Iterable[str | Dof | int]
 ) -> list[Dof]:
-    """Return the fixed DOFs, each once."""
     out: list[Dof] = []
     for item in grounded:
         if isinstance(item, str | Dof):
@@ -395,7 +394,6 @@ class _ElementRecipe:
     assembly: _StructureAssembly
 
     def matrices(self) -> StiffnessAndMass:
-        """Compute stiffness and mass."""
         K, M, _ = self.assembly.sums(self.elements)
         return StiffnessAndMass(K, M)
 

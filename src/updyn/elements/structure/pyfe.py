@@ -50,10 +50,11 @@ def beam_matrices(
 ) -> tuple[RealArray, RealArray]:
     """Return stiffness and consistent mass of beams in global axes, each shape (m, 12, 12), in SI.
 
-    `vectors` (m, 3) lie in the local xy planes. Timoshenko beams with the displacement functions of
-    static equilibrium (Luo, Adv. Theor. Appl. Mech. 1 (2008) 95; Petyt, Introduction to Finite
-    Element Vibration Analysis, 2nd ed. 2010, section 3.9).
+    `vectors` (m, 3) lie in the local xy planes.
     """
+    # Timoshenko beams with the displacement functions of static equilibrium (Luo, Adv. Theor.
+    # Appl. Mech. 1 (2008) 95; Petyt, Introduction to Finite Element Vibration Analysis, 2nd ed.
+    # 2010, section 3.9).
     fe = _library()
     prop = fe.beamprop.BeamProp()
     prop.A = section.A
@@ -105,12 +106,10 @@ def truss_matrices(A: float, E: float, rho: float, ends: RealArray) -> tuple[Rea
 def plate_matrices(
     what: str, thickness: float, E: float, nu: float, rho: float, local: RealArray
 ) -> tuple[RealArray, RealArray]:
-    """Return stiffness and mass of flat shells in local axes, shape (m, 6 k, 6 k), in SI.
-
-    First-order shear deformation theory, drilling after Allman (1984) and Hughes & Brezzi (1989).
-    Triangles have the transverse shear of the discrete shear gap; quadrilaterals have none here.
-    The third coordinate of `local` is 0.
-    """
+    """Return stiffness and mass of flat shells in local axes, shape (m, 6 k, 6 k), in SI."""
+    # First-order shear deformation theory, drilling after Allman (1984) and Hughes & Brezzi
+    # (1989). Triangles have the transverse shear of the discrete shear gap; quadrilaterals have
+    # none here. The third coordinate of `local` is 0.
     fe = _library()
     try:
         prop = fe.shellprop_utils.isotropic_plate(thickness, E, nu, rho=rho)
