@@ -16,7 +16,6 @@ __all__ = ["COHERENCE"]
 
 
 def _is_of_coherence(path: Path) -> bool:
-    """Return whether a file is an export of coherence."""
     try:
         if find_format(path, "read_frf").name != "mat":
             return False

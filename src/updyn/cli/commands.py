@@ -639,7 +639,6 @@ def _run(
 
 
 def _list_stages(job: Job) -> list[RunStage]:
-    """Return the stages of a run, in their order."""
     from updyn.job.job_table import JOB_TABLES
     from updyn.updating.fit.methods import make_method
     from updyn.updating.fit.monitor import JUDGE
@@ -657,7 +656,6 @@ def _list_stages(job: Job) -> list[RunStage]:
 
 
 def _find_exit_code(done: JobRun) -> int:
-    """Return the exit code of a run."""
     if done.stopped:
         return STOPPED
     return DONE if done.result.usable else NOT_DETERMINED
@@ -732,7 +730,6 @@ def open_engine(
 
 
 def _connect_client(address: str) -> Client:
-    """Return a client of a Dask scheduler."""
     scheme, _, place = address.rpartition("://")
     if scheme in ("", "tcp", "tls") and not _HOST_AND_PORT.fullmatch(place):
         # A client that cannot read its address leaves a thread that ends with a traceback.

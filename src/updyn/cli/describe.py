@@ -121,7 +121,6 @@ def _largest_families(model: Model) -> list[tuple[str, list[int]]]:
 
 
 def _group_table(model: Model) -> str:
-    """Return a table with a row for each group of a model."""
     rows = []
     translations = _rigid_translations(model)
     for name, group in model.groups.items():
@@ -296,7 +295,6 @@ def _format_dofs(dofs: DofSet) -> str:
 
 
 def _count_dofs(group: Group) -> int:
-    """Return the number of DOFs of a group."""
     used = []
     for matrix in (group.stiffness, group.mass, group.viscous):
         if matrix is not None:
@@ -316,11 +314,9 @@ def _rigid_mass(mass: Matrix | None, dofs: DofSet, translations: RealArray) -> s
 
 
 def _rigid_translations(model: Model) -> RealArray:
-    """Return the unit translations of the whole structure along X, Y, Z, shape (N, 3).
-
-    A DOF of a node without position is a generalised displacement and does not move; displacements
-    are along the directions of their node, if the geometry states them.
-    """
+    """Return the unit translations of the whole structure along X, Y, Z, shape (N, 3)."""
+    # A DOF of a node without position is a generalised displacement and does not move;
+    # displacements are along the directions of their node, if the geometry states them.
     dofs, geometry = model.dofs, model.geometry
     axes = dofs.axes.astype(np.intp)
     translations = np.vstack([np.eye(3), np.zeros((3, 3))])[axes]

@@ -89,7 +89,6 @@ def describe_recorded(found: RecordedFRFs) -> str:
 
 
 def _setup_text(setup: RecordedSetup) -> str:
-    """Return the findings about the records of a setup."""
     records = setup.records
     n, channels, samples = records.values.shape
     texts = [

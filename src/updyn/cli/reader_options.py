@@ -15,7 +15,7 @@ def parse_reader_options(texts: Iterable[str] | None, flag: str) -> dict[str, An
     """Return the options of ``KEY=VALUE`` texts.
 
     A value is TOML, such as ``2``, ``true``, ``["PROD 16"]`` or ``{freq = "f"}``; other text is
-    taken as it is. An `InputError` is raised if a text has no key, or a key is given twice.
+    taken as it is.
     """
     found: dict[str, Any] = {}
     for text in texts or ():
@@ -29,7 +29,6 @@ def parse_reader_options(texts: Iterable[str] | None, flag: str) -> dict[str, An
 
 
 def _parse_value(text: str) -> Any:
-    """Return a value in TOML, or the text."""
     try:
         return tomllib.loads(f"value = {text}")["value"]
     except tomllib.TOMLDecodeError:

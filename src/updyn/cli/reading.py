@@ -184,7 +184,6 @@ def _find_damaged_kinds(path: Path, reasons: Mapping[str, InputError]) -> list[s
 
 
 def _find_likely_kinds(path: Path, reasons: Mapping[str, InputError]) -> list[str]:
-    """Return the probable kinds of a file."""
     found = [kind for kind in reasons if FILE_KINDS[kind].recognises(path)]
     found = [k for k in found if not isinstance(reasons[k], AbsentError)] or found
     if len(found) == 1:

@@ -114,7 +114,6 @@ def _format_job(checked: CheckResult) -> str:
 
 
 def _format_matches(checked: CheckResult) -> str:
-    """Return the table of matches of each test."""
     texts = [f"{test.name}\n{test.matching}".lstrip() for test in checked.ready.tests]
     return "\n\n".join(texts)
 
@@ -212,7 +211,6 @@ def _format_figures(compared: StartComparison) -> str:
 
 
 def _format_by_response(compared: StartComparison) -> str:
-    """Return the figures of agreement by response."""
     by_response = compared.found.by_response()
     names = [name for name in SHORT_NAMES if name in next(iter(by_response.values()))]
     rows = []
@@ -227,7 +225,6 @@ def _format_test_faults(compared: StartComparison) -> str:
 
 
 def _format_modes(compared: StartComparison) -> str:
-    """Return the modes of test and model."""
     from updyn.job.modes import start_modes_text
 
     (test,) = (test for test in compared.ready.tests if test.name == compared.test)

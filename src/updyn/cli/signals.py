@@ -32,11 +32,9 @@ def stop_code(number: int | None = None) -> int:
 def watch_signals(
     interrupt: Callable[[int, FrameType | None], None], answer: Callable[[int], None]
 ) -> Iterator[None]:
-    """Call a handler on each SIGINT and SIGTERM, and `answer` with its number in a thread.
-
-    Python calls a handler only between two of its instructions, which a long factorisation delays;
-    the thread is not delayed.
-    """
+    """Call a handler on each SIGINT and SIGTERM, and `answer` with its number in a thread."""
+    # Python calls a handler only between two of its instructions, which a long factorisation
+    # delays; the thread is not delayed.
     if threading.current_thread() is not threading.main_thread():
         yield  # only the main thread may handle signals
         return
@@ -80,11 +78,9 @@ def _send(number: int) -> None:
 
 @contextmanager
 def _resend_lost_signals() -> Iterator[None]:
-    """Send a signal again if its `KeyboardInterrupt` was lost.
-
-    A handler can be called in a destructor or in a callback of a C library, where Python prints
-    exceptions and continues.
-    """
+    """Send a signal again if its `KeyboardInterrupt` was lost."""
+    # A handler can be called in a destructor or in a callback of a C library, where Python prints
+    # exceptions and continues.
     before, timers = sys.unraisablehook, list[threading.Timer]()
 
     def hook(lost: Any) -> None:
@@ -133,10 +129,8 @@ def _end(code: int) -> None:
 
 @contextmanager
 def end_on_signal() -> Iterator[None]:
-    """Let a signal end the running command, if it cannot stop in an orderly way.
-
-    A `KeyboardInterrupt` is raised even if libraries turn the interrupt into other errors.
-    """
+    """Let a signal end the running command, if it cannot stop in an orderly way."""
+    # A `KeyboardInterrupt` is raised even if libraries turn the interrupt into other errors.
     last, handled = LastResort(), threading.Event()
 
     def interrupt(_number: int, _frame: FrameType | None) -> None:

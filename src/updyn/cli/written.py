@@ -212,7 +212,6 @@ def _is_written(path: Path) -> bool:
 
 
 def _describe_file(path: Path) -> str:
-    """Return the description of a file written by a command."""
     describe = _find_describer(path)
     assert describe is not None
     return describe(path)

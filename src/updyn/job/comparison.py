@@ -84,7 +84,6 @@ def compare_job(
 
 
 def _run_comparison(ready: Prepared, options: dict[str, Any]) -> Comparison:
-    """Return the comparison of methods on the tests of a job."""
     job = ready.job
     options |= {"title": job.title or job.path.stem} | job.method.settings
     tests, unknowns = make_tests(ready), job_selection(ready) or ready.parameters
@@ -113,8 +112,7 @@ def read_truth(path: str | Path, parameters: ParameterSet) -> dict[str, float]:
     """Return true values of unknowns from a TOML or JSON file, in its order; some may be missing.
 
     The file has names with values, such as ``"part 1.stiffness" = 0.8``, or a table per group,
-    ``["part 1"]`` with ``stiffness = 0.8``. A `FormatError` is raised if it cannot be read, names
-    something that is not an unknown, or gives no number for it.
+    ``["part 1"]`` with ``stiffness = 0.8``.
     """
     path = Path(path)
     found: dict[str, float] = {}

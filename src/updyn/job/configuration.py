@@ -21,12 +21,9 @@ def apply_damping(job: Job, model: Model) -> Model:
 
 
 def _find_damped_groups(model: Model, number: int, table: DampingTable) -> set[str]:
-    """Return the groups that a table of ``[[damping]]`` names.
-
-    A pattern selects the groups that have the quantities to damp. If it is the name of a group, or
-    none of its groups has them, all matches are returned, and the model reports the missing
-    quantity.
-    """
+    # A pattern selects the groups that have the quantities to damp. If it is the name of a group,
+    # or none of its groups has them, all matches are returned, and the model reports the missing
+    # quantity.
     needed = {"loss_factor" if name == "loss_table" else name for name in table.damping_values}
     names: set[str] = set()
     for pattern in table.groups:
@@ -56,7 +53,6 @@ def configure_model(job: Job, model: Model) -> Model:
 
 
 def _add_test_masses(job: Job, model: Model) -> Model:
-    """Return the model with the masses of the job's test."""
     from updyn.elements.masses import add_masses, add_sensor_masses
 
     if job.test.masses:

@@ -181,7 +181,6 @@ def is_run_job(path: Path) -> bool:
 
 
 def _list_inputs(job: Job) -> dict[Path, str]:
-    """Return the input files of a job with their kind."""
     found = {job.path: "job file"}
     for part in job.parts:
         files = [*(part.test.repeats or ())]
@@ -263,7 +262,6 @@ def format_resolved_job(job: Job, out: Path) -> str:
 
 
 def _make_files_relative(table: dict[str, Any], key: str, job: Job, out: Path) -> None:
-    """Make the file, or files, of a key relative to a folder."""
     if key not in table:
         return
     named = table[key]
@@ -284,8 +282,7 @@ def _resolve_links(path: Path) -> str | None:
 def relative_path(path: Path, folder: Path) -> str:
     """Return a path relative to a folder, with slashes; absolute if there is no relative path.
 
-    Both may be relative to the current folder. An `InputError` is raised if the path has no UTF-8
-    form.
+    Both may be relative to the current folder.
     """
     whole = Path(os.path.realpath(path))
     try:

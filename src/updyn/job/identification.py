@@ -146,11 +146,9 @@ def _check_unique(frequencies: list[float], what: str) -> None:
 
 
 def _find_pole(found: ModeSet, frequency: float) -> float | None:
-    """Return the frequency of the picked pole; None if a mode was picked.
-
-    A click gives the frequency to seven digits; a frequency written by hand means the nearest mode,
-    or a peak without a mode if that is nearer.
-    """
+    """Return the frequency of the picked pole; None if a mode was picked."""
+    # A click gives the frequency to seven digits; a frequency written by hand means the nearest
+    # mode, or a peak without a mode if that is nearer.
     diagram = found.diagram
     if diagram is None:
         return None
@@ -171,7 +169,6 @@ def _find_pole(found: ModeSet, frequency: float) -> float | None:
 
 
 def _find_mode(found: ModeSet, frequency: float) -> float:
-    """Return the frequency of the mode nearest to a pick."""
     at = _find_nearest(found.frequency, frequency)
     if abs(at - frequency) <= MODE_PICK.mode_distance * frequency:
         return at
@@ -190,7 +187,6 @@ def _find_mode(found: ModeSet, frequency: float) -> float:
 
 
 def _find_nearest(values: RealArray, frequency: float) -> float:
-    """Return the value nearest to a frequency."""
     return float(values[int(np.argmin(np.abs(values - frequency)))])
 
 

@@ -110,10 +110,7 @@ def load_job(
 
 
 def load_records_job(path: str | Path) -> tuple[Document, RecordsTable]:
-    """Read a job file with ``[records]``, with or without the tables of an update.
-
-    A `JobError` is raised as by `load_job`, or if the file has no such table.
-    """
+    """Read a job file with ``[records]``, with or without the tables of an update."""
     path = Path(path)
     document, lines = _read_document(path)
     job: Job | RecordsJob
@@ -166,7 +163,6 @@ def _suffix_hint(path: Path) -> str:
 
 
 def _locate_toml_error(error: tomllib.TOMLDecodeError, text: str, path: Path) -> JobError:
-    """Return an error of `tomllib` with the line in the job file."""
     message = str(error)
     found = _PLACE.search(message)
     hint = _suffix_hint(path)
@@ -207,7 +203,6 @@ def _take_further_tables(
 def _split_tests(
     document: dict[str, Any], lines: dict[Place, int]
 ) -> Iterator[tuple[dict[str, Any], dict[Place, int]]]:
-    """Yield the document for each of its tests, with the lines of its keys."""
     tests = document.get("test")
     if not (isinstance(tests, list) and tests and all(isinstance(test, dict) for test in tests)):
         yield document, lines
@@ -303,7 +298,6 @@ def _check_model(table: ModelTable) -> None:
 
 
 def _check_method(table: MethodTable) -> None:
-    """Check the name of the method and its options."""
     with key_path("method"):
         if table.name not in METHODS:
             near = suggest(table.name, METHODS)
@@ -332,7 +326,6 @@ class _Complaint(NamedTuple):
 
 
 def _merge_complaints(found: Sequence[_Complaint], path: Path) -> JobError:
-    """Return one error with a line of text per complaint."""
     first, *others = found
     texts = [first.text]
     texts += [str(JobError(other.text, path, other.line or None)) for other in others]
@@ -362,7 +355,6 @@ def _collect_complaints(
 
 
 def _format_error(item: Any, place: Place, keys: Iterable[str]) -> str:
-    """Return one error of pydantic as a sentence."""
     kind, given = item["type"], item["input"]
     context = item.get("ctx", {})
     table = place[:-1]
@@ -400,7 +392,6 @@ def _format_location(table: Place) -> str:
 
 
 def _find_keys(place: Place, schema: type[BaseModel]) -> list[str]:
-    """Return the valid keys of the table at `place`."""
     table = schema
     for part in place:
         field = table.model_fields.get(str(part))

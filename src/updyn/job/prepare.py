@@ -100,7 +100,7 @@ def prepare(job: Job) -> Prepared:
 def prepare_model(job: Job) -> tuple[Model, ParameterSet]:
     """Return the model of a job, configured as in its first test, and its unknowns.
 
-    The measurement is not read. A `JobError` is raised if the model or an unknown is invalid.
+    The measurement is not read.
     """
     with job.located():
         model = apply_damping(job, _build_model(job))
@@ -110,7 +110,6 @@ def prepare_model(job: Job) -> tuple[Model, ParameterSet]:
 def _prepare_test(
     job: Job, model: Model, data: Sequence[FRF | ModeSet], number: int
 ) -> PreparedTest:
-    """Return a test matched to the model, with its fitted data."""
     others = [*data[:number], *data[number + 1 :]]
     matching = match_measurement(job, configure_model(job, model), data[number], others)
     if isinstance(matching.data, ModeSet):
@@ -158,7 +157,6 @@ def _apply_repairs(job: Job, model: Model, frf: FRF) -> FRF:
 
 # -- model and measurement -------------------------------------------------------------------------
 def _build_model(job: Job) -> Model:
-    """Return the model of ``[model]``, from a file or a builder."""
     table = job.model
     if table.kind is not None:
         with key_path("model"):
@@ -208,8 +206,7 @@ def _check_properties(job: Job, model: Model, parameters: ParameterSet) -> None:
 def read_measurement(job: Job) -> FRF:
     """Return the measurement of one test in its band, averaged over its repeats.
 
-    The labels are those of the file. An `UpdynError` is raised if a file cannot be read or the job
-    contradicts it.
+    The labels are those of the file.
     """
     table = job.test
     frf = _estimate_from_records(job) if table.file is None else _read_frf(job, table.file, "file")
@@ -308,7 +305,6 @@ def _remove_validation_set(job: Job, frf: FRF) -> FRF:
 
 
 def _remove_validation_modes(job: Job, modes: ModeSet) -> ModeSet:
-    """Return the modes without the validation set."""
     held = job.validation
     if held is None:
         return modes
@@ -379,8 +375,7 @@ def relabel_modes(matching: Matching, modes: ModeSet) -> ModeSet:
     """Return modes with the DOF labels of the model.
 
     DOFs that the FRFs also have are matched as their sensors and forces; others must have labels of
-    the model. A `DofError` is raised if a DOF is not in the model, lies at a node rotated along an
-    oblique sensor, or two become the same DOF.
+    the model.
     """
     rows = {row.sensor: row for row in matching.table}
     named = []
@@ -427,7 +422,6 @@ def _list_sensors(data: FRF | ModeSet) -> set[str]:
 
 
 def _reword_match_error(job: Job, error: MatchError) -> JobError:
-    """Return an error of `match` worded with the keys of the job."""
     text = str(error).replace("the measurement", job.test.source)
     text = text.replace(" in table", " in [match.table]")
     if error.key == ("by",):

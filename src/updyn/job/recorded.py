@@ -71,7 +71,6 @@ def estimate_from_records(job: Document, table: RecordsTable) -> RecordedFRFs:
 
 
 def _read_setup(job: Document, table: RecordsTable, setup: SetupTable) -> RecordedSetup:
-    """Read the records of a setup and look for their faults."""
     assert setup.file is not None
     parts = []
     for file in setup.file:
@@ -106,7 +105,6 @@ def _list_channels(channels: Mapping[str, str] | tuple[str, ...] | None) -> tupl
 
 
 def _estimate_setup(table: RecordsTable, setup: SetupTable, one: RecordedSetup) -> FRF:
-    """Return the FRFs of a setup."""
     window: str | ImpactWindow | None = table.window
     if table.impact is not None:
         window = ImpactWindow(**table.impact.model_dump())

@@ -336,7 +336,6 @@ def _run_further_tables(
     caller: _StopTracker,
     engine: Any,
 ) -> dict[str, Any]:
-    """Return the results of further tables of the job, by table name."""
     further: dict[str, Any] = {}
     for name in ready.job.tables:
         try:
@@ -353,7 +352,6 @@ def _run_further_tables(
 
 
 def _write_files(result: UpdateResult | JointResult, job: Job, out: Path, folder: Path) -> None:
-    """Write the update, and the job as run in the folder `out`, into `folder`."""
     for target, one in _pair_with_folders(result, folder):
         target.mkdir(exist_ok=True)
         write_model(one.model, target / "model.h5")
@@ -380,7 +378,6 @@ def _announce(
 def _pair_with_folders(
     result: UpdateResult | JointResult, folder: Path
 ) -> list[tuple[Path, UpdateResult]]:
-    """Return the result of each test with its folder."""
     if isinstance(result, UpdateResult):
         return [(folder, result)]
     return [(folder / name, one) for name, one in result.results.items()]
@@ -389,7 +386,6 @@ def _pair_with_folders(
 def _write_reports(
     result: UpdateResult | JointResult, folder: Path, further: Mapping[str, Any]
 ) -> None:
-    """Write the report and, for several tests, one for each in its folder."""
     from updyn.report import write_report
     from updyn.report.section import list_shown_objects
 

@@ -48,10 +48,7 @@ def start_model(test: PreparedTest, unknowns: ParameterSet | Selection) -> Model
 
 
 def start_correlation(test: PreparedTest, unknowns: ParameterSet | Selection) -> Correlation:
-    """Correlate a model at the start values of its unknowns with all FRFs of a test.
-
-    Raises `OptionError` if modes were measured, `SolverError` if the model cannot be solved.
-    """
+    """Correlate a model at the start values of its unknowns with all FRFs of a test."""
     frf, method = test.frf, test.job.method
     model, tier = start_model(test, unknowns), method.tier
     if is_reduced(tier, model.n_dofs, len(frf.freq), method.name):
@@ -182,7 +179,6 @@ def _make_start(
     findings: Sequence[Finding],
     figures: Mapping[str, float],
 ) -> Start:
-    """Return the contents of the page of a test."""
     from updyn.report.start import Start
 
     job = test.job

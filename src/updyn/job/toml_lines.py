@@ -37,10 +37,8 @@ def read_toml(text: str) -> tuple[dict[str, Any], dict[Place, int]]:
 
 
 def toml_lines(text: str) -> dict[Place, int]:
-    """Return the line (from 1) of every table, key and array item of a valid TOML text.
-
-    A table that is opened more than once, or by a dotted key, has its first line.
-    """
+    """Return the line (from 1) of every table, key and array item of a valid TOML text."""
+    # A table that is opened more than once, or by a dotted key, has its first line.
     return _Scanner(text.replace("\r\n", "\n")).run()
 
 

@@ -101,7 +101,6 @@ class _UncertaintyJobTable(JobTable):
         return replace(draws, options={**draws.options, "level": table.level})
 
     def stages(self, table: Any) -> tuple[str, ...]:
-        """Return its kind."""
         return (table.kind,)
 
     def write(self, found: Draws | Profiles, job: Job, folder: Path) -> None:
@@ -117,7 +116,6 @@ UNCERTAINTY = _UncertaintyJobTable()
 
 
 def _wrap_callback(callback: Callable[[Progress], bool | None] | None) -> Any:
-    """Return a callback that reports progress of the uncertainty as `Progress` of an update."""
     if callback is None:
         return None
 

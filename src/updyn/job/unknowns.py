@@ -32,8 +32,7 @@ _QUANTITY_ORDER = (
 def choose_unknowns(job: Job, model: Model, data: Sequence[FRF]) -> ParameterSet:
     """Return the unknowns of a job: by group, then linked ones, then calibration factors.
 
-    `model` has no masses or supports of the tests; `data` have the DOF labels of the model. A
-    `JobError` is raised if a choice matches nothing, or the method does not support it.
+    `model` has no masses or supports of the tests; `data` have the DOF labels of the model.
     """
     return _add_calibration(job, _choose_model_unknowns(job, model), data)
 
@@ -70,7 +69,6 @@ def _choose_model_unknowns(job: Job, model: Model) -> ParameterSet:
 
 
 def _add_calibration(job: Job, chosen: ParameterSet, data: Sequence[FRF]) -> ParameterSet:
-    """Return the unknowns with the calibration factors of the job."""
     items = list(chosen)
     first: dict[str, int] = {}
     for number, table in enumerate(job.calibration):
@@ -123,7 +121,6 @@ def _find_sensor_mass(job: Job, group: str) -> float | None:
 
 
 def _choose_from_table(job: Job, model: Model, table: ParameterTable) -> Sequence[Parameter]:
-    """Return the unknowns of a table."""
     if table.name is not None and table.drives is not None:
         with key_path(otherwise=("drives",)):
             return link(

@@ -237,10 +237,8 @@ def variable(data: xr.Dataset, name: str, path: Path) -> Any:
 
 # -- the file -----------------------------------------------------------------------------------
 def load_libraries() -> None:
-    """Import the libraries of `write_dataset`, which takes a second or two.
-
-    Called before a long computation, so that the results of a stopped one are written at once.
-    """
+    """Import the libraries of `write_dataset`, which takes a second or two."""
+    # Called before a long computation, so that the results of a stopped one are written at once.
     import xarray as xr
 
     # Libraries import parts only at first use.
@@ -273,8 +271,7 @@ def read_dataset(
 ) -> tuple[xr.Dataset, dict[str, Folder]]:
     """Return the root of a file written by `write_dataset`, in memory, and its required groups.
 
-    `what` is the kind in words. A `FormatError` is raised if the file does not exist, is damaged,
-    or is of another kind (the message gives the right reader).
+    `what` is the kind in words.
     """
     path = require_file(path)
     found = load_netcdf(path, kind, f"{what} (NetCDF-4)", groups=groups)

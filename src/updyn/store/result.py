@@ -497,7 +497,6 @@ _RESULT: dict[str, FieldFormat] = {
 def _put_rows(
     data: xr.Dataset, name: str, rows: list[Mapping[str, float]], dims: tuple[str, ...]
 ) -> None:
-    """Store rows of numbers by unknown."""
     names = data["parameter"].values.tolist()
     table = np.full((len(rows), len(names)), np.nan)
     given = np.zeros(table.shape, dtype=np.int8)
