@@ -142,7 +142,6 @@ class Assembly:
 
 
 def _modal_parts(setup: Setup, session: Session) -> list[ModalPart]:
-    """Return the parts of the tests with modes."""
     return [
         ModalPart.build(
             test.model,
@@ -159,14 +158,12 @@ def _modal_parts(setup: Setup, session: Session) -> list[ModalPart]:
 
 
 def _listed(lines: Lines) -> object:
-    """Return chosen lines as a list, for the fingerprint."""
     if isinstance(lines, str) or lines is None:
         return lines
     return np.asarray(lines).tolist()
 
 
 def _rounding_channels(part: FRFPart) -> dict[str, list[str]]:
-    """Return the channels whose values are rounding, for the record."""
     at = np.argwhere(part.sign == 0.0)
     names = [f"{part.frf.responses[i]} / {part.frf.references[j]}" for i, j in at]
     return {"rounding": names} if names else {}

@@ -90,7 +90,6 @@ def conclude(setup: Setup, judged: Judged, history: Sequence[Iteration]) -> Conc
 
 
 def _with_counterparts(plain: Conclusion, before: ModeComparison) -> Conclusion:
-    """Return the conclusion with the comparison of the modes of models and tests."""
     trust = replace(plain.trust, resembles=before.claim)
     if not before.few or plain.status in ("stopped", "failed"):
         return replace(plain, trust=trust)
@@ -136,7 +135,6 @@ def _trust(
     values: Mapping[str, float],
     n_solutions: int,
 ) -> Trust:
-    """Return the parts of the verdict."""
     found, fit = judged.judgement, judged.fit
     return judge_result(
         status,
@@ -157,9 +155,7 @@ def _trust(
 def _factors_at_bound(
     parameters: ParameterSet, at_bound: Mapping[str, str]
 ) -> tuple[list[str], int]:
-    """Return the stiffnesses and masses at a bound, and the number of unknown ones.
-
-    Loss factors do not count, because zero is an ordinary value of theirs.
-    """
+    """Return the stiffnesses and masses at a bound, and the number of unknown ones."""
+    # Loss factors do not count, because zero is an ordinary value of theirs.
     factors = [p.name for p in parameters if p.is_factor and not p.is_channel]
     return [name for name in factors if name in at_bound], len(factors)

@@ -39,10 +39,8 @@ def fit_tests(assembly: Assembly, monitor: Monitor) -> Fitted:
 
 
 def _confirm_modes(assembly: Assembly, fitted: Fitted, monitor: Monitor) -> Fitted:
-    """Compare the modes at the end of a fit with those of the full models; refit if they differ.
-
-    With reduced models of FRFs there is no refit, because their certificate belongs to this end.
-    """
+    """Compare the modes at the end of a fit with those of the full models; refit if they differ."""
+    # With reduced models of FRFs there is no refit, because their certificate belongs to this end.
     setup, problem, fit = assembly.setup, fitted.problem, fitted.fit
     if all(part.reduction is None for part in problem.modal):
         return fitted
@@ -84,10 +82,9 @@ def _fit_from_regular_start(assembly: Assembly, monitor: Monitor) -> Fitted:
 
 
 def _perturb_start(problem: Problem) -> Problem:
-    """Return the problem with a slightly changed start, each unknown by a different amount.
-
-    Stiffnesses increase and masses decrease, which changes natural frequencies; damping increases.
-    """
+    """Return the problem with a slightly changed start, each unknown by a different amount."""
+    # Stiffnesses increase and masses decrease, which changes natural frequencies; damping
+    # increases.
     coordinates = problem.coordinates
     x, (lower, upper) = coordinates.start, coordinates.bounds
     share = 0.5 + 0.5 * np.random.default_rng(0).random(len(x))

@@ -77,11 +77,10 @@ def modal_table(
 
 
 def judge_by_modes(result: UpdateResult, tables: Sequence[ModalTable]) -> UpdateResult:
-    """Return a result whose verdict takes account of the modes that the update made worse.
-
-    `tables` are those of all tests fitted together whose residual is not noise: if the residual of
-    FRFs is noise, a contradiction by modes identified from them is an error of the identification.
-    """
+    """Return a result whose verdict takes account of the modes that the update made worse."""
+    # `tables` are those of all tests fitted together whose residual is not noise: if the residual
+    # of FRFs is noise, a contradiction by modes identified from them is an error of the
+    # identification.
     if result.trust is None:
         return result
     trust = judge_modes(result.trust, tables)
@@ -108,7 +107,6 @@ def _make_table(
     notes: tuple[str, ...],
     largest: int | None,
 ) -> ModalTable:
-    """Return the table for a test; modes are identified from FRFs."""
     largest = EFFORT.most_dofs if largest is None else largest
     if start.n_dofs > largest:
         note = (

@@ -80,7 +80,6 @@ class SensorNoiseFit:
         return found
 
     def _separate_noises(self, found: Judgement) -> list[NoiseModel] | None:
-        """Return noise models with separate noise for each sensor, or None if not needed."""
         fit = found.fit
         if fit.reason not in ("converged", "unsettled") or fit.rivals or self.monitor.stopped:
             return None

@@ -661,10 +661,7 @@ def _describe_residual(found: Adequacy | None, message: str) -> list[str]:
 
 
 def find_result(result: UpdateResult | JointResult, test: str | None) -> UpdateResult:
-    """Return the result of one test of an update; `test` is None for an update with one test.
-
-    Raises `OptionError` if `result` is not a result or has no test of that name.
-    """
+    """Return the result of one test of an update; `test` is None for an update with one test."""
     if not isinstance(result, UpdateResult | JointResult):
         raise OptionError(f"expected the result of an update, found {type(result).__name__}")
     names = [name for name in result.results if name]

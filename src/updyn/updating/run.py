@@ -37,11 +37,7 @@ __all__ = ["run"]
 def run(
     tests: Sequence[Test], parameters: ParameterSet | Selection, options: RunOptions
 ) -> list[UpdateResult]:
-    """Fit the unknowns to all tests and return one result for each.
-
-    Raises `InputError` for inconsistent input or the checkpoint of another run, and `SolverError`
-    if a model cannot be solved at its start.
-    """
+    """Fit the unknowns to all tests and return one result for each."""
     start = time.perf_counter()
     setup = prepare_setup(tests, parameters, options)
     setup.before.warn()
@@ -66,7 +62,6 @@ def _result(
     monitor: Monitor,
     n: int,
 ) -> UpdateResult:
-    """Return the result of test number `n`."""
     setup, found = assembly.setup, judged.judgement
     test, i = setup.tests[n], setup.positions[n]
     reduced = assembly.reduced if i < len(judged.problem.parts) else None

@@ -155,10 +155,7 @@ class Setup:
 def prepare_setup(
     tests: Sequence[Test], parameters: ParameterSet | Selection, options: RunOptions
 ) -> Setup:
-    """Check tests, unknowns and options, and split the data of each test.
-
-    Raises `InputError` if they do not fit together.
-    """
+    """Check tests, unknowns and options, and split the data of each test."""
     options.check()
     if isinstance(options.regularise, np.generic):  # plain type, for the record and the fingerprint
         options = replace(options, regularise=options.regularise.item())

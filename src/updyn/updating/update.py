@@ -321,10 +321,8 @@ def identifiability(
 def joint_identifiability(
     tests: Sequence[Test], parameters: ParameterSet | Selection
 ) -> Identifiability:
-    """Return the identifiability of the unknowns from several tests together, at their start.
-
-    Held-out data count as data here.
-    """
+    """Return the identifiability of the unknowns from several tests together, at their start."""
+    # Held-out data count as data here.
     return start_analysis(tests, parameters).report
 
 

@@ -28,12 +28,10 @@ class Acceptance:
     noise_known: bool = False
 
     def is_accepted(self, ends: Sequence[Outcome]) -> bool:
-        """Return whether the best basin was found often enough.
-
-        Once for exact data, twice if the residual looks like noise, three times if it may be noise;
-        otherwise as often as a round has random tries, because the tries before them begin with the
-        same stiffnesses and masses.
-        """
+        """Return whether the best basin was found often enough."""
+        # Once for exact data, twice if the residual looks like noise, three times if it may be
+        # noise; otherwise as often as a round has random tries, because the tries before them
+        # begin with the same stiffnesses and masses.
         if not ends:
             return False
         best = min(ends, key=lambda end: end.local.cost)
@@ -66,10 +64,7 @@ class Acceptance:
         )
 
     def is_noise(self, x: RealArray, most: float | None = None) -> bool:
-        """Return whether the residual at x is small, and its serial correlation at most `most`.
-
-        By default, that of a residual that may be noise.
-        """
+        """Return whether the residual at x is small, and its serial correlation at most `most`."""
         if most is None:
             most = ACCEPTANCE.possible_correlation
         misfits = self._misfits(x)

@@ -153,10 +153,7 @@ def is_same(found: Answer, answer: Answer) -> bool:
 def select_as_likely(
     chosen: Answer, others: Sequence[Answer], tolerance: float | None = None
 ) -> list[Answer]:
-    """Return the other answers whose log-likelihoods are lower by no more than `tolerance`.
-
-    By default, those that fit equally well.
-    """
+    """Return the other answers whose log-likelihoods are lower by no more than `tolerance`."""
     if tolerance is None:
         tolerance = ANSWERS.equal_log_odds
     return [
@@ -167,11 +164,9 @@ def select_as_likely(
 
 
 def is_better(answer: Answer, other: Answer) -> bool:
-    """Return whether an answer fits better than another by more than those that fit equally well.
-
-    The other one is then not an answer, and its standard deviations are meaningless: its Jacobian
-    can be singular, as at a point between two answers.
-    """
+    """Return whether an answer fits significantly better than another."""
+    # The other one is then not an answer, and its standard deviations are meaningless: its
+    # Jacobian can be singular, as at a point between two answers.
     return answer.negative_log_likelihood < other.negative_log_likelihood - ANSWERS.equal_log_odds
 
 
@@ -205,10 +200,9 @@ def _standard_deviations(local: Local) -> RealArray:
 
 
 def move_uncertain_unknowns(problem: Problem, answer: Answer) -> Iterator[RealArray]:
-    """Yield points, shape (n,), each with one poorly determined unknown moved.
-
-    Moving one unknown leaves the valley of the misfit; steps along it were measured to fall back.
-    """
+    """Yield points, shape (n,), each with one poorly determined unknown moved."""
+    # Moving one unknown leaves the valley of the misfit; steps along it were measured to fall
+    # back.
     if answer.local is None:
         return
     home = problem.coordinates.start
@@ -224,11 +218,9 @@ def move_uncertain_unknowns(problem: Problem, answer: Answer) -> Iterator[RealAr
 
 
 def restart_uncertain_unknowns(problem: Problem, answer: Answer, seed: int) -> Iterator[RealArray]:
-    """Yield points, shape (n,), with the most uncertain unknowns drawn at random about the start.
-
-    They are moved together: light parts whose resonances have been exchanged cannot be corrected
-    one by one.
-    """
+    """Yield points, shape (n,), with the most uncertain unknowns drawn about the start."""
+    # They are moved together: light parts whose resonances have been exchanged cannot be corrected
+    # one by one.
     if answer.local is None:
         return
     coordinates, std = problem.coordinates, _standard_deviations(answer.local)
@@ -244,11 +236,9 @@ def restart_uncertain_unknowns(problem: Problem, answer: Answer, seed: int) -> I
 
 
 def reset_far_unknowns(problem: Problem, answer: Answer) -> Iterator[RealArray]:
-    """Yield points, shape (n,), with one, two, four, eight unknowns reset, farthest first.
-
-    Unknowns that the data hardly determine may have moved far together, each compensating for the
-    others. If the data determine all unknowns, no point is yielded.
-    """
+    """Yield points, shape (n,), with one, two, four, eight unknowns reset, farthest first."""
+    # Unknowns that the data hardly determine may have moved far together, each compensating for
+    # the others. If the data determine all unknowns, no point is yielded.
     if (
         answer.local is None
         or _standard_deviations(answer.local).max() <= FURTHER_ANSWERS.movable_std
@@ -265,11 +255,9 @@ def reset_far_unknowns(problem: Problem, answer: Answer) -> Iterator[RealArray]:
 def find_promising_points(
     models: Models, answer: Answer, negative_log_likelihood: Callable[[RealArray], float], most: int
 ) -> list[RealArray]:
-    """Return points, shape (n,), away from an answer that fit fairly well without a descent.
-
-    Each unknown is moved alone, to its start and to either side, and parts of the structure are
-    exchanged. At most `most` points are evaluated, most of them on few lines.
-    """
+    """Return points, shape (n,), away from an answer that fit fairly well without a descent."""
+    # Each unknown is moved alone, to its start and to either side, and parts of the structure are
+    # exchanged. At most `most` points are evaluated, most of them on few lines.
     problem, number = models.exact, FURTHER_ANSWERS.most_promising
     points = chain(exchange_groups(problem, answer.x), _move_each_unknown(problem, answer.x))
     tries = list({x.tobytes(): x for x in points}.values())[:most]

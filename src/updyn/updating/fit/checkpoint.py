@@ -178,8 +178,7 @@ def checkpoint_session(
 ) -> Iterator[None]:
     """Store the evaluations of a session in a checkpoint; do nothing without a path.
 
-    `head` returns the `fingerprint` of the run. Raises as `Checkpoint`, and OptionError if there is
-    no path to resume from.
+    `head` returns the `fingerprint` of the run.
     """
     if path is None:
         if resume:

@@ -113,11 +113,10 @@ def _scaled_svd(R: RealArray) -> tuple[RealArray, RealArray, RealArray]:
 
 
 def _find_undetermined(axes: RealArray, std: RealArray) -> BoolArray:
-    """Return which unknowns are undetermined because of noisy directions.
-
-    These are the leading unknowns of a direction, and all with a standard deviation along it above
-    half of `NULL_SPACE.undetermined_std`. Others have a small share in it and remain determined.
-    """
+    """Return which unknowns are undetermined because of noisy directions."""
+    # These are the leading unknowns of a direction, and all with a standard deviation along it
+    # above half of `NULL_SPACE.undetermined_std`. Others have a small share in it and remain
+    # determined.
     reach = np.abs(axes) * std
     leads = (np.abs(axes) >= 0.5 * np.abs(axes).max(axis=0, initial=0.0)).any(axis=1)
     return np.asarray(leads | (np.linalg.norm(reach, axis=1) > 0.5 * NULL_SPACE.undetermined_std))

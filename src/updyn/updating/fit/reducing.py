@@ -210,7 +210,6 @@ class Reducing:
 
     @property
     def _certificates(self) -> list[Certificate]:
-        """Latest certificate of each part that has one."""
         return [part.certificate for part in self._parts if part.certificate is not None]
 
     def restart(self, exact: Problem) -> None:
@@ -254,10 +253,8 @@ class Reducing:
     def _find_start(
         self, problem: Problem, strategy: Method, noises: Sequence[NoiseModel], monitor: Monitor
     ) -> RealArray:
-        """Return the point from which to fit, with its models: the end of descents, or of a search.
-
-        No search is made if a fault of the data explains why the descents do not settle.
-        """
+        """Return the point from which to fit, with its models: the end of descents or a search."""
+        # No search is made if a fault of the data explains why the descents do not settle.
         with suppress(SolverError):
             x, is_settled = self._descend_from_start(problem, noises, monitor)
             if is_settled or (not monitor.stopped and monitor.has_data_fault()):
@@ -276,10 +273,8 @@ class Reducing:
     def _descend_from_start(
         self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor
     ) -> tuple[RealArray, bool]:
-        """Return the end of rounds from the start, and whether the residual there looks like noise.
-
-        The rounds minimise the log error, which has the widest basin of attraction.
-        """
+        """Return the end of rounds from the start, and whether its residual looks like noise."""
+        # The rounds minimise the log error, which has the widest basin of attraction.
         few = thin_problem(self.with_reduced_models(problem), noises)
         x, cost = self._home, _log_error_cost(few, self._home)
         is_answer = is_enriched = False
@@ -310,7 +305,6 @@ class Reducing:
 
     @staticmethod
     def _may_search(strategy: Method) -> bool:
-        """Return whether the method makes a search."""
         inner = getattr(strategy, "method", strategy)  # the method inside a regularised one
         return bool(getattr(inner, "starts", 0))
 
@@ -467,7 +461,6 @@ class Reducing:
         fixed_unknown: int | None = None,
         valley_start: Answer | None = None,
     ) -> _Certified | None:
-        """Return a fit with the answer at its end; None if it is not certified."""
         if not self.certified or fit.reason in ("stopped", "failed"):
             return None
         if fixed_unknown is None:
@@ -481,7 +474,6 @@ class Reducing:
         return _Certified(problem, fit, answer, self._x, certificates, bases)
 
     def _restore(self, one: _Certified) -> None:
-        """Restore the reduced models of a certified fit."""
         self._x, self.certified = one.place, True
         for part, solved, certificate, basis in zip(
             self._parts, one.problem.parts, one.certificates, one.bases, strict=True
@@ -498,10 +490,8 @@ class Reducing:
     def _choose_start(
         self, problem: Problem, noises: Sequence[NoiseModel], x: RealArray
     ) -> RealArray:
-        """Return the end of a search, or the start if its log error is smaller.
-
-        The log error is weighted with the noise: values of faint channels are rounding.
-        """
+        """Return the end of a search, or the start if its log error is smaller."""
+        # The log error is weighted with the noise: values of faint channels are rounding.
         before = _log_error_cost(thin_problem(problem, noises), self._home)
         self._build(x)
         if _log_error_cost(thin_problem(self.with_reduced_models(problem), noises), x) <= before:
@@ -657,7 +647,6 @@ class _ReducedModels(Models):
 
     @property
     def rough(self) -> Problem:
-        """Problem with the current models."""
         return self.latest
 
     def near(self, x: RealArray) -> Problem:
@@ -684,10 +673,8 @@ class _ReducedModels(Models):
         return is_within_uncertainty(x, answer)
 
     def leads_back(self, x: RealArray, answer: Answer, negative_log_likelihood: float) -> bool:
-        """Return whether the misfit at a point is about that of the quadratic model of an answer.
-
-        The misfit then falls along the path to the answer, and no other minimum is near.
-        """
+        """Return whether the misfit at a point is that of an answer's quadratic model."""
+        # The misfit then falls along the path to the answer, and no other minimum is near.
         rise = negative_log_likelihood - answer.negative_log_likelihood
         return rise > REDUCED_ANSWERS.quadratic_share * 0.5 * distance(answer, x) ** 2
 

@@ -101,10 +101,8 @@ class SingularSpectrum:
         return float(filters.sum()) + self.fixed
 
     def gcv(self, filters: RealArray) -> float:
-        """Return the generalised cross-validation function.
-
-        Golub, Heath & Wahba, Technometrics 21 (1979) 215.
-        """
+        """Return the generalised cross-validation function."""
+        # Golub, Heath & Wahba, Technometrics 21 (1979) 215.
         return (
             self.n_values
             * self.misfit(filters) ** 2
@@ -151,12 +149,10 @@ def corner(spectrum: SingularSpectrum, low: float, high: float) -> float:
 
 
 def discrepancy(spectrum: SingularSpectrum, low: float, high: float) -> float:
-    """Return the largest strength in [low, high] whose misfit the noise, of known size, explains.
-
-    Compensated discrepancy principle (Hansen, Discrete Inverse Problems, SIAM 2010, section 5.2),
-    with one standard deviation more, for the components of the residual that the unknowns can
-    change only: the others would add their scatter, sqrt(2 n_values).
-    """
+    """Return the largest strength in [low, high] whose misfit known noise explains."""
+    # Compensated discrepancy principle (Hansen, Discrete Inverse Problems, SIAM 2010, section
+    # 5.2), with one standard deviation more, for the components of the residual that the unknowns
+    # can change only: the others would add their scatter, sqrt(2 n_values).
     from scipy.optimize import brentq
 
     def excess(log: float) -> float:
@@ -262,10 +258,7 @@ class Regularised(Method):
     def fit(
         self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor, x: RealArray
     ) -> Fit:
-        """Fit the unknowns from x and choose the strength of the regularisation.
-
-        Raises OptionError if every unknown has a prior, or there are more directions than unknowns.
-        """
+        """Fit the unknowns from x and choose the strength of the regularisation."""
         free, number = self._check(problem)
         once = replace(self.method, max_iterations=self.max_iterations)  # type: ignore[type-var]
         run = _RegularisedFits(problem, once, monitor, free)
@@ -497,10 +490,8 @@ class _RegularisedFits:
         return fixed_noises
 
     def _spectrum(self, fit: Fit) -> SingularSpectrum:
-        """Return the spectrum of the problem linearised at the end of a fit, about the start.
-
-        Unknowns with a prior adapt to the others; they are eliminated together with it.
-        """
+        """Return the spectrum of the problem linearised at the end of a fit, about the start."""
+        # Unknowns with a prior adapt to the others; they are eliminated together with it.
         assert fit.local is not None
         local = fit.local if self.unit is None else divide_by_std(fit.local, self.unit / fit.unit)
         scale = _inflation(fit)

@@ -39,10 +39,8 @@ class _Piece:
             return np.inf
 
     def squared_error(self, H: ComplexArray) -> float:
-        """Return the sum of squared residuals of a model, in variances of the data.
-
-        If noise grows with the response, that of the larger response of both models is used.
-        """
+        """Return the sum of squared residuals of a model, in variances of the data."""
+        # If noise grows with the response, that of the larger response of both models is used.
         larger = np.maximum(np.abs(H), np.abs(self.H))
         share = np.divide(np.abs(self.H), larger, out=np.ones(H.shape), where=larger > 0.0)
         return float(np.sum(np.abs((H - self.part.frf.values) * self.weight * share) ** 2))
@@ -92,13 +90,11 @@ class Screen:
     def rank(
         self, points: Sequence[RealArray], distances: Sequence[float], number: int
     ) -> list[RealArray]:
-        """Return the points of least sum of squares over distance from the answer, best first.
-
-        For points at which the error of the model exceeds the noise, so none can be rejected by its
-        sum of squares. (Measured and rejected: the sum of squares alone, which prefers points that
-        the data hardly distinguish from the answer; over the squared distance, which prefers the
-        farthest points.)
-        """
+        """Return the points of least sum of squares over distance from the answer, best first."""
+        # For points at which the error of the model exceeds the noise, so none can be rejected by
+        # its sum of squares. (Measured and rejected: the sum of squares alone, which prefers
+        # points that the data hardly distinguish from the answer; over the squared distance, which
+        # prefers the farthest points.)
         tiny = np.finfo(float).tiny
         kept = [(0.0, max(far, tiny), x) for far, x in zip(distances, points, strict=True)]
         for piece in self.pieces:

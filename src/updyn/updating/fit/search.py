@@ -132,11 +132,9 @@ class Search:
     def _repeat_on_all_lines(
         self, problem: Problem, acceptance: Acceptance, monitor: Monitor, ends: list[Outcome]
     ) -> bool:
-        """Repeat the first tries on all lines; return whether the best end is accepted.
-
-        On few lines, tries can agree on an end whose residual is more than noise, although they end
-        apart on all lines.
-        """
+        """Repeat the first tries on all lines; return whether the best end is accepted."""
+        # On few lines, tries can agree on an end whose residual is more than noise, although they
+        # end apart on all lines.
         new_ends: list[Outcome] = []
         agreed = self._run_tries(
             problem, problem, self._draw_starts(problem), acceptance, monitor, new_ends
@@ -155,11 +153,9 @@ class Search:
         monitor: Monitor,
         ends: list[Outcome],
     ) -> None:
-        """Append the ends of further descents from the best end of the latest round.
-
-        Another basin may be nearer to the answer even if its end is not the best of all. Ends
-        before `first_new`, of earlier rounds, are omitted, because their neighbourhood is known.
-        """
+        """Append the ends of further descents from the best end of the latest round."""
+        # Another basin may be nearer to the answer even if its end is not the best of all. Ends
+        # before `first_new`, of earlier rounds, are omitted, because their neighbourhood is known.
         best = min(ends[first_new:], key=_cost, default=None)
         if best is None or any(_is_same(best, end) for end in ends[:first_new]):
             return
@@ -190,11 +186,9 @@ class Search:
         monitor: Monitor,
         ends: list[Outcome],
     ) -> None:
-        """Append the better ends of tries near an end, and near each better one.
-
-        Tries that return to an end are not appended: they do not confirm it as tries from elsewhere
-        would.
-        """
+        """Append the better ends of tries near an end, and near each better one."""
+        # Tries that return to an end are not appended: they do not confirm it as tries from
+        # elsewhere would.
         number = last = 0
         while number - last < TRY_STARTS.nearby_ratio * self.starts and not (
             monitor.stopped or acceptance.is_plausible(best)
@@ -210,12 +204,10 @@ class Search:
     def try_nearby(
         self, problem: Problem, x: RealArray, number: int, monitor: Monitor
     ) -> RealArray | None:
-        """Return the end, shape (n,), of try `number` near x, or None if the model is singular.
-
-        Minima of the misfit occur in groups, so the next one is more likely near than far. Every
-        third try resets one unknown to its start: the resonance of a part may have been taken for
-        that of another.
-        """
+        """Return the end, shape (n,), of try `number` near x, or None if the model is singular."""
+        # Minima of the misfit occur in groups, so the next one is more likely near than far. Every
+        # third try resets one unknown to its start: the resonance of a part may have been taken
+        # for that of another.
         end = self._try_nearby(problem, _select_few_lines(problem), x, number, monitor)
         return None if end is None else np.clip(end.x, *problem.coordinates.bounds)
 
@@ -332,12 +324,10 @@ class Search:
                 yield _raise_loss_factors(problem, moved, levels[i % len(levels)])
 
     def escape(self, problem: Problem, x: RealArray, monitor: Monitor) -> RealArray:
-        """Return a better minimum near a minimum x of the log error, shape (n,), or x itself.
-
-        If noise leaves an unknown uncertain, the misfit can have several minima along it. Each is
-        moved alone: this leaves the valley of the misfit, while steps along it were measured to
-        fall back.
-        """
+        """Return a better minimum near a minimum x of the log error, shape (n,), or x itself."""
+        # If noise leaves an unknown uncertain, the misfit can have several minima along it. Each
+        # is moved alone: this leaves the valley of the misfit, while steps along it were measured
+        # to fall back.
         best: Outcome | None = None
         try:
             if not Acceptance(problem).is_noise(x):
@@ -433,11 +423,9 @@ def _select_few_lines(problem: Problem) -> Problem:
 
 
 def _select_some_lines(problem: Problem, number: int, seed: int) -> Problem | None:
-    """Return the problem on a share of its lines; None if these are too few for the unknowns.
-
-    A false minimum on all lines is mostly not one on a part of them; the answer is a minimum on
-    any.
-    """
+    """Return the problem on a share of its lines; None if these are too few for the unknowns."""
+    # A false minimum on all lines is mostly not one on a part of them; the answer is a minimum on
+    # any.
     if not problem.parts:
         return None
     turn, any_lines = divmod(number, 2)

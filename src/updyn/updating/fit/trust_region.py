@@ -196,10 +196,8 @@ class _Curvature:
         return cls(np.zeros((n, n)))
 
     def add_to(self, current: Local) -> Local:
-        """Return a local problem with the second derivatives |J^T J + S|, and the same gradient.
-
-        Negative eigenvalues are replaced by their absolute values.
-        """
+        """Return a local problem with the second derivatives |J^T J + S|, and the same gradient."""
+        # Negative eigenvalues are replaced by their absolute values.
         norms = np.linalg.norm(current.R, axis=0)
         scale = np.where(norms > 0.0, norms, 1.0)
         size, V = np.linalg.eigh((current.R.T @ current.R + self.S) / np.outer(scale, scale))
@@ -213,7 +211,6 @@ class _Curvature:
     def update(
         self, step: RealArray, current: Local, reached: Local, *, accepted: bool
     ) -> _Curvature:
-        """Return the curvature after a step from `current` to `reached`."""
         gained = current.cost - reached.cost
         plain = _predict_decrease(current, step, current.q)
         curved = plain - 0.5 * float(step @ self.S @ step)
@@ -279,11 +276,9 @@ def _step(
 
 
 def _drop_insignificant_pull(R: RealArray, q: RealArray, noise: float) -> RealArray:
-    """Return q without the pull on undetermined combinations that are within the noise.
-
-    The standard deviations of the combinations are the noise over the singular values of R; U^T q
-    over the noise is the distance of each from its best value, in standard deviations.
-    """
+    """Return q without the pull on undetermined combinations that are within the noise."""
+    # The standard deviations of the combinations are the noise over the singular values of R; U^T
+    # q over the noise is the distance of each from its best value, in standard deviations.
     if noise == 0.0:
         return q
     U, s, _ = np.linalg.svd(R)
@@ -329,12 +324,10 @@ def _step_within(
 def _box_step(
     R: RealArray, q: RealArray, low: RealArray, high: RealArray, free: BoolArray
 ) -> RealArray:
-    """Minimise |R p + q| subject to low <= p <= high, low <= 0 <= high, by active sets.
-
-    Stark & Parker, Comput. Stat. 10 (1995) 129. No iteration increases |R p + q|, so the loop may
-    end at any. If R lacks full rank, `scipy.optimize.lsq_linear` does not return the minimiser of
-    least scaled norm.
-    """
+    """Minimise |R p + q| subject to low <= p <= high, low <= 0 <= high, by active sets."""
+    # Stark & Parker, Comput. Stat. 10 (1995) 129. No iteration increases |R p + q|, so the loop
+    # may end at any. If R lacks full rank, `scipy.optimize.lsq_linear` does not return the
+    # minimiser of least scaled norm.
     p, free = np.zeros(len(low)), free.copy()
     norms = np.linalg.norm(R, axis=0)
     for _ in range(4 * len(p) + 10):

@@ -38,11 +38,9 @@ _LAGS = np.array([0.75, 0.5, 0.25])
 
 
 def clip_outliers(values: ComplexArray) -> ComplexArray:
-    """Return values clipped to three times their typical size along the first axis.
-
-    The typical size is the median magnitude, which is 1.18 standard deviations of each part of a
-    Gaussian value. NaN marks missing values.
-    """
+    """Return values clipped to three times their typical size along axis 0; NaN is missing."""
+    # The typical size is the median magnitude, which is 1.18 standard deviations of each part of a
+    # Gaussian value.
     size = np.abs(values)
     is_missing = np.isnan(size)
     order = np.sort(np.where(is_missing, np.inf, size), axis=0)
@@ -57,13 +55,11 @@ def clip_outliers(values: ComplexArray) -> ComplexArray:
 
 
 def serial_correlation_p_values(values: ComplexArray) -> RealArray:
-    """Return one-sided p-values of serial correlation in each column, shape (n,); NaN is missing.
-
-    The statistic is r = e^H T e / e^H e with the Toeplitz matrix T of the weights 3/4, 1/2, 1/4.
-    P(r > r0) by the saddlepoint approximation of Lugannani and Rice in the form of
-    Barndorff-Nielsen (Butler, Saddlepoint Approximations, 2007, sections 1.2 and 3.1). One-sided,
-    because a window may cause negative correlation between neighbouring lines.
-    """
+    """Return one-sided p-values of serial correlation by column, shape (n,); NaN is missing."""
+    # The statistic is r = e^H T e / e^H e with the Toeplitz matrix T of the weights 3/4, 1/2, 1/4.
+    # P(r > r0) by the saddlepoint approximation of Lugannani and Rice in the form of
+    # Barndorff-Nielsen (Butler, Saddlepoint Approximations, 2007, sections 1.2 and 3.1).
+    # One-sided, because a window may cause negative correlation between neighbouring lines.
     out = np.ones(values.shape[1])
     is_measured = np.isfinite(values)
     for mask, columns in _group_by_pattern(is_measured):
@@ -114,11 +110,9 @@ def _quadratic_form(diagonals: RealArray, e: ComplexArray) -> RealArray:
 
 
 def _toeplitz_eigenvalues(diagonals: RealArray, *, gaps: bool) -> tuple[RealArray, RealArray]:
-    """Return the eigenvalues of T in ascending order, and their multiplicities.
-
-    Those of a long Toeplitz matrix are distributed like its symbol, 2 sum of t_d cos(d theta), at
-    equal steps of theta (Szegő; Gray, Toeplitz and Circulant Matrices, 2006, theorem 4.1).
-    """
+    """Return the eigenvalues of T in ascending order, and their multiplicities."""
+    # Those of a long Toeplitz matrix are distributed like its symbol, 2 sum of t_d cos(d theta),
+    # at equal steps of theta (Szegő; Gray, Toeplitz and Circulant Matrices, 2006, theorem 4.1).
     m = diagonals.shape[1]
     longest = RESIDUAL_TEST.exact_eigenvalue_lines
     if m <= longest or gaps:
@@ -153,11 +147,9 @@ def _tail_probability(eigenvalues: RealArray, multiplicities: RealArray, r: Real
 
 
 def adjust_p_values(p: RealArray) -> RealArray:
-    """Return p-values adjusted for multiple tests.
-
-    At most a share q of the adjusted p-values below q are false alarms (Benjamini & Hochberg, J. R.
-    Stat. Soc. B 57 (1995) 289).
-    """
+    """Return p-values adjusted for multiple tests."""
+    # At most a share q of the adjusted p-values below q are false alarms (Benjamini & Hochberg, J.
+    # R. Stat. Soc. B 57 (1995) 289).
     order = np.argsort(p, axis=None)
     n = len(order)
     # p n / rank, made monotone from the largest p-value down.
@@ -406,11 +398,9 @@ def assess_residual(
 
 
 def _describe_overstated_noise(found: Adequacy, freedom: int) -> str:
-    """Return the sentence on known noise that is larger than the residual; empty if consistent.
-
-    The probability of a chi-square as small, with the degrees of freedom divided by the correlation
-    length of the residual, must be at most the level of the tests.
-    """
+    """Return the sentence on known noise that is larger than the residual; empty if consistent."""
+    # The probability of a chi-square as small, with the degrees of freedom divided by the
+    # correlation length of the residual, must be at most the level of the tests.
     if not found.absolute or found.chi_square >= RESIDUAL_TEST.overstated_chi_square:
         return ""
     lengths = found.correlation_length[np.isfinite(found.correlation_length)]
@@ -427,12 +417,10 @@ def _describe_overstated_noise(found: Adequacy, freedom: int) -> str:
 def can_be_sensor_noise(
     H: ComplexArray, whitened_H: ComplexArray, whitened: ComplexArray, freq: RealArray
 ) -> bool:
-    """Return whether the residual of the sensors can be noise rather than a sensor error.
-
-    Serial correlation cannot show this if lines are so far apart that the response is not smooth. A
-    wrong gain, phase or delay leaves a residual proportional to H and f H at any line spacing, so
-    the regression on both must explain no more than in noise (F test).
-    """
+    """Return whether the residual of the sensors can be noise rather than a sensor error."""
+    # Serial correlation cannot show this if lines are so far apart that the response is not
+    # smooth. A wrong gain, phase or delay leaves a residual proportional to H and f H at any line
+    # spacing, so the regression on both must explain no more than in noise (F test).
     level = RESIDUAL_TEST.alarm_level / H.shape[1]
     for i in range(H.shape[1]):
         is_measured = np.isfinite(whitened[:, i])
@@ -483,10 +471,9 @@ def add_noisy_sensors(found: Adequacy, std: RealArray) -> Adequacy:
 
 
 def add_suspects(found: Adequacy, suspects: Sequence[Suspect]) -> Adequacy:
-    """Return the assessment with suspected model errors, the best first, named in its verdict.
-
-    A residual explained by a model error is classed as structure, even without serial correlation.
-    """
+    """Return the assessment with suspected model errors, the best first, named in its verdict."""
+    # A residual explained by a model error is classed as structure, even without serial
+    # correlation.
     if not suspects or found.adequate:
         return found
     found = replace(found, outcome="structure", explained_by=tuple(suspects), noisy=())
@@ -693,10 +680,8 @@ def _find_worst_misfits(
 
 
 def _find_isolated_lines(whitened: ComplexArray, freq: RealArray) -> tuple[float, ...]:
-    """Return the frequencies of isolated lines with most of the excess misfit; empty if many.
-
-    A mode that the model lacks also affects the neighbouring lines.
-    """
+    """Return the frequencies of isolated lines with most of the excess misfit; empty if many."""
+    # A mode that the model lacks also affects the neighbouring lines.
     is_measured = np.isfinite(whitened)
     number = np.maximum(is_measured.sum(axis=(1, 2)), 1)
     power = np.where(is_measured, np.abs(whitened) ** 2, 0.0).sum(axis=(1, 2)) / number

@@ -113,7 +113,6 @@ def _least_relative_changes(along: ComplexArray, H: ComplexArray) -> RealArray:
 
 
 def _with_candidate_lines(part: FRFPart) -> FRFPart:
-    """Return the part at candidate lines."""
     freq = part.frf.freq
     low = float(freq[freq > 0].min(initial=np.inf))
     if np.isinf(low):
@@ -126,16 +125,13 @@ def _with_candidate_lines(part: FRFPart) -> FRFPart:
 
 
 def _choose_candidate_sensors(part: FRFPart) -> IndexArray:
-    """Return the DOFs of candidate sensors."""
     others = part.solver.other_dofs(part.rows)
     return others[:: max(1, -(-len(others) // EXPERIMENT_ADVICE.candidate_sensors))]
 
 
 def _find_best_line(analysis: Analysis, part: FRFPart, x: RealArray) -> tuple[str, float] | None:
-    """Return the best additional line and its least relative change.
-
-    A reduced model finds the line; the full model gives the change.
-    """
+    """Return the best additional line and its least relative change."""
+    # A reduced model finds the line; the full model gives the change.
     candidates = _with_candidate_lines(part)
     lines, nearby = candidates.frf.freq, ReducedPart.of(candidates, x)
     try:
@@ -168,10 +164,8 @@ def _changes_at_block(part: FRFPart, item: tuple[RealArray, RealArray, slice]) -
 def _find_best_sensor(
     analysis: Analysis, part: FRFPart, x: RealArray, others: IndexArray
 ) -> tuple[str, float] | None:
-    """Return the best additional sensor and its least relative change.
-
-    A reduced model is not used: its basis lacks the fields of forces at DOFs without a sensor.
-    """
+    """Return the best additional sensor and its least relative change."""
+    # A reduced model is not used: its basis lacks the fields of forces at DOFs without a sensor.
     if others.size == 0:
         return None
     freq = part.frf.freq[part.frf.freq > 0]

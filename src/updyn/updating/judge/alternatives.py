@@ -68,11 +68,9 @@ def find_differences(
 def select_distinct(
     values: Mapping[str, float], std: Mapping[str, float], others: Sequence[Alternative]
 ) -> tuple[Alternative, ...]:
-    """Return the solutions that differ significantly from the result.
-
-    Its standard deviations are widened if the model does not explain the data, so solutions that
-    the fit distinguished may agree within them.
-    """
+    """Return the solutions that differ significantly from the result."""
+    # Its standard deviations are widened if the model does not explain the data, so solutions that
+    # the fit distinguished may agree within them.
     return tuple(other for other in others if find_differences(values, std, [other]))
 
 

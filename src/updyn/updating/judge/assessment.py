@@ -187,11 +187,8 @@ def judge_fit(
 
 
 def analyse_start(problem: Problem, noises: Sequence[NoiseModel]) -> tuple[Analysis, str]:
-    """Return the identifiability analysis at the start of the unknowns, and the experiment advice.
-
-    Noise of typical size is assumed if a fit would estimate it. Raises `SolverError` if the model
-    cannot be solved there.
-    """
+    """Return the identifiability analysis at the start, and the experiment advice."""
+    # Noise of typical size is assumed if a fit would estimate it.
     local, share = linearise_at_start(problem, noises)
     x = problem.coordinates.start
     equal_rows = _equal_row_jacobian(problem, noises, x, local.R)
@@ -202,10 +199,8 @@ def analyse_start(problem: Problem, noises: Sequence[NoiseModel]) -> tuple[Analy
 
 
 def linearise_at_start(problem: Problem, noises: Sequence[NoiseModel]) -> tuple[Local, float]:
-    """Return the whitened output error at the start, and the median of standard deviation over |H|.
-
-    Raises `SolverError` if the model cannot be solved there.
-    """
+    """Return the whitened output error at the start, and the median relative deviation."""
+    # Raises `SolverError` if the model cannot be solved there.
     x = problem.coordinates.start
     errors, shares = [], []
     for part, given in zip(problem.parts, noises, strict=True):
@@ -285,12 +280,11 @@ _UNINFORMATIVE = ("exact", "untested")
 
 
 def gain_by_chance() -> float:
-    """Return the gain in restricted log-likelihood that chance exceeds at the level of the tests.
-
-    A model error is estimated although the residual is noise. Its variance of 0 is at the bound of
-    its range, hence twice the gain is 0 in half of the fits and has the chi-square distribution of
-    one degree of freedom in the others (Self & Liang, J. Am. Stat. Assoc. 82 (1987) 605).
-    """
+    """Return the gain in restricted log-likelihood that chance exceeds at the tests' level."""
+    # A model error is estimated although the residual is noise. Its variance of 0 is at the bound
+    # of its range, hence twice the gain is 0 in half of the fits and has the chi-square
+    # distribution of one degree of freedom in the others (Self & Liang, J. Am. Stat. Assoc. 82
+    # (1987) 605).
     return 0.5 * float(chdtri(1.0, 2.0 * RESIDUAL_TEST.alarm_level))
 
 
@@ -301,11 +295,9 @@ def _estimate_model_error(
     adequacy: Sequence[Adequacy | None],
     undetermined: RealArray,
 ) -> Discrepancy | None:
-    """Return the model error found in the residual; None without any.
-
-    A residual classed as structure contains a model error; for other residuals, the gain in
-    likelihood must be significant. Few data hardly determine the noise: None.
-    """
+    """Return the model error found in the residual; None without any."""
+    # A residual classed as structure contains a model error; for other residuals, the gain in
+    # likelihood must be significant. Few data hardly determine the noise: None.
     if any("degrees_of_freedom" in record for record in fit.noise):
         return None
     errors, size_known = [], True
@@ -328,7 +320,6 @@ def _estimate_model_error(
 def _add_model_error(
     problem: Problem, fit: Fit, spread: RealArray, error: Discrepancy
 ) -> tuple[Fit, RealArray]:
-    """Return the fit and the covariance with the model error included."""
     no_interval = error.lacks_interval(spread)
     record: dict[str, Any] = {"model_error": error.share}
     names = [name for name, lost in zip(_names(problem), no_interval, strict=True) if lost]
@@ -395,10 +386,8 @@ def _add_prediction(
 
 
 def _typical_misfit(problem: Problem, noises: Sequence[NoiseModel], x: RealArray) -> float:
-    """Return the median of |H - H_X| / |H_X| over the values clear of the noise; nan without any.
-
-    Without FRFs: the median of the relative errors of natural frequencies.
-    """
+    """Return the median of |H - H_X| / |H_X| over values clear of the noise; nan without any."""
+    # Without FRFs: the median of the relative errors of natural frequencies.
     misfits = []
     for part, noise in zip(problem.parts, noises, strict=True):
         measured = part.frf.values
@@ -477,13 +466,12 @@ def _correlate_subsets(
 def assess_adequacy(
     problem: Problem, x: RealArray, noises: Sequence[NoiseModel], *, settled: bool = True
 ) -> tuple[Adequacy | None, ...]:
-    """Test the residual of each part of FRFs against noise; None if the model cannot be solved.
-
-    The residual is measured minus computed FRF, whichever residual the method minimised. Outliers
-    of a robust fit have full weight in the tests, but reduced weight in the search for a model
-    error, because any quantity that affects a single value explains an outlier. A fit that is not
-    `settled` is tested only if a step could not reduce the residual by more than 5 %.
-    """
+    """Test the residual of each part of FRFs against noise; None if the model cannot be solved."""
+    # The residual is measured minus computed FRF, whichever residual the method minimised.
+    # Outliers of a robust fit have full weight in the tests, but reduced weight in the search for
+    # a model error, because any quantity that affects a single value explains an outlier. A fit
+    # that is not `settled` is tested only if a step could not reduce the residual by more than 5
+    # %.
     if not problem.parts:
         return ()
     problem = problem.without_modes

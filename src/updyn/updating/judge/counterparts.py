@@ -110,14 +110,12 @@ class Counterparts:
 def find_counterparts(
     model: Model, data: FRF | ModeSet, modes: ModeSet | None = None, *, largest: int | None = None
 ) -> Counterparts:
-    """Find the measured modes that have a counterpart in a model of at most `largest` DOFs.
-
-    By default, `largest` is `EFFORT.most_dofs`.
-    Peaks of the mode indicator are compared first, which takes milliseconds; modes are identified
-    only if few peaks have a counterpart. If few modes have one, exchanged section axes, omitted
-    sensors and a common factor on frequencies are tried, because these mistakes do not mean another
-    structure. Modes that cannot be compared raise no error: the statement gives the reason.
-    """
+    """Find the measured modes that have a counterpart in a model of at most `largest` DOFs."""
+    # By default, `largest` is `EFFORT.most_dofs`. Peaks of the mode indicator are compared first,
+    # which takes milliseconds; modes are identified only if few peaks have a counterpart. If few
+    # modes have one, exchanged section axes, omitted sensors and a common factor on frequencies
+    # are tried, because these mistakes do not mean another structure. Modes that cannot be
+    # compared raise no error: the statement gives the reason.
     largest = EFFORT.most_dofs if largest is None else largest
     if model.n_dofs > largest:
         return _unknown_counterparts(
@@ -228,7 +226,6 @@ class _ModeSets:
         return _ModeSets(*(_select_dofs(of, at) for of in (self.computed, self.measured)))
 
     def scale_frequencies(self, factor: float) -> _ModeSets:
-        """Return the sets with the frequencies of the model divided by a factor."""
         one = self.computed
         return replace(
             self, computed=Modes(one.frequency / factor, one.loss_factor, one.shapes, one.dofs)
@@ -283,7 +280,6 @@ def _select_dofs(of: Modes, at: IndexArray) -> Modes:
 
 
 def _pair_modes(model: Model, test: ModeSet, source: str) -> Counterparts:
-    """Return the counterparts of measured modes, with the statement."""
     n = int(np.count_nonzero(test.frequency > 0.0))
     sets = _modes_at_sensors(model, test)
     found = replace(sets.count_pairs(n), source=source)
@@ -313,7 +309,6 @@ def _pair_modes(model: Model, test: ModeSet, source: str) -> Counterparts:
 
 
 def _modes_at_sensors(model: Model, test: ModeSet) -> _ModeSets:
-    """Return the modes of model and test at the sensors."""
     elastic = test.frequency > 0.0
     measured = Modes(
         test.frequency[elastic], test.loss_factor[elastic], test.shapes[:, elastic], test.dofs
@@ -364,7 +359,6 @@ def _exceeds_chance(found: Counterparts, n_trials: int = 1) -> bool:
 
 
 def _pairs_most(found: Counterparts) -> bool:
-    """Return whether most measured modes have a counterpart."""
     return found.n_paired >= COUNTERPARTS.explained_share * found.n_measured
 
 
@@ -434,11 +428,9 @@ def _sensor_subsets(
 
 
 def _try_common_factor(sets: _ModeSets, n_measured: int) -> _Hypothesis | None:
-    """Return the counterparts by shape with a common factor on all frequencies, if there is one.
-
-    A factor near 1 may be explained by the unknowns, and is accepted even if the number of pairs
-    does not exceed chance.
-    """
+    """Return the counterparts by shape with a common factor on all frequencies, if there is one."""
+    # A factor near 1 may be explained by the unknowns, and is accepted even if the number of pairs
+    # does not exceed chance.
     step, most = COUNTERPARTS.frequency_factor, COUNTERPARTS.most_power
     powers = [k for k in range(-most, most + 1) if k]
     trials = [(k, sets.scale_frequencies(step**k).count_pairs(n_measured)) for k in powers]
@@ -461,7 +453,6 @@ _NOUNS = {
 
 
 def _add_statement(found: Counterparts, other: Counterparts | None = None) -> Counterparts:
-    """Return the counterparts with their statement."""
     return replace(found, statement=_compose_statement(found, other))
 
 

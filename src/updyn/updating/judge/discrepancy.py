@@ -64,14 +64,12 @@ def estimate_discrepancy(
     size_known: bool,
     least_gain: float,
 ) -> Discrepancy | None:
-    """Estimate the model errors in a residual and their effect; None without any, or with modes.
-
-    r = J d + B z + e, with the effects B of a spring, a loss, a dashpot and a mass at single DOFs,
-    scaled to equal norm, and normal z of common variance. Both variances maximise the restricted
-    likelihood (Patterson & Thompson, Biometrika 58 (1971) 545). The prior of the shift d has the
-    standard deviation of an undetermined direction, the limit of the first order. If `size_known`,
-    the noise is a lower limit.
-    """
+    """Estimate the model errors in a residual and their effect; None without any, or with modes."""
+    # r = J d + B z + e, with the effects B of a spring, a loss, a dashpot and a mass at single
+    # DOFs, scaled to equal norm, and normal z of common variance. Both variances maximise the
+    # restricted likelihood (Patterson & Thompson, Biometrika 58 (1971) 545). The prior of the
+    # shift d has the standard deviation of an undetermined direction, the limit of the first
+    # order. If `size_known`, the noise is a lower limit.
     if problem.modal or not problem.parts:
         return None
     try:
@@ -182,11 +180,10 @@ class _Components:
     def _shift(
         self, noise: float, size: float, prior_rows: RealArray
     ) -> tuple[RealArray, RealArray]:
-        """Return mean and covariance of the shift due to the changes, at given variances of both.
-
-        The changes come first in the stacked problem, so the last block of its triangle belongs to
-        the shift alone. The covariance at known changes, which is due to noise, is subtracted.
-        """
+        """Return mean and covariance of the shift due to the changes, at given variances."""
+        # The changes come first in the stacked problem, so the last block of its triangle belongs
+        # to the shift alone. The covariance at known changes, which is due to noise, is
+        # subtracted.
         k, m = self.effects.shape
         prior = prior_rows / self.norms
         known_changes = np.vstack([self.head / np.sqrt(noise), prior])
@@ -242,10 +239,8 @@ def _reduce_cached(residual: _LocalErrors, part: FRFPart, x: RealArray, n: int) 
 
 
 def _choose_dofs(problem: Problem) -> list[IndexArray]:
-    """Return for each part the DOFs of local changes, evenly distributed; -1 if a part lacks one.
-
-    Tests of one structure share them by label.
-    """
+    """Return the DOFs of local changes by part, evenly distributed; -1 if a part lacks one."""
+    # Tests of one structure share them by label.
     most = max(DISCREPANCY.most_dofs // len(problem.parts), 1)
     chosen: dict[str, None] = {}
     labels_by_part = [part.solver.system.dofs.labels for part in problem.parts]
@@ -276,7 +271,6 @@ class _LocalErrors(LineResidual):
         return replace(self, weight=self.weight[lines])
 
     def partition(self, part: FRFPart) -> list[slice]:
-        """Return the blocks of lines."""
         more = _KINDS * len(self.dofs) * part.sign.size // max(part.solver.system.n, 1)
         return part.partition(len(part.rows) + len(part.columns) + more)
 
@@ -290,10 +284,8 @@ class _LocalErrors(LineResidual):
 
 
 def _error_effects(part: FRFPart, x: RealArray, lines: slice, dofs: IndexArray) -> ComplexArray:
-    """Return dH by a unit stiffness, loss, dashpot and mass at DOFs, shape (4 m, n_f, n_i, n_j).
-
-    A change a of the dynamic stiffness at DOF p changes H_ij by -a H_ip H_pj.
-    """
+    """Return dH by a unit stiffness, loss, dashpot and mass at DOFs, shape (4 m, n_f, n_i, n_j)."""
+    # A change a of the dynamic stiffness at DOF p changes H_ij by -a H_ip H_pj.
     freq, s = part.frf.freq[lines], part.frf.s[lines]
     coefficients = part.solver.system.coefficients(part.state(x), 2.0 * np.pi * freq)
     loads, order = np.unique(np.append(part.rows, part.columns), return_inverse=True)

@@ -15,12 +15,11 @@ __all__ = ["predictive_figures"]
 def predictive_figures(
     part: FRFPart, x: RealArray, covariance: RealArray, noise: NoiseModel, scale: float = 1.0
 ) -> dict[str, float]:
-    """Return ``residual_expected`` and ``residual_deviations`` of held-out data.
-
-    Both are medians over channels. The predictive variance of a value is that of its noise plus J C
-    J^T (Gelman et al., Bayesian Data Analysis, 3rd ed. 2013, section 6.3). The first is its root
-    over the level, at most 1; the second is the rms residual in predicted standard deviations.
-    """
+    """Return ``residual_expected`` and ``residual_deviations`` of held-out data."""
+    # Both are medians over channels. The predictive variance of a value is that of its noise plus
+    # J C J^T (Gelman et al., Bayesian Data Analysis, 3rd ed. 2013, section 6.3). The first is its
+    # root over the level, at most 1; the second is the rms residual in predicted standard
+    # deviations.
     frf = part.frf
     responses, posterior = [], []
     for block in part.blocks(x):

@@ -47,11 +47,12 @@ def analyse_identifiability(
 ) -> Analysis:
     """Analyse a reduced Jacobian (k, n) by the optimiser's coordinates, for unit variance.
 
-    A direction is undetermined by rank (a singular value with unit columns below the rank
-    tolerance) or because of noise (a standard deviation above 1). Collinearity index: Brun,
-    Reichert & Kuensch, Water Resour. Res. 37 (2001) 1015. `inflation` scales standard deviations;
-    `equal_rows` is a Jacobian of the same null space (`NormalisedDerivatives`).
+    `inflation` scales standard deviations; `equal_rows` is a Jacobian of the same null space
+    (`NormalisedDerivatives`).
     """
+    # A direction is undetermined by rank (a singular value with unit columns below the rank
+    # tolerance) or because of noise (a standard deviation above 1). Collinearity index: Brun,
+    # Reichert & Kuensch, Water Resour. Res. 37 (2001) 1015.
     found = resolve(R, inflation, equal_rows)
     n, s = R.shape[1], found.singular_values
     smallest = float(s[-1] / s[0]) if s[0] > 0 else 0.0

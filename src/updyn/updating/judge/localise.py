@@ -43,10 +43,11 @@ def constitutive_error(
     """Return the energy of the least error in each stored matrix, (n_terms, n_f, n_j) in J for 1 N.
 
     `misfit` is computed minus measured FRF and `variance` its E|dH|^2, in the unit of the data; 0
-    Hz only for receptances. The sum of lambda^H W lambda and of the misfit in units of the noise is
-    minimised: with P = Z^-1 on the responses and S = P^T W conj(P), lambda = -theta conj(P) (Sigma
-    + theta S)^-1 (h - h_X); theta makes both together as large as the misfit at every line.
+    Hz only for receptances.
     """
+    # The sum of lambda^H W lambda and of the misfit in units of the noise is minimised: with P =
+    # Z^-1 on the responses and S = P^T W conj(P), lambda = -theta conj(P) (Sigma + theta S)^-1 (h
+    # - h_X); theta makes both together as large as the misfit at every line.
     freq = part.frf.freq[lines]
     omega = 2.0 * np.pi * freq
     system = part.solver.system
@@ -216,11 +217,9 @@ def _plan_short_fits(problem: Problem, allowed: float, wanted: int) -> tuple[int
 def _replace_by_reduced(
     problem: Problem, x: RealArray, residual: OutputErrorSet, whitened: Sequence[ComplexArray]
 ) -> tuple[Problem, list[ReducedPart]]:
-    """Return the problem with reduced models about x in place of large models, and these models.
-
-    The problem is unchanged and the list empty if the error of a reduced model is not small
-    compared with the residual.
-    """
+    """Return the problem with reduced models about x in place of large models, and these models."""
+    # The problem is unchanged and the list empty if the error of a reduced model is not small
+    # compared with the residual.
     nearby = []
     for i, part in enumerate(problem.parts):
         one = ReducedPart.of(part, x)
@@ -273,7 +272,6 @@ class _ShortFits:
         lines: int,
         steps: int,
     ) -> _ShortFits:
-        """Return the short fits that start from x."""
         few = problem.thin(lines)
         errors, n_kept = [], 0
         for i, (whole, part) in enumerate(zip(problem.parts, few.parts, strict=True)):
@@ -291,11 +289,9 @@ class _ShortFits:
         return cls(few, x, thinned, cost, e, excess, steps)
 
     def explained_share(self, parameter: Parameter) -> tuple[float, float]:
-        """Return the share of the residual beyond noise that a quantity explains, and its change.
-
-        For noise of unknown size, the share is estimated from the serial correlation of the removed
-        and of the remaining part. A fit that ends at a bound explains nothing.
-        """
+        """Return the share of the excess residual that a quantity explains, and its change."""
+        # For noise of unknown size, the share is estimated from the serial correlation of the
+        # removed and of the remaining part. A fit that ends at a bound explains nothing.
         wide, start = _add_unknowns(self.problem, self.x, [parameter])
         try:
             x, cost = _descend_shortly(wide, self.residual, start, self.steps)
@@ -393,7 +389,6 @@ def _compute_energies(
 
 
 def _n_energy_lines(part: FRFPart) -> int:
-    """Return the number of lines at which the energy is computed."""
     most, one_in = ERROR_SEARCH.most_energy_lines, ERROR_SEARCH.lines_per_energy_line
     if part.work <= SHORT_FITS.free_operations / one_in:
         return most

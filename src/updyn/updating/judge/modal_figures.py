@@ -68,10 +68,8 @@ def _compute_figures(part: ModalPart, modes: ModeSet, x: RealArray) -> dict[str,
 def _with_subspaces(
     part: ModalPart, x: RealArray, macs: RealArray
 ) -> tuple[RealArray, dict[int, float]]:
-    """Return the MACs, for close modes those of subspaces, and the latter's ln frequency ratios.
-
-    The shapes of close modes are an arbitrary basis, in the test and in the model.
-    """
+    """Return the MACs, for close modes those of subspaces, and the latter's ln frequency ratios."""
+    # The shapes of close modes are an arbitrary basis, in the test and in the model.
     target = part.target
     if not target.can_distinguish_shapes:
         return macs, {}

@@ -50,10 +50,8 @@ class ReducedPart:
         return cls(reduced, reduction)
 
     def extend_basis(self, states: Sequence[State]) -> FRFPart:
-        """Return the part with a basis that is accurate about further states of its model, too.
-
-        The first state must be that of the point. States that cannot be solved are ignored.
-        """
+        """Return the part with a basis that is accurate about further states of its model, too."""
+        # The first state must be that of the point. States that cannot be solved are ignored.
         self.reduction.extend(states)
         freq = self.part.frf.freq
         self.reduction.compress_around(states, freq, NEARBY_MODEL.dropped_energy_root)

@@ -20,14 +20,12 @@ __all__ = ["covariance_over_ratios"]
 def covariance_over_ratios(
     problem: Problem, x: RealArray, floors: Sequence[float], within: RealArray
 ) -> RealArray | None:
-    """Return the largest covariance (n, n) over the likely ratios of relative noise and floor.
-
-    At each ratio, the linear model gives a step d, s^2 (J^T W J)^-1 and a restricted likelihood
-    |W|^(1/2) |J^T W J|^(-1/2) S^(-nu/2) (Harville, Biometrika 61 (1974) 383); the mean square error
-    is d d^T + s^2 (J^T W J)^-1. Variances are the largest over the ratios, correlations those at
-    the most likely one. `within` is an orthonormal basis of the determined directions. None without
-    degrees of freedom.
-    """
+    """Return the largest covariance (n, n) over the likely ratios of relative noise and floor."""
+    # At each ratio, the linear model gives a step d, s^2 (J^T W J)^-1 and a restricted likelihood
+    # |W|^(1/2) |J^T W J|^(-1/2) S^(-nu/2) (Harville, Biometrika 61 (1974) 383); the mean square
+    # error is d d^T + s^2 (J^T W J)^-1. Variances are the largest over the ratios, correlations
+    # those at the most likely one. `within` is an orthonormal basis of the determined directions.
+    # None without degrees of freedom.
     found = [
         _weighted_rows(part, x, floor) for part, floor in zip(problem.parts, floors, strict=True)
     ]

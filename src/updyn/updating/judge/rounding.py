@@ -48,13 +48,11 @@ class Rounding:
 
 
 def find_worst_rounding(parts: Iterable[FRFPart], x: RealArray) -> Rounding | None:
-    """Return the largest rounding error of the model's responses; None if negligible.
-
-    A few lines are solved with Z and with 3 Z, whose entries are rounded differently; the
-    difference is a sample of the forward error, which the backward error does not show (Higham,
-    Accuracy and Stability of Numerical Algorithms (2002), section 1.6). Reduced models are not
-    checked: their error is bounded separately.
-    """
+    """Return the largest rounding error of the model's responses; None if negligible."""
+    # A few lines are solved with Z and with 3 Z, whose entries are rounded differently; the
+    # difference is a sample of the forward error, which the backward error does not show (Higham,
+    # Accuracy and Stability of Numerical Algorithms (2002), section 1.6). Reduced models are not
+    # checked: their error is bounded separately.
     found = []
     for part in parts:
         if part.solver.tier not in EXACT_TIERS:

@@ -125,10 +125,7 @@ class _Pivoting:
 def collinear_clusters(
     cosine: RealArray, kinds: Sequence[str | None], threshold: float
 ) -> list[list[int]]:
-    """Return clusters of two or more columns of one kind whose cosines all reach a threshold.
-
-    A cosine is nan for a column of zeros. Columns of kind None are not joined.
-    """
+    """Return clusters of two or more columns of one kind whose cosines all reach a threshold."""
     from scipy.cluster.hierarchy import fcluster, linkage
     from scipy.spatial.distance import squareform
 
@@ -467,7 +464,6 @@ def _merge_key(p: Parameter) -> str | None:
 
 
 def _collect_drives(given: ParameterSet, members: list[int]) -> tuple[Drive, ...]:
-    """Return the drives of several unknowns in one tuple."""
     drives: list[Drive] = []
     for i in members:
         drives += given[i].acts_on
@@ -482,7 +478,6 @@ def _can_merge(given: ParameterSet, members: list[int]) -> bool:
 
 
 def _merge_unknowns(given: ParameterSet, members: list[int]) -> Parameter:
-    """Return the merged unknown."""
     unknowns = [given[i] for i in members]
     first = unknowns[0]
     quantity = first.quantity

@@ -138,10 +138,8 @@ def _qualify_plausible(
     without_interval: Sequence[str],
     distant: Sequence[DistantUnknown],
 ) -> Claim:
-    """Return a claim that holds, changed to unknown if the model error makes it uncertain.
-
-    `rough` is the typical misfit of a residual that is not noise, if no data were predicted.
-    """
+    """Return a claim that holds, changed to unknown if the model error makes it uncertain."""
+    # `rough` is the typical misfit of a residual that is not noise, if no data were predicted.
     if rough is not None:
         return Claim(
             None,

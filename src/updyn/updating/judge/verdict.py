@@ -282,10 +282,8 @@ def _describe_end(
 
 
 def add_causes(findings: Sequence[Finding], message: str, remedy: str) -> tuple[str, str]:
-    """Return message and remedy with the causes of the misfit.
-
-    If a cause makes the result unacceptable, advice on the fit is omitted.
-    """
+    """Return message and remedy with the causes of the misfit."""
+    # If a cause makes the result unacceptable, advice on the fit is omitted.
     statements = " ".join(finding.statement for finding in findings)
     grave = [finding for finding in findings if finding.grave]
     if grave:

@@ -67,11 +67,9 @@ def _compare_row(row: ModalRow) -> list[WorsenedMode]:
 
 
 def judge_modes(trust: Trust, tables: Sequence[ModalTable]) -> Trust:
-    """Return a verdict that takes account of the modes which the update made worse.
-
-    The result is not plausible if a natural frequency is worse than at the start and in error by
-    more than 3 %, unless the held-out data already contradict it.
-    """
+    """Return a verdict that takes account of the modes which the update made worse."""
+    # The result is not plausible if a natural frequency is worse than at the start and in error by
+    # more than 3 %, unless the held-out data already contradict it.
     worse = [one for table in tables for one in find_worsened_modes(table)]
     if not worse or trust.plausible.holds is False:
         return trust

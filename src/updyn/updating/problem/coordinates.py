@@ -60,11 +60,9 @@ class Coordinates:
 
     @property
     def relaxed_lower(self) -> RealArray:
-        """Lower bounds in x that allow negative damping during a search, shape (n,).
-
-        The true loss factor of a lightly damped part is close to its bound at zero; a search that
-        cannot cross this bound may stop there.
-        """
+        """Lower bounds in x that allow negative damping during a search, shape (n,)."""
+        # The true loss factor of a lightly damped part is close to its bound at zero; a search
+        # that cannot cross this bound may stop there.
         lower, upper = self.to_x(self.parameters.lower), self.to_x(self.parameters.upper)
         relaxed = np.minimum(lower, SEARCH_DATA.least_loss_factor)
         return self._clip_to_box(np.where(self._factor, lower, relaxed), upper)[0]

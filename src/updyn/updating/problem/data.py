@@ -154,7 +154,6 @@ def _test_prefix(name: str) -> str:
 
 
 def _is_nonzero(matrix: Matrix | None) -> bool:
-    """Return whether a matrix exists and is not zero."""
     return matrix is not None and bool(matrix.data.any())
 
 

@@ -80,24 +80,21 @@ def choose_lines(lines: str | ArrayLike | None, part: FRFPart) -> IndexArray:
 
 
 def select_d_optimal(part: FRFPart, count: int) -> IndexArray:
-    """Return positions of `count` lines selected by the determinant of the Fisher information.
-
-    Relative noise with a floor of 1 % of the rms, as is typical of sensors; loss factors of at
-    least 0.02, so that a peak at a wrong frequency selects lines on its flanks. Greedy (Fedorov,
-    Theory of Optimal Experiments, 1972, chapter 3); few lines are then exchanged one for one,
-    because the first were selected when the information was nearly singular.
-    """
+    """Return positions of `count` lines selected by the determinant of the Fisher information."""
+    # Relative noise with a floor of 1 % of the rms, as is typical of sensors; loss factors of at
+    # least 0.02, so that a peak at a wrong frequency selects lines on its flanks. Greedy (Fedorov,
+    # Theory of Optimal Experiments, 1972, chapter 3); few lines are then exchanged one for one,
+    # because the first were selected when the information was nearly singular.
     return _select_by_information(
         part, f"d-optimal {count}", lambda information: _maximise_determinant(information, count)
     )
 
 
 def select_a_optimal(part: FRFPart, count: int, wanted: Sequence[int] | None = None) -> IndexArray:
-    """Return positions of `count` lines selected by the variance of the unknowns `wanted`.
-
-    Greedy minimisation of the mean of their variances, relative to those with all lines (Fedorov,
-    Theory of Optimal Experiments, 1972, chapter 2), with the information of `select_d_optimal`.
-    """
+    """Return positions of `count` lines selected by the variance of the unknowns `wanted`."""
+    # Greedy minimisation of the mean of their variances, relative to those with all lines
+    # (Fedorov, Theory of Optimal Experiments, 1972, chapter 2), with the information of
+    # `select_d_optimal`.
     at = list(range(part.n)) if wanted is None else list(wanted)
     return _select_by_information(
         part,

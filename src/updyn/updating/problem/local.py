@@ -39,10 +39,7 @@ class Local:
 
 
 def reduce_blocks(blocks: Iterable[RealArray], n: int) -> Local:
-    """Stack blocks [J r], shape (m, n + 1), by QR in the given order; return the local problem.
-
-    A block may be a triangle with the same normal matrix.
-    """
+    """Stack blocks [J r], shape (m, n + 1), by QR in the given order; return the local problem."""
     waiting: list[RealArray] = [np.zeros((0, n + 1))]
     for block in blocks:
         waiting.append(block)
@@ -69,12 +66,10 @@ def qr_triangle(columns: RealArray, last: RealArray) -> RealArray:
 
 
 def _triangle_by_cholesky(columns: RealArray, last: RealArray) -> RealArray | None:
-    """Return R by Cholesky of preconditioned columns, or None if rows differ too much.
-
-    R_1 of a sample of the rows makes the columns of A R_1^-1 nearly orthonormal. R_2 of their Gram
-    matrix is then as accurate as by reflections, in less time: R = R_2 R_1 (Garrison & Ipsen, SIAM
-    J. Matrix Anal. Appl. 2024, "A randomized preconditioned Cholesky-QR algorithm").
-    """
+    """Return R by Cholesky of preconditioned columns, or None if rows differ too much."""
+    # R_1 of a sample of the rows makes the columns of A R_1^-1 nearly orthonormal. R_2 of their
+    # Gram matrix is then as accurate as by reflections, in less time: R = R_2 R_1 (Garrison &
+    # Ipsen, SIAM J. Matrix Anal. Appl. 2024, "A randomized preconditioned Cholesky-QR algorithm").
     n, m = len(columns) + 1, len(last)
     # Spread evenly, and not in step with responses, references or lines.
     some = np.sort((np.arange(TRIANGLE.sample_ratio * n) * _GOLDEN % 1.0 * m).astype(np.intp))

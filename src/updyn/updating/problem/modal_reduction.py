@@ -70,10 +70,8 @@ class ModalReduction:
         return [*key, f"reduced {self._version}"]
 
     def confirm(self, pairs: Pairs, full: RealModes) -> bool:
-        """Return whether the modes up to the last paired one are those of the full model.
-
-        If not, the modes of the full model are added to the basis.
-        """
+        """Return whether the modes up to the last paired one are those of the full model."""
+        # If not, the modes of the full model are added to the basis.
         number = pairs.n_used
         error = 0.5 * np.abs(np.log(pairs.modes.value[:number] / full.value[:number]))
         self.error = float(error[np.unique(pairs.which)].max())

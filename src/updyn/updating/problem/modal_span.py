@@ -32,13 +32,11 @@ class SpanProjection:
 
     @classmethod
     def of(cls, measured: RealArray, shapes: RealArray, derivatives: RealArray) -> SpanProjection:
-        """Return the projection onto the span of shapes (k, s) with derivatives (s, k, n) by x.
-
-        With the pseudo-inverse G of Phi, a = G psi and P = Phi G, P' psi = (1 - P) Phi' a + G^T
-        Phi'^T (1 - P) psi (Golub & Pereyra, SIAM J. Numer. Anal. 10 (1973) 413-432, eq. 4.12).
-        Derivatives of the shapes within their own span, large for close frequencies, have no
-        effect.
-        """
+        """Return the projection onto the span of shapes (k, s) with derivatives (s, k, n) by x."""
+        # With the pseudo-inverse G of Phi, a = G psi and P = Phi G, P' psi = (1 - P) Phi' a + G^T
+        # Phi'^T (1 - P) psi (Golub & Pereyra, SIAM J. Numer. Anal. 10 (1973) 413-432, eq. 4.12).
+        # Derivatives of the shapes within their own span, large for close frequencies, have no
+        # effect.
         U, sizes, Vt = _decompose(shapes)
         share = Vt.T @ (U.T @ measured / sizes)
         within = shapes @ share

@@ -118,10 +118,8 @@ def select_greedily(
 def exchange_items(
     information: RealArray, total: RealArray, chosen: Sequence[int], criterion: DesignScore
 ) -> list[int]:
-    """Exchange selected items for others, the best pair first, while the score increases.
-
-    `total` includes the selected items. A new item has the position of the one that it replaces.
-    """
+    """Exchange selected items for others, the best pair first, while the score increases."""
+    # A new item has the position of the one that it replaces.
     chosen = list(chosen)
     for _ in range(OPTIMAL_DESIGN.most_exchanges):
         others = np.setdiff1d(np.arange(len(information)), chosen)

@@ -743,7 +743,6 @@ def _start_is_stated(stated: bool) -> Iterator[None]:
 
 
 def _find_drives(model: Model, name: str, key: str, power: float) -> list[Drive]:
-    """Return the drives for a key of `link`."""
     available = []
     for group_name, group in model.groups.items():
         available += [f"{group_name}.{q}" for q in GROUP_QUANTITIES if group.has(q)]

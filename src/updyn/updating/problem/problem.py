@@ -134,10 +134,8 @@ class FRFPart:
 
     @property
     def receptance_dofs(self) -> tuple[IndexArray, IndexArray]:
-        """DOFs of responses and forces of the receptances that give the responses of the part.
-
-        Those of the part come first; under a prescribed motion, its DOFs and forces are added.
-        """
+        """DOFs of responses and forces of the receptances that give the responses of the part."""
+        # Those of the part come first; under a prescribed motion, its DOFs and forces are added.
         if not isinstance(self.solver, DrivenSolver):
             return self.rows, self.columns
         driven = self.solver.excitation
@@ -156,11 +154,9 @@ class FRFPart:
         return replace(self, frf=self.frf.select(lines=self.frf.freq[::stride]))
 
     def without_rounding(self, x: RealArray, share: float) -> FRFPart:
-        """Return the part with exact zeros in channels that are rounding error, in model and data.
-
-        Symmetry forbids these responses, below `share` (`relative_levels`) in data and model.
-        Derivatives of the model's numerical error would count as information on the unknowns.
-        """
+        """Return the part with exact zeros in channels that are rounding error."""
+        # Symmetry forbids these responses, below `share` (`relative_levels`) in data and model.
+        # Derivatives of the model's numerical error would count as information on the unknowns.
         is_rounding = relative_levels(self.frf.values, self.frf) <= share
         if is_rounding.any():
             is_rounding &= relative_levels(self.responses(x), self.frf) <= share
@@ -198,10 +194,8 @@ class FRFPart:
 
     @property
     def work(self) -> float:
-        """Rough number of floating-point operations of an evaluation with derivatives.
-
-        If one eigendecomposition serves all lines, it is not included: every process repeats it.
-        """
+        """Rough number of floating-point operations of an evaluation with derivatives."""
+        # If one eigendecomposition serves all lines, it is not included: every process repeats it.
         n, n_values = self.solver.system.n, self.sign.size
         columns = len(self.rows) + len(self.columns)
         solve = 8.0 * n**2 * columns
@@ -310,11 +304,9 @@ class FRFPart:
 
 
 def relative_levels(H: ComplexArray, frf: FRF) -> RealArray:
-    """Return the rms of each channel of H relative to the loudest one, shape (n_i, n_j).
-
-    Each channel is relative to the rms of its unit. The loudest channel is taken over the data and
-    `H`, because numerical errors of a model are a share of its level.
-    """
+    """Return the rms of each channel of H relative to the loudest one, shape (n_i, n_j)."""
+    # Each channel is relative to the rms of its unit. The loudest channel is taken over the data
+    # and `H`, because numerical errors of a model are a share of its level.
     level, measured = (
         np.sqrt(np.mean(np.abs(values) ** 2, axis=0)) / level_by_unit(frf)[0]
         for values in (H, frf.values)

@@ -187,12 +187,10 @@ class LineResidual(ABC):
 
 
 def noise_weights(values: ComplexArray, variance: RealArray, frf: FRF) -> RealArray:
-    """Return weights of measured values from 0 (noise) to 1 (no noise), shape (n_f, n_i, n_j).
-
-    sqrt(S / (S + 100 E|dH|^2)) with S = |H_X|^2 - 9 E|dH|^2: a value below the noise has no phase,
-    and noise exceeds three standard deviations once in 8,000 values; a small response of the model
-    there would give the largest logarithms of all. 0 for rounding error.
-    """
+    """Return weights of measured values from 0 (noise) to 1 (no noise), shape (n_f, n_i, n_j)."""
+    # sqrt(S / (S + 100 E|dH|^2)) with S = |H_X|^2 - 9 E|dH|^2: a value below the noise has no
+    # phase, and noise exceeds three standard deviations once in 8,000 values; a small response of
+    # the model there would give the largest logarithms of all. 0 for rounding error.
     size = np.abs(values)
     excess = np.maximum(size**2 - SEARCH_DATA.subtracted_variances * variance, 0.0)
     scaled = variance / SEARCH_DATA.halving_noise**2
@@ -375,21 +373,18 @@ def _drive_points(part: FRFPart) -> RealArray:
 
 
 def _unit_weights(part: FRFPart, unit: RealArray) -> RealArray:
-    """Return the weights of the equation error, shape (n, m); all 1 for data of one unit.
-
-    The residual at a rotation is a moment per force. Multiplied by the level of the motion there
-    and divided by that at the force, it is a ratio of work and independent of the unit of length.
-    """
+    """Return the weights of the equation error, shape (n, m); all 1 for data of one unit."""
+    # The residual at a rotation is a moment per force. Multiplied by the level of the motion there
+    # and divided by that at the force, it is a ratio of work and independent of the unit of
+    # length.
     level = level_by_unit(part.frf)[0]
     return np.asarray(level / (unit * level).sum(axis=0))
 
 
 def make_log_error(problem: Problem) -> ResidualSet[LogError]:
-    """Return the log error of data with variance, weighted by `noise_weights`.
-
-    Errors of frequencies are used as logarithms; errors of shapes and damping are weighted less in
-    the ratio of their assumed noise.
-    """
+    """Return the log error of data with variance, weighted by `noise_weights`."""
+    # Errors of frequencies are used as logarithms; errors of shapes and damping are weighted less
+    # in the ratio of their assumed noise.
     errors = tuple(map(LogError.of_noisy_data, problem.parts))
     return ResidualSet(
         errors, tuple(ModalError(part.noise.in_units_of_frequency()) for part in problem.modal)

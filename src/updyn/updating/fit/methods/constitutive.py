@@ -239,12 +239,10 @@ def _diagonal(part: FRFPart, item: tuple[slice]) -> RealArray:
 def constitutive_weights(
     system: AffineSystem, state: State, omega: RealArray
 ) -> tuple[ComplexArray, RealArray]:
-    """Return the coefficients of Z and of W, the energy norm of the error, shapes (n_terms, n_f).
-
-    W = sum of w_t A_t with w = |c|^2 over kappa (stiffness), omega^2 mu (mass), omega c (viscous).
-    With an energy of u - v weighted by kappa K, stresses (1 + i gamma) kappa K v differ from those
-    of u by W lambda.
-    """
+    """Return the coefficients of Z and of the energy norm W, shapes (n_terms, n_f)."""
+    # W = sum of w_t A_t with w = |c|^2 over kappa (stiffness), omega^2 mu (mass), omega c
+    # (viscous). With an energy of u - v weighted by kappa K, stresses (1 + i gamma) kappa K v
+    # differ from those of u by W lambda.
     c = system.coefficients(state, omega)
     elastic = np.array([term.quantity == "stiffness" for term in system.terms])[:, None]
     scale = np.where(elastic, np.abs(c.real), np.abs(c))

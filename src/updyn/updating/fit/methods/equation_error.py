@@ -86,11 +86,9 @@ class EquationErrorMethod(PublishedMethod):
 def _gauss_newton(
     problem: Problem, x: RealArray, monitor: Monitor, max_iterations: int, epsilon: float
 ) -> tuple[RealArray, str]:
-    """Iterate as published: solve eq. (22) for the changes of X, Y and gamma, update, repeat.
-
-    Real rows are stacked on imaginary rows, with real unknowns (eqs. 12, 20-22); no step control
-    and no bounds. Raises SolverError if the iteration diverges.
-    """
+    """Iterate as published: solve eq. (22) for the changes of X, Y and gamma, update, repeat."""
+    # Real rows are stacked on imaginary rows, with real unknowns (eqs. 12, 20-22); no step control
+    # and no bounds. Raises SolverError if the iteration diverges.
     coordinates = problem.coordinates
     length, before = 0.0, x
     for number in range(max_iterations + 1):

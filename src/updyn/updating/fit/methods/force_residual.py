@@ -152,10 +152,8 @@ def _check(part: FRFPart) -> None:
 
 
 def _compliance(part: FRFPart) -> RealArray:
-    """Return 1 for forces, and for moments the square of a length.
-
-    At that length the medians of rotational and translational stiffness are equal.
-    """
+    """Return 1 for forces, and for moments the square of a length."""
+    # At that length the medians of rotational and translational stiffness are equal.
     system = part.solver.system
     turns = np.asarray(system.dofs.axes) >= 3
     if turns.all() or not turns.any():

@@ -84,7 +84,6 @@ class FrfSensitivityMethod(Method):
         return f"{text} {Method.describe_obstacle(self, problem)}".strip()
 
     def _residual(self, problem: Problem) -> OutputErrorSet:
-        """Return the output error of every test, with the name of this method."""
         errors = [replace(OutputError.of_data(part), name=self.name) for part in problem.parts]
         return OutputErrorSet(tuple(errors))
 

@@ -259,14 +259,12 @@ def sandwich(
     x: RealArray,
     noises: Sequence[NoiseModel] = (),
 ) -> Sandwich | None:
-    """Return the sandwich covariance of a fit, or None if it is singular.
-
-    With A = J^T J of the weighted Jacobian J, and S the covariance of the weighted residual, it is
-    A^-1 (J^T S J) A^-1 (Huber, Proc. 5th Berkeley Symp. 1 (1967) 221; White, Econometrica 48 (1980)
-    817). S is computed from the noise model, not from the squares of the residuals, which are too
-    few if single peaks dominate (`benchmarks/sandwich.py`), and is scaled up to a larger weighted
-    misfit and by the correlation length of the residual. Without `noises`, the noise is estimated.
-    """
+    """Return the sandwich covariance of a fit, or None if it is singular."""
+    # With A = J^T J of the weighted Jacobian J, and S the covariance of the weighted residual, it
+    # is A^-1 (J^T S J) A^-1 (Huber, Proc. 5th Berkeley Symp. 1 (1967) 221; White, Econometrica 48
+    # (1980) 817). S is computed from the noise model, not from the squares of the residuals, which
+    # are too few if single peaks dominate (`benchmarks/sandwich.py`), and is scaled up to a larger
+    # weighted misfit and by the correlation length of the residual.
     try:
         return _sandwich(problem, residual, local, x, noises or [Estimated()] * len(problem.parts))
     except LinAlgError:

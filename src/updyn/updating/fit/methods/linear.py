@@ -234,11 +234,9 @@ def scaled_solution(A: RealArray, b: RealArray) -> RealArray:
 
 
 def basic_solution(A: RealArray, b: RealArray) -> RealArray:
-    """Solve A x = b by least squares with pivoted QR; the basic solution if A is rank-deficient.
-
-    It takes the condensed equation error to the paper's result in its five iterations from both
-    readings of its error rates; least-norm solutions move along the undetermined direction.
-    """
+    """Solve A x = b by least squares with pivoted QR; the basic solution if A is rank-deficient."""
+    # It takes the condensed equation error to the paper's result in its five iterations from both
+    # readings of its error rates; least-norm solutions move along the undetermined direction.
     # Among columns equally long to rounding, the first is chosen on every processor.
     weight = 1.0 - LINEAR_STEP.tie_share * np.arange(A.shape[1])
     Q, R, order = scipy.linalg.qr(A * weight, mode="economic", pivoting=True)

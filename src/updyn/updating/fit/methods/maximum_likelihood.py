@@ -216,11 +216,9 @@ class MaximumLikelihood(SearchingMethod):
         best: Answer,
         agreed: bool,
     ) -> list[Answer]:
-        """Return the answers of tries near the best one, until some of them return to it.
-
-        They also end after a fixed number without a better answer and, if the search agreed on the
-        best one, as soon as it explains the data.
-        """
+        """Return the answers of tries near the best one, until some of them return to it."""
+        # They also end after a fixed number without a better answer and, if the search agreed on
+        # the best one, as soon as it explains the data.
         if monitor.stopped:
             return []
         rough, found = thin_problem(problem, noises), list[Answer]()
@@ -258,15 +256,13 @@ class MaximumLikelihood(SearchingMethod):
         first: Answer,
         most: int,
     ) -> list[Answer]:
-        """Return the answers of tries from the whole space of the unknowns, for modes only.
-
-        If n tries have found w answers, the expected number of answers is w (n - 1) / (n - w - 2);
-        tries end when that is less than w + 1/2 (Boender & Rinnooy Kan, Math. Program. 37 (1987)
-        59-80). All tries are made if the numbers do not exceed the unknowns, as with frequencies
-        alone: several answers are then usual (isospectral systems; Gladwell, Inverse Problems in
-        Vibration, 2nd ed. 2004). In a large model, no try begins after `most` steps. Much less
-        likely answers do not count.
-        """
+        """Return the answers of tries from the whole space of the unknowns, for modes only."""
+        # If n tries have found w answers, the expected number of answers is w (n - 1) / (n - w -
+        # 2); tries end when that is less than w + 1/2 (Boender & Rinnooy Kan, Math. Program. 37
+        # (1987) 59-80). All tries are made if the numbers do not exceed the unknowns, as with
+        # frequencies alone: several answers are then usual (isospectral systems; Gladwell, Inverse
+        # Problems in Vibration, 2nd ed. 2004). In a large model, no try begins after `most` steps.
+        # Much less likely answers do not count.
         problem, coordinates = models.exact, models.exact.coordinates
         best, found, ends = first, [first], [first.negative_log_likelihood]
         n_before = len(monitor.history)
@@ -366,10 +362,8 @@ class MaximumLikelihood(SearchingMethod):
         at: Answer,
         most: int | None = None,
     ) -> list[Answer]:
-        """Return the answers from points whose first descent ends near the known likelihood.
-
-        The first descent uses the weights of the known answer and ends early.
-        """
+        """Return the answers from points whose first descent ends near the known likelihood."""
+        # The first descent uses the weights of the known answer and ends early.
         found: list[Answer] = []
         n_before = len(monitor.history)
         settings = self._further_descent(min(FURTHER_DESCENTS.most_steps, self.max_iterations))
@@ -523,11 +517,9 @@ def _descend_with_weights(
     at: Answer,
     fixed_unknown: int | None = None,
 ) -> tuple[Problem, RealArray]:
-    """Return the end of a descent with the weights of answer `at`, and the model there.
-
-    If the model is accurate only near the start, the descent continues in the model of its end,
-    unless it has returned to the answer or its misfit is far larger.
-    """
+    """Return the end of a descent with the weights of answer `at`, and the model there."""
+    # If the model is accurate only near the start, the descent continues in the model of its end,
+    # unless it has returned to the answer or its misfit is far larger.
     problem, worse, remaining = models.near(x), np.inf, settings.max_iterations
     for _ in range(FURTHER_DESCENTS.most_renewals):
         constrained = problem if fixed_unknown is None else fix_unknown(problem, x, fixed_unknown)
@@ -551,10 +543,8 @@ def _descend_with_weights(
 
 
 def _evaluate_point(models: Models, x: RealArray, at: Answer) -> float:
-    """Return minus the log-likelihood at a point; inf if a descent would lead back to the answer.
-
-    The model is refined only while that improves the likelihood of the point.
-    """
+    """Return minus the log-likelihood at a point; inf if a descent leads back to the answer."""
+    # The model is refined only while that improves the likelihood of the point.
     problem = models.rough
     misfit, is_rough = (
         _negative_log_likelihood(problem, at.noises, at.residual, x),
@@ -572,11 +562,9 @@ def _evaluate_point(models: Models, x: RealArray, at: Answer) -> float:
 
 
 def _limit_likelihood(answer: Answer, valley_start: Answer, local: Local) -> Answer:
-    """Limit the likelihood of a valley's far end by that with the weights of its beginning.
-
-    The beginning is a minimum with its own weights only. `local`, at the far end, has these
-    weights.
-    """
+    """Limit the likelihood of a valley's far end by that with the weights of its beginning."""
+    # The beginning is a minimum with its own weights only. `local`, at the far end, has these
+    # weights.
     assert valley_start.local is not None
     least = valley_start.negative_log_likelihood + local.cost - valley_start.local.cost
     return replace(answer, negative_log_likelihood=max(answer.negative_log_likelihood, least))
@@ -594,7 +582,6 @@ class _Information:
 def _information_of_frfs(
     problem: Problem, x: RealArray, noises: Sequence[NoiseModel], residual: OutputErrorSet
 ) -> _Information | None:
-    """Return the information from FRFs; None without FRFs."""
     if not problem.parts:
         return None
     local = residual.without_modes.local(problem.without_modes, x)
@@ -623,7 +610,6 @@ def _information_of_frfs(
 def _information_of_modes(
     problem: Problem, x: RealArray, residual: OutputErrorSet
 ) -> _Information | None:
-    """Return the information from modes; None without modes."""
     if not problem.modal:
         return None
     locals_, records, missing = [], [], []
@@ -658,11 +644,9 @@ def _information_of_modes(
 def _with_common_freedom(
     problem: Problem, records: Sequence[Mapping[str, Any]]
 ) -> list[Mapping[str, Any]]:
-    """Return the noise records with the same degrees of freedom, those of the intervals.
-
-    These are 1 / sum s^2 / nu, with s the share of a test in the data (Satterthwaite, Biometrics
-    Bull. 2 (1946) 110).
-    """
+    """Return the noise records with the same degrees of freedom, those of the intervals."""
+    # These are 1 / sum s^2 / nu, with s the share of a test in the data (Satterthwaite, Biometrics
+    # Bull. 2 (1946) 110).
     if len(records) < 2:
         return list(records)
     name = "degrees_of_freedom"

@@ -127,7 +127,6 @@ class _ReducedEquationError(EquationError):
 
     @property
     def cache_key(self) -> str:
-        """Frequency of the transformation."""
         return f"frequency={self.frequency!r}"
 
 

@@ -112,10 +112,8 @@ def _score_at_points(part: FRFPart, points: Sequence[RealArray]) -> list[ScoredF
 def _select_by_short_trials(
     part: FRFPart, without: Trial, found: Sequence[ScoredFault], stated: Sequence[Finding]
 ) -> list[FaultStart]:
-    """Return the best faults after a few steps of each, the likeliest first.
-
-    If one explains all data, only faults that explain as much at the end of its trial are kept.
-    """
+    """Return the best faults after a few steps of each, the likeliest first."""
+    # If one explains all data, only faults that explain as much at the end of its trial are kept.
     tries = sorted(found, key=lambda one: -one.log_evidence)
     # A fault of all data promises little to first order, but its fit may explain much.
     tries[1:] = sorted(tries[1:], key=lambda one: not one.fault.affects_all_data)
@@ -132,12 +130,10 @@ def _select_by_short_trials(
 
 
 def _drop_covered(found: Iterable[ScoredFault], stated: Sequence[Finding]) -> list[ScoredFault]:
-    """Return the faults that no finding covers."""
     return [one for one in found if not any(_covers(known, one.fault) for known in stated)]
 
 
 def _covers(finding: Finding, fault: Fault) -> bool:
-    """Return whether a finding makes a fault superfluous."""
     kind = CAUSES[finding.kind]
     same = (finding.kind, finding.channels) == fault.key
     is_omitted = kind.omits_channels and not set(finding.channels).isdisjoint(fault.channels)

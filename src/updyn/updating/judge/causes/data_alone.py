@@ -53,10 +53,7 @@ def _is_expected(detection: Detection, part: FRFPart) -> bool:
 
 
 def detect_data_faults(frf: FRF, rigid: RigidShapes | None = None) -> list[Detection]:
-    """Return the faults that data with variance show without a model, the likeliest first.
-
-    Faults that another one of them can imitate are omitted.
-    """
+    """Return the faults that data with variance show without a model, the likeliest first."""
     if not frf.values.any():
         return []
     found: list[Detection] = []

@@ -61,20 +61,16 @@ __all__ = ["find_causes", "find_obstacle", "is_far_from_start", "weight_by_noise
 
 
 def is_far_from_start(part: FRFPart, x: RealArray) -> bool:
-    """Return whether the unknowns moved farther from their start than models are usually off.
-
-    The data may then be explained and still be wrong by a common factor.
-    """
+    """Return whether the unknowns moved farther from their start than models are usually off."""
+    # The data may then be explained and still be wrong by a common factor.
     coordinates = part.coordinates
     offset = ((x - coordinates.start) / compute_spread(part))[coordinates.parameters.is_factor]
     return bool(offset.size and np.sqrt(np.mean(offset**2)) > CAUSE_ODDS.usual_distance)
 
 
 def find_obstacle(part: FRFPart, noise: NoiseModel) -> str:
-    """Return why the data of a test do not permit a search for causes; empty if they do.
-
-    Without values above the noise, any factor that moves the data below it explains everything.
-    """
+    """Return why the data of a test do not permit a search for causes; empty if they do."""
+    # Without values above the noise, any factor that moves the data below it explains everything.
     if part.n_lines < CAUSE_SEARCH.least_lines:
         return f"causes were not searched for, because {part.n_lines} lines are too few"
     clear = np.abs(part.frf.values) > SIGNIFICANCE.stds * np.sqrt(noise.initial_variance(part.frf))
@@ -148,10 +144,8 @@ class _Explanation:
         return run_trial(self.trial_models.prepare_part(part, [start]), None, [start])
 
     def mean_square_above_noise(self, frf: FRF, trial: Trial) -> float:
-        """Return the mean square residual of the values above the noise.
-
-        A fault that raises the noise of one sensor, or the level of all data, hides the others.
-        """
+        """Return the mean square residual of the values above the noise."""
+        # A fault that raises the noise of one sensor, or the level of all data, hides the others.
         part = self.part.with_data(_restrict_weights(self.part.frf, frf))
         part = self.trial_models.prepare_part(part, [trial.x])
         misfit, weight = compute_log_misfit(part.responses(trial.x), part.frf)
@@ -165,11 +159,9 @@ class _Explanation:
 
 
 def _restrict_weights(corrected: FRF, frf: FRF) -> FRF:
-    """Return corrected data in which only the values with weight in `frf` have weight.
-
-    Their variance is that of the corrected values: the noise of a sensor of another quantity is
-    scaled with its values.
-    """
+    """Return corrected data in which only the values with weight in `frf` have weight."""
+    # Their variance is that of the corrected values: the noise of a sensor of another quantity is
+    # scaled with its values.
     assert corrected.variance is not None
     assert frf.variance is not None
     is_weightless = find_weightless(frf) | find_weightless(corrected)
@@ -259,10 +251,8 @@ def _correct_whole_part(
 def _fit_size(
     part: FRFPart, whole: FRFPart, trial_models: TrialModels, found: RankedFault, noise: NoiseModel
 ) -> RankedFault:
-    """Return the fault with its size fitted to all lines, with held quantities at their values.
-
-    The fault is unchanged if the data contradict the held values.
-    """
+    """Return the fault with its size fitted to all lines, with held quantities at their values."""
+    # The fault is unchanged if the data contradict the held values.
     fault, x = found.fault, found.trial.x[: len(whole.coordinates.start)]
     if fault.is_adaptive and fault.repair_text:
         with suppress(SolverError):
@@ -301,10 +291,8 @@ def _evaluate_corrected(part: FRFPart, trial: Trial) -> tuple[ComplexArray, FRF]
 
 
 def weight_by_noise(part: FRFPart, trial: Trial, noise: NoiseModel) -> FRFPart:
-    """Return the part with data weighted by the noise estimated from the residual of a trial.
-
-    Values without weight keep none, and are not used for the estimate.
-    """
+    """Return the part with data weighted by the noise estimated from the residual of a trial."""
+    # Values without weight keep none, and are not used for the estimate.
     H, frf = _evaluate_corrected(part, trial)
     is_weightless = find_weightless(part.frf)
     # Values that are zero in model and data say nothing about the noise.
@@ -390,10 +378,8 @@ def _is_likely(ranked: Sequence[RankedFault]) -> bool:
 def _refine_fit(
     part: FRFPart, current: FRFPart, trial_models: TrialModels, trial: Trial
 ) -> tuple[FRFPart, Trial]:
-    """Return the part with a model valid at the end of a fit without a fault, and this fit.
-
-    Far from the data, a model valid around the start and a short fit are sufficient.
-    """
+    """Return the part with a model valid at the end of a fit without a fault, and this fit."""
+    # Far from the data, a model valid around the start and a short fit are sufficient.
     for _ in range(CAUSE_SEARCH.most_refinements):
         if trial.mean_square > CAUSE_CANDIDATES.small_rms**2:
             break
@@ -480,10 +466,8 @@ class _BestTrials:
         return min(self.trials.values(), key=lambda one: one.mean_square, default=None)
 
     def list_other_places(self, starts: Sequence[FaultStart]) -> list[FaultStart]:
-        """Return the best fault at other places, the likeliest at several points.
-
-        Further points than the end of its trial are used if that does not leave only noise.
-        """
+        """Return the best fault at other places, the likeliest at several points."""
+        # Further points than the end of its trial are used if that does not leave only noise.
         best = self.best
         if best is None or best.fault is None:
             return []

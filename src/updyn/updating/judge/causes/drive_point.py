@@ -100,7 +100,6 @@ def _iter_explanations(frf: FRF, channels: Sequence[str]) -> Iterator[str]:
 
 
 def _is_passive(fault: Fault, frf: FRF, channels: Sequence[str]) -> bool:
-    """Return whether drive points are passive after the repair of a fault."""
     square = CollocatedFrfs.of(fault.repair(frf))
     for label in channels:
         clear, _, active = _count_lines(square, square.labels.index(label))
@@ -110,11 +109,10 @@ def _is_passive(fault: Fault, frf: FRF, channels: Sequence[str]) -> bool:
 
 
 def _iter_other_force_places(frf: FRF, stated: str) -> Iterator[str]:
-    """Yield the only other sensor at which a force would put energy into the structure.
-
-    The number of lines with a significant sign has to be so large that, with the share of negative
-    signs of the stated place, all would be positive only by a small chance at any of the sensors.
-    """
+    """Yield the only other sensor at which a force would put energy into the structure."""
+    # The number of lines with a significant sign has to be so large that, with the share of
+    # negative signs of the stated place, all would be positive only by a small chance at any of
+    # the sensors.
     square = CollocatedFrfs.of(frf)
     _, sure, active = _count_lines(square, square.labels.index(stated))
     share = min(active / max(sure, 1), 0.5)

@@ -89,7 +89,6 @@ class _ModelResponses:
         return _ModelResponses(labels, references, H, slopes)
 
     def find_indices(self, frf: FRF) -> tuple[IndexArray, IndexArray]:
-        """Return the indices of the responses and the references of data."""
         rows = [self.labels.index(label) for label in list_response_labels(frf)]
         columns = [self.references.index(label) for label in list_unsigned_labels(frf.references)]
         return np.array(rows, dtype=np.intp), np.array(columns, dtype=np.intp)
@@ -197,11 +196,9 @@ class Evidence:
         return self._log_ratio_on_lines("damped", rate, windowed)
 
     def log_ratio_with_scaled_axis(self, log_factor: float) -> ComplexArray:
-        """Return the model's ln A(exp(log_factor) f) / A(f), shape (n_f, n_i, n_j).
-
-        A is the accelerance. The ratio is also that of a model with exp(-2 log_factor) times all
-        stiffnesses to the model itself.
-        """
+        """Return the model's ln A(exp(log_factor) f) / A(f), shape (n_f, n_i, n_j)."""
+        # A is the accelerance. The ratio is also that of a model with exp(-2 log_factor) times all
+        # stiffnesses to the model itself.
         scaled = replace(self.frf, freq=self.frf.freq * np.exp(log_factor))
         power = QUANTITIES["accelerance"] - self.frf.modal_power
         return self._log_ratio_on_lines("stretched", log_factor, scaled) + power * log_factor
@@ -215,10 +212,9 @@ class Evidence:
         return known
 
     def log_ratio_on_suspension(self, frequency: float) -> ComplexArray:
-        """Return the model's ln H on a suspension over H, shape (n_f, n_i, n_j); `frequency` in Hz.
-
-        K + (2 pi frequency)^2 (1 + i eta) M replaces K, with eta the loss factor of soft supports.
-        """
+        """Return ln of H on a suspension over H, shape (n_f, n_i, n_j); `frequency` in Hz."""
+        # K + (2 pi frequency)^2 (1 + i eta) M replaces K, with eta the loss factor of soft
+        # supports.
         part, state = self.part, self.part.state(self.x)
         mass = np.array([term.quantity == "mass" for term in part.solver.system.terms])
         square = (2.0 * np.pi * frequency) ** 2 * (1.0 + 1j * SUPPORT_FAULT.soft_loss)
@@ -285,10 +281,8 @@ class Evidence:
 
     @cached_property
     def noise_channels(self) -> frozenset[str]:
-        """Labels of the responses that are noise, in data and model, at nearly all lines.
-
-        A fault of these changes only the level to which other channels are compared.
-        """
+        """Labels of the responses that are noise, in data and model, at nearly all lines."""
+        # A fault of these changes only the level to which other channels are compared.
         clear = (self.weight > 0.0).any(axis=2).sum(axis=0)
         labels = list_response_labels(self.frf)
         too_few = clear < CAUSE_SEARCH.least_lines

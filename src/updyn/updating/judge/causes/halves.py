@@ -17,10 +17,10 @@ __all__ = ["compare_band_halves"]
 def compare_band_halves(evidence: Evidence, fault: Fault, correlation: float) -> float:
     """Return the difference between the sizes of a fault in lower and upper lines.
 
-    In standard deviations; 0 if a half does not determine the size. Both sizes and all unknowns are
-    fitted, to first order. The residual counts as at least `PERFECT_FIT`, because the last steps of
-    a fit are arbitrary.
+    In standard deviations; 0 if a half does not determine the size.
     """
+    # Both sizes and all unknowns are fitted, to first order. The residual counts as at least
+    # `PERFECT_FIT`, because the last steps of a fit are arbitrary.
     slope = replace(fault, value=0.0).slope(evidence)
     lower = np.arange(len(slope)) < len(slope) // 2
     zeros = np.zeros_like(evidence.offset_to_start)

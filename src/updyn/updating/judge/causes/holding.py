@@ -60,19 +60,15 @@ def _find_supports(part: FRFPart) -> ModelSupports:
 
 
 def is_free(part: FRFPart) -> bool:
-    """Return whether the model is free in a measured direction of translation.
-
-    Models of rotations alone, whose rigid motion depends on gear ratios, are taken as held.
-    """
+    """Return whether the model is free in a measured direction of translation."""
+    # Models of rotations alone, whose rigid motion depends on gear ratios, are taken as held.
     measured = {dof.direction for dof in part.frf.responses} & _TRANSLATIONS
     return not measured <= frozenset().union(*_find_supports(part).directions_by_group.values())
 
 
 def list_ground_springs(part: FRFPart) -> list[str]:
-    """Return the groups of springs between single nodes and the ground, of known stiffness.
-
-    They are among the unknowns of the part, with a narrow prior.
-    """
+    """Return the groups of springs between single nodes and the ground, of known stiffness."""
+    # They are among the unknowns of the part, with a narrow prior.
     parameters = part.coordinates.parameters
     spread = dict(zip(parameters.names, compute_spread(part), strict=True))
     supports = _find_supports(part)
@@ -86,7 +82,6 @@ def list_ground_springs(part: FRFPart) -> list[str]:
 
 
 def _couples_nodes(system: AffineSystem, term: Term) -> bool:
-    """Return whether a stiffness couples two nodes."""
     nodes = system.dofs.nodes[term.rows]
     K = sp.coo_matrix(term.local)
     between = nodes[K.row] != nodes[K.col]

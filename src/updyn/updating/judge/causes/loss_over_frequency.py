@@ -67,11 +67,9 @@ class LossPowerLaw(SystemAlteration):
         return np.asarray(np.exp(self.exponent * _log_frequency_ratio(freq, self.mid_frequency)))
 
     def storage_change(self, freq: RealArray) -> RealArray:
-        """Return the change of the storage modulus in units of loss factor times stiffness.
-
-        The storage modulus of (i f)^p is cot(pi p / 2) times its loss modulus (Bagley & Torvik, J.
-        Rheol. 27 (1983) 201); that at `mid_frequency` is part of the stiffness.
-        """
+        """Return the change of the storage modulus in units of loss factor times stiffness."""
+        # The storage modulus of (i f)^p is cot(pi p / 2) times its loss modulus (Bagley & Torvik,
+        # J. Rheol. 27 (1983) 201); that at `mid_frequency` is part of the stiffness.
         log, p = _log_frequency_ratio(freq, self.mid_frequency), self.exponent
         if not self.causal or abs(p) >= 1.0:
             return np.zeros(len(freq))
@@ -214,7 +212,6 @@ class LossOverFrequency(AlteringFault):
 
     @property
     def _group_text(self) -> str:
-        """The groups as text."""
         if not self.groups:
             return "all groups"
         names = ", ".join(repr(name) for name in self.groups)
@@ -257,10 +254,8 @@ class LossOverFrequency(AlteringFault):
 
     @property
     def _table_lines(self) -> RealArray:
-        """Frequencies of few digits, from below the lines to the next one above.
-
-        A search uses some of the lines only; the highest line of the data may not be among them.
-        """
+        """Frequencies of few digits, from below the lines to the next one above."""
+        # A search uses some of the lines only; the highest line of the data may not be among them.
         low, (last, high) = self.lines[0], self.lines[-2:]
         rounding = 0.5 * 10.0 ** (1 - LOSS_EXPONENT.table_digits)
         freq = np.geomspace(
@@ -270,7 +265,6 @@ class LossOverFrequency(AlteringFault):
 
 
 def _round_to_table(values: RealArray) -> RealArray:
-    """Return values with the digits of the table."""
     return np.array([float(f"{one:.{LOSS_EXPONENT.table_digits}g}") for one in values])
 
 
@@ -280,7 +274,6 @@ def _field_values(system: AffineSystem) -> dict[str, Any]:
 
 
 def _list_lines_above_zero(part: FRFPart) -> tuple[float, ...]:
-    """Return the lines of a part above 0 Hz."""
     return tuple(part.frf.freq[part.frf.freq > 0.0].tolist())
 
 
@@ -310,7 +303,6 @@ def _list_viscous_damping(
 
 
 def _has_loss_table(system: AffineSystem, group: str) -> bool:
-    """Return whether a group has a loss table of the user."""
     return system.terms[system.find(group, "loss_factor")].table is not None
 
 

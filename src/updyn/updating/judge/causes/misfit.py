@@ -75,12 +75,10 @@ def _rebuild(cls: type[WeightedData], field_values: dict[str, Any]) -> WeightedD
 
 
 def compute_log_misfit(H: ComplexArray, frf: FRF) -> tuple[ComplexArray, RealArray]:
-    """Return w ln(H_X / H_A) and w, both shape (n_f, n_i, n_j); by likelihood for `WeightedData`.
-
-    Unlike the residual of a fit, it includes values that are above the noise in the model only or
-    in the data only, as with exchanged channels of a structure with uncoupled directions. Values
-    below three standard deviations of the noise are set to this level, without a phase.
-    """
+    """Return w ln(H_X / H_A) and w, shape (n_f, n_i, n_j); by likelihood for `WeightedData`."""
+    # Unlike the residual of a fit, it includes values that are above the noise in the model only
+    # or in the data only, as with exchanged channels of a structure with uncoupled directions.
+    # Values below three standard deviations of the noise are set to this level, without a phase.
     if isinstance(frf, WeightedData):
         return frf.misfit(H)
     noise = _compute_deviation(frf)

@@ -113,7 +113,6 @@ class MissingMode(Fault):
         return replace(self, value=pole.frequency, loss=pole.loss, shape=shape)
 
     def _shape_pole(self, frf: FRF) -> Pole:
-        """Return the pole for the channels of data."""
         known = dict(self.shape)
         parts: list[ComplexArray] = []
         for dofs, labels in list_sides(frf):
@@ -129,10 +128,8 @@ class MissingMode(Fault):
         return Pole(self.value, self.loss, a, b)
 
     def repair(self, frf: FRF) -> FRF:
-        """Return the data minus the mode; without the lines near it if its shape is unknown.
-
-        Lines at which the mode dominates the data contain its noise and are omitted.
-        """
+        """Return the data minus the mode; without the lines near it if its shape is unknown."""
+        # Lines at which the mode dominates the data contain its noise and are omitted.
         remaining = frf
         if self.shape:
             term = self._shape_pole(frf).contribution(frf)
@@ -222,7 +219,6 @@ class _LocalResidual:
 
     @classmethod
     def near(cls, evidence: Evidence, frequency: float) -> _LocalResidual:
-        """Return the residual at the lines near a frequency."""
         frf = evidence.frf
         away = np.abs(frf.freq / frequency - 1.0)
         least = float(np.sort(away)[MISSING_MODE.least_lines - 1])

@@ -48,11 +48,9 @@ class ModelUnit(IrreparableFault):
             yield cls((), factor, quantity, mistake)
 
     def convert_data(self, frf: FRF) -> FRF:
-        """Return the data as they would be for a structure in the units of the model.
-
-        With a times the stiffness K and b times the mass M, the receptance at omega is 1/a times
-        that of K and M at omega sqrt(b/a).
-        """
+        """Return the data as they would be for a structure in the units of the model."""
+        # With a times the stiffness K and b times the mass M, the receptance at omega is 1/a times
+        # that of K and M at omega sqrt(b/a).
         a, b = (self.value, 1.0) if self.quantity == "stiffness" else (1.0, self.value)
         stretch = float(np.sqrt(b / a))
         # Other quantities than receptance contain powers of the frequency.

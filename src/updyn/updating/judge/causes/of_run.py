@@ -50,11 +50,9 @@ class CauseSearch:
     _overruling: dict[int, list[Finding]] = field(default_factory=dict, init=False)
 
     def detect_data_fault(self, monitor: Monitor) -> bool:
-        """Return whether a fault explains the residual of a fit from the start.
-
-        The search for another answer then ends, because that answer would not be that of the
-        structure. Raises `Stopped` if the user stops the run.
-        """
+        """Return whether a fault explains the residual of a fit from the start."""
+        # The search for another answer then ends, because that answer would not be that of the
+        # structure.
         with monitor.stage(CAUSES):
             for i, noise in enumerate(self.noises):
                 whole = self._whole_part(monitor.problem.parts[i], i)

@@ -26,10 +26,9 @@ def iter_sensor_places(part: FRFPart) -> Iterator[tuple[Dof, Dof]]:
 
 
 def iter_force_places(part: FRFPart) -> Iterator[tuple[Dof, Dof]]:
-    """Yield each reference with each of the alternative places of its force.
-
-    These are near places, as for sensors, and the measured DOFs, whose labels are easily confused.
-    """
+    """Yield each reference with each of the alternative places of its force."""
+    # These are near places, as for sensors, and the measured DOFs, whose labels are easily
+    # confused.
     if part.frf.quantity == TRANSMISSIBILITY:
         return
     known = _KnownDofs.of(part)

@@ -67,7 +67,6 @@ class _PoleProblem:
         return np.concatenate([x, pole_variables])
 
     def unpack_variables(self, z: RealArray) -> tuple[RealArray, Pole]:
-        """Return x and the pole of a point."""
         x, (f, eta), rest = z[: self.n], z[self.n : self.n + 2], z[self.n + 2 :]
         a, b = rest[: 2 * self.n_i], rest[2 * self.n_i :]
         frequency, loss = self.start_pole.frequency * np.exp(f), self.start_pole.loss * np.exp(eta)
@@ -75,7 +74,6 @@ class _PoleProblem:
         return x, Pole(float(frequency), float(loss), at_responses, _join_complex(b))
 
     def bounds(self) -> tuple[RealArray, RealArray]:
-        """Return the bounds of all variables."""
         lower, upper = self.part.coordinates.bounds
         free = np.full(2 * (self.n_i + len(self.start_pole.b)), np.inf)
         moves = np.array([MISSING_MODE.frequency_move, MISSING_MODE.loss_move])
@@ -134,10 +132,8 @@ def _join_complex(parts: RealArray) -> ComplexArray:
 
 
 def fit_pole(part: FRFPart, x: RealArray, pole: Pole) -> Pole:
-    """Return the pole that explains the data best in addition to the model, with all unknowns free.
-
-    The fit starts at `x` and `pole`; some lines represent the others until the last steps.
-    """
+    """Return the pole that explains the data best with the model, all unknowns free."""
+    # The fit starts at `x` and `pole`; some lines represent the others until the last steps.
     freq = part.frf.freq
     count = _count_represented_lines(freq, pole)
     few = count > 0.0

@@ -63,10 +63,8 @@ def _compare_parts(part: FRFPart, variant_part: FRFPart, fault: WrongAxes, x: Re
 
 
 def _is_needless(without: Trial, prior: float) -> bool:
-    """Return whether no other model can be likely, because only noise remains near the start.
-
-    Another model can gain at most half the squared distance of the unknowns from their start.
-    """
+    """Return whether no other model can be likely, because only noise remains near the start."""
+    # Another model can gain at most half the squared distance of the unknowns from their start.
     return (
         without.is_noise
         and 0.5 * without.squared_distance + float(np.log(prior)) < CAUSE_ODDS.likely_log_odds

@@ -51,10 +51,7 @@ class WrongQuantity(Fault):
         return _NAMES[round(self.value)]
 
     def repair(self, frf: FRF) -> FRF:
-        """Return the data with the correct name; single channels are converted to the stated one.
-
-        Raises `DataError` at 0 Hz, where quantities of single channels cannot be converted.
-        """
+        """Return the data with the correct quantity; single channels are converted."""
         if not self.channels:
             return replace(frf, quantity=self.quantity)
         if (frf.s == 0.0).any():

@@ -30,11 +30,9 @@ class RankedFault:
 
 
 def rank_faults(ends: Iterable[Trial], without: Trial) -> list[RankedFault]:
-    """Return the faults of trials with their odds, the likeliest first.
-
-    All comparisons use the correlation of neighbouring lines of the trial with the smallest
-    residual, because the residuals of the others are not only noise.
-    """
+    """Return the faults of trials with their odds, the likeliest first."""
+    # All comparisons use the correlation of neighbouring lines of the trial with the smallest
+    # residual, because the residuals of the others are not only noise.
     every = list(ends)
     best = min([*every, without], key=lambda end: end.mean_square)
     correlation = min(best.correlation, without.correlation)
@@ -49,10 +47,8 @@ def rank_faults(ends: Iterable[Trial], without: Trial) -> list[RankedFault]:
 
 
 def is_worth_reporting(found: RankedFault) -> bool:
-    """Return whether a fault explains a good part of the misfit, or all of it that is not noise.
-
-    In the latter case the data themselves have to make it likely, not the residual of a model.
-    """
+    """Return whether a fault explains a good part of the misfit, or all of it that is not noise."""
+    # In the latter case the data themselves have to make it likely, not the residual of a model.
     trial = found.trial
     by_data = 0.5 * trial.n_values * found.explains + float(np.log(found.fault.prior))
     return found.explains >= CAUSE_ODDS.least_share or (
@@ -61,11 +57,9 @@ def is_worth_reporting(found: RankedFault) -> bool:
 
 
 def _compute_share(trial: Trial, without: Trial, explained: float) -> float:
-    """Return the share of the misfit, or of the distance of the unknowns, that a fault explains.
-
-    The distance counts if it was larger than models are usually off; for held quantities, whose
-    spread is known, also if the fault reduces it by a good part.
-    """
+    """Return the share of the misfit, or of the distance of the unknowns, that a fault explains."""
+    # The distance counts if it was larger than models are usually off; for held quantities, whose
+    # spread is known, also if the fault reduces it by a good part.
     # A fault without a size cannot reduce the distance by chance.
     has_no_size = trial.fault is not None and not trial.fault.has_free_size
     if has_no_size and without.squared_distance > CAUSE_ODDS.usual_distance**2 * len(without.x):
@@ -78,11 +72,9 @@ def _compute_share(trial: Trial, without: Trial, explained: float) -> float:
 
 
 def is_as_likely(one: RankedFault, best: RankedFault) -> bool:
-    """Return whether the data do not distinguish a fault from the likeliest one.
-
-    One factor on all stiffnesses describes a sensor of another state; its accuracy does not show
-    which of two sensors it is.
-    """
+    """Return whether the data do not distinguish a fault from the likeliest one."""
+    # One factor on all stiffnesses describes a sensor of another state; its accuracy does not show
+    # which of two sensors it is.
     omit_channels = one.fault.omits_channels and best.fault.omits_channels
     if omit_channels and min(one.explains, best.explains) > 1.0 - CAUSE_ODDS.negligible_share:
         return True

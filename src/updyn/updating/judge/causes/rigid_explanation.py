@@ -39,10 +39,8 @@ class Explanation:
 def explain_sensors(
     motion: RigidMotion, wrong: Sequence[int]
 ) -> dict[tuple[int, ...], list[Explanation]]:
-    """Return the faults that explain the values of some sensors, the simplest first.
-
-    One list for all sensors if the same fault explains them, else one for each.
-    """
+    """Return the faults that explain the values of some sensors, the simplest first."""
+    # One list for all sensors if the same fault explains them, else one for each.
     found: dict[tuple[int, ...], list[Explanation]] = {
         (i,): _explain_one(motion, i, wrong) for i in wrong
     }
@@ -97,10 +95,8 @@ def _try_places(sensor: _Sensor, dof: Dof) -> Iterator[Explanation]:
 
 
 def _try_turns(sensor: _Sensor, dof: Dof, own: ComplexArray) -> Iterator[Explanation]:
-    """Yield the best turn towards each other direction of the node.
-
-    If that is measured, too, both turn together if this explains both.
-    """
+    """Yield the best turn towards each other direction of the node."""
+    # If that is measured, too, both turn together if this explains both.
     motion = sensor.motion
     prefix, k = dof.direction[:-1], DIRECTIONS.index(dof.direction[-1])
     step = RIGID_BODY.turn_step

@@ -115,11 +115,9 @@ class RigidMotion:
         return out, power
 
     def find_wrong(self) -> list[tuple[int, ...]]:
-        """Return the likeliest sets of sensors without which the others follow rigid-body motion.
-
-        There are several if the data do not distinguish them. Empty if no sensor is wrong, or more
-        than three or than half of the redundant ones are.
-        """
+        """Return the likeliest sets of wrong sensors: the others follow rigid-body motion."""
+        # There are several if the data do not distinguish them. Empty if no sensor is wrong, or
+        # more than three or than half of the redundant ones are.
         deviations = self.deviations(self.leave_out([]))
         if deviations.max() <= RIGID_BODY.wrong_stds:
             return []

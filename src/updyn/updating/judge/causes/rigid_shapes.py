@@ -94,7 +94,6 @@ def _lowest(system: AffineSystem, factor: RealArray) -> Record:
 
 
 def _sum(system: AffineSystem, quantity: str, factor: RealArray) -> sp.csr_matrix:
-    """Return the matrix of all terms of a quantity, each times its factor."""
     own = np.array([term.quantity == quantity for term in system.terms])
     pattern = (system.real_values(factor * own), system.indices, system.indptr)
     matrix = sp.csr_matrix(pattern, shape=(system.n, system.n), copy=True)

@@ -19,11 +19,9 @@ _MaybeFault = TypeVar("_MaybeFault", bound=Fault | None)
 
 
 def fit_first_order(evidence: Evidence, fault: _MaybeFault) -> tuple[float, _MaybeFault]:
-    """Return the least cost with a fault, or without, to first order, and the fault of best size.
-
-    The cost is -2 ln of the likelihood with the noise level estimated, and of the prior of the
-    unknowns.
-    """
+    """Return the least cost with a fault, or without, to first order, and the sized fault."""
+    # The cost is -2 ln of the likelihood with the noise level estimated, and of the prior of the
+    # unknowns.
     frf = evidence.frf
     if fault is not None and not (fault.has_free_size and fault.value == 0.0):
         frf = fault.repair_with_model(evidence)

@@ -55,7 +55,6 @@ class _Misfit:
 
     @classmethod
     def at(cls, evidence: Evidence) -> Self:
-        """Return the misfit of model and data."""
         return cls(
             evidence, compute_log_misfit(evidence.model_response(evidence.frf), evidence.frf)[0]
         )

@@ -36,8 +36,7 @@ class ScoredFault:
 def score_faults(part: FRFPart, x: RealArray, *, promising: bool = False) -> list[ScoredFault]:
     """Return the faults with their expected gain at a point, the best first.
 
-    If `promising`, the residual there is nearly noise, and the evidence is meaningful. Raises
-    `Stopped` if the user stops the run.
+    If `promising`, the residual there is nearly noise, and the evidence is meaningful.
     """
     try:
         evidence = Evidence(part, x)

@@ -77,12 +77,11 @@ class Trial:
         return is_white and self.mean_square < CAUSE_TRIAL.noise_rms**2
 
     def gain(self, other: Trial, correlation: float | None = None) -> float:
-        """Return the logarithm of the ratio of the evidence to that of another trial.
-
-        Values that are correlated along the lines count less; each parameter of a fault costs as
-        much as in the Bayesian information criterion (Schwarz, Ann. Stat. 6 (1978) 461). Gains are
-        comparable only with the same `correlation`, by default the smaller one of the two trials.
-        """
+        """Return the logarithm of the ratio of the evidence to that of another trial."""
+        # Values that are correlated along the lines count less; each parameter of a fault costs as
+        # much as in the Bayesian information criterion (Schwarz, Ann. Stat. 6 (1978) 461). Gains
+        # are comparable only with the same `correlation`, by default the smaller one of the two
+        # trials.
         return self.compare(other, correlation)[0]
 
     def compare(self, other: Trial, correlation: float | None = None) -> tuple[float, float]:
@@ -184,7 +183,6 @@ def _fit_with_fault(
 def _choose_start(
     part: FRFPart, fault: Fault | None, x: RealArray, steps: int
 ) -> tuple[Fault | None, RealArray]:
-    """Return the fault and the starting point of a fit."""
     if fault is None:
         return None, x
     x = fault.choose_start(part, x)
@@ -248,7 +246,6 @@ def _descend(part: FRFPart, x: RealArray, steps: int) -> tuple[RealArray, float,
 
 
 def _make_trust_region(steps: int, least_decrease: float) -> TrustRegion:
-    """Return the trust region of a short fit."""
     return TrustRegion(
         steps,
         CAUSE_TRIAL.tolerance,
@@ -292,11 +289,9 @@ def raise_loss_factors(part: FRFPart, x: RealArray) -> RealArray:
 
 
 def fit_robustly(part: FRFPart, x: RealArray) -> RealArray:
-    """Return the end of a fit with less weight on channels that disagree with the others.
-
-    The weight of the log error of a channel is 1 / (1 + s^2 / s_0^2), with s its rms and s_0 the
-    median of all channels.
-    """
+    """Return the end of a fit with less weight on channels that disagree with the others."""
+    # The weight of the log error of a channel is 1 / (1 + s^2 / s_0^2), with s its rms and s_0 the
+    # median of all channels.
     problem, plain = _add_priors(part), LogError.of_noisy_data(part)
     assert plain.weight is not None
     settings = _make_trust_region(CAUSE_TRIAL.short_steps, CAUSE_TRIAL.robust_least_decrease)
@@ -310,10 +305,8 @@ def fit_robustly(part: FRFPart, x: RealArray) -> RealArray:
 
 
 def free_held_quantities(part: FRFPart) -> tuple[FRFPart, RealArray]:
-    """Return the part with held quantities as further unknowns, and their start, as x.
-
-    Held quantities are slightly wrong; their errors must not be taken for a fault of the data.
-    """
+    """Return the part with held quantities as further unknowns, and their start, as x."""
+    # Held quantities are slightly wrong; their errors must not be taken for a fault of the data.
     parameters, system = part.coordinates.parameters, part.solver.system
     sought = {(drive.group, drive.quantity) for p in parameters for drive in p.acts_on}
     loss = part.state(part.coordinates.start).loss
@@ -339,11 +332,10 @@ def free_held_quantities(part: FRFPart) -> tuple[FRFPart, RealArray]:
 
 
 def adapt_losses(part: FRFPart, x: RealArray) -> FRFPart:
-    """Return the part with prior deviations of held loss factors not below their distances at x.
-
-    A held loss factor is often only a guess, or 0. The deviation with the largest prior density of
-    a value is its distance from the held one (MacKay, Neural Comput. 4 (1992) 415, section 3).
-    """
+    """Return the part with prior deviations of held loss factors not below their distances at x."""
+    # A held loss factor is often only a guess, or 0. The deviation with the largest prior density
+    # of a value is its distance from the held one (MacKay, Neural Comput. 4 (1992) 415, section
+    # 3).
     coordinates = part.coordinates
     off = np.abs(x - coordinates.start)
     items = [

@@ -51,11 +51,9 @@ class TurnedSensor(Fault):
                 yield fault
 
     def adapt_to(self, evidence: Evidence) -> Self:
-        """Return the fault with the best-fitting angle at a point.
-
-        If the directions are not coupled, the transverse response is zero, and the derivative of
-        its logarithm does not lead to the angle.
-        """
+        """Return the fault with the best-fitting angle at a point."""
+        # If the directions are not coupled, the transverse response is zero, and the derivative of
+        # its logarithm does not lead to the angle.
         return replace(
             self, value=_find_best_angle(_ChannelRotation.of(self.channels, evidence.frf), evidence)
         )
@@ -175,7 +173,6 @@ class _ChannelRotation:
 
     @classmethod
     def of(cls, channels: Sequence[str], frf: FRF) -> _ChannelRotation:
-        """Return the rotations of some channels."""
         forces = [c.removeprefix(FORCE) for c in channels if c.startswith(FORCE)]
         sensors = [c for c in channels if not c.startswith(FORCE)]
         return cls(
@@ -211,10 +208,8 @@ def _make_generator(axes: Iterable[str], dofs: DofSet, role: str) -> RealArray:
 
 
 def _find_best_angle(turn: _ChannelRotation, evidence: Evidence) -> float:
-    """Return the angle in degrees that best fits the model to the data, by least squares.
-
-    All lines have equal weight: each is divided by its energy.
-    """
+    """Return the angle in degrees that best fits the model to the data, by least squares."""
+    # All lines have equal weight: each is divided by its energy.
     from scipy.optimize import minimize_scalar
 
     frf, H = evidence.frf, evidence.model_response(evidence.frf)

@@ -57,11 +57,9 @@ class WindowDamping(Fault):
         return part.with_data(self.repair(part.frf)) if self.is_plausible() else part
 
     def list_similar_faults(self, part: FRFPart) -> Iterable[Fault]:
-        """Return viscous damping in proportion to all mass, which has nearly the same effect.
-
-        (s + a)^2 M = s^2 M + 2 a s M + a^2 M: only the stiffness a^2 M and the powers of s between
-        quantities distinguish a window from it.
-        """
+        """Return viscous damping in proportion to all mass, which has nearly the same effect."""
+        # (s + a)^2 M = s^2 M + 2 a s M + a^2 M: only the stiffness a^2 M and the powers of s
+        # between quantities distinguish a window from it.
         n_places = count_viscous_places(part)
         return (ProportionalDamping((f"{ALL}.mass_damping",), 2.0 * self.value, n_places=n_places),)
 

@@ -153,7 +153,6 @@ def restore_noise(record: Mapping[str, Any], frf: FRF) -> NoiseModel:
 
 
 def _restore_by_channel(record: Mapping[str, Any], frf: FRF) -> EstimatedByChannel:
-    """Return the noise by channel of a record."""
     relative, floor = record["relative_by_channel"], record["floor_by_channel"]
     names = tuple(frf.responses.labels)
     lacking = [label for label in names if label not in relative]

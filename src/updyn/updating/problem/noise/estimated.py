@@ -105,11 +105,9 @@ class _NoiseResidual:
 
     @property
     def n_values(self) -> int:
-        """Number of values that are used."""
         return int(np.count_nonzero(self.is_nonzero))
 
     def of_response(self, i: int) -> _NoiseResidual:
-        """Return the residual of one response."""
         return _NoiseResidual(
             self.size[:, i], self.level[:, i], self.squared[:, i], self.is_nonzero[:, i]
         )
