@@ -845,7 +845,6 @@ def _find_quantity(data: xr.Dataset) -> str | None:
 
 
 def _check_units(data: xr.Dataset, quantity: str) -> None:
-    """Reject units that are not SI."""
     frf = "1" if quantity == TRANSMISSIBILITY else f"m{RATES[check_quantity(quantity)]}/N"
     units: dict[str, tuple[str, Callable[[str], Unit | None]]] = {
         "freq": ("Hz", lambda label: find_unit(label, "frequency")),

@@ -90,7 +90,6 @@ def match_names(names: Iterable[str], pattern: str) -> list[str]:
 
 
 def _is_in_range(name: str, pattern: str, ends: re.Match[str]) -> bool:
-    """Return whether a name matches with one of its integers replaced by the text of the range."""
     low, high = int(ends[1]), int(ends[2])
     for number in _INTEGER.finditer(name):
         literal = name[: number.start()] + ends[0] + name[number.end() :]
