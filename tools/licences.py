@@ -38,6 +38,8 @@ FOOT = """
   a service that runs it) needs a licence of the University of California. updyn calls it only for models in OpenSees scripts,
   and does not ship it.
 - **CalculiX** (`ccx`, GPL) and **MYSTRAN** (`nastran`) are started as separate programs.
+- **npTDMS** and **asammdf** (`records`) are under the LGPL, which allows their use by a program under any licence; updyn does not ship
+  them.
 - **pyyeti** and **pyuff** are used by tests only.
 """
 

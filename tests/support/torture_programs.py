@@ -14,6 +14,8 @@ from typing import Any
 
 import meshio
 import numpy as np
+from asammdf import MDF, Signal
+from nptdms import ChannelObject, TdmsWriter
 from scipy.io import wavfile
 
 import ansys_samples
@@ -300,6 +302,43 @@ def _wav() -> Sample:
     content = io.BytesIO()
     wavfile.write(content, 2048, np.array([[1.5, -0.2], [0.0, 3.125], [2.5, 4.0]], np.float32))
     return _records("a.wav", content.getvalue(), is_text=False)
+
+
+@sample("TDMS, records", is_boxed=True)
+def _tdms() -> Sample:
+    def write(folder: Path) -> None:
+        timing = {"wf_increment": 0.25, "wf_start_offset": 0.0}
+        with TdmsWriter(folder / "a.tdms") as writer:
+            for first in (1.5, 2.25):
+                force = ChannelObject("g", "force", np.array([first, 0.0]), timing)
+                top = ChannelObject(
+                    "g", "top", np.array([-0.2, 3.125]), {**timing, "unit_string": "g"}
+                )
+                writer.write_segment([force, top])
+
+    return _records("a.tdms", written(write)["a.tdms"], is_text=False)
+
+
+def _mdf(compression: int) -> Sample:
+    def write(folder: Path) -> None:
+        times = 0.25 * np.arange(4)
+        force = Signal(np.array([1.5, 0.0, 2.25, 0.0]), times, name="force", unit="N")
+        top = Signal(np.array([-0.2, 3.125, 1.0, 7.5]), times, name="top", unit="g")
+        with MDF(version="4.10") as mdf:
+            mdf.append([force, top], acq_name="g")
+            mdf.save(folder / "a.mf4", compression=compression)
+
+    return _records("a.mf4", written(write)["a.mf4"], is_text=False)
+
+
+@sample("MDF, records", is_boxed=True)
+def _mdf_plain() -> Sample:
+    return _mdf(0)
+
+
+@sample("MDF, packed records", is_boxed=True)
+def _mdf_packed() -> Sample:
+    return _mdf(2)
 
 
 @sample("universal file, records")

@@ -27,8 +27,10 @@ __all__ = ["Forked", "start"]
 
 _NEW = "from updyn.foreign.child import answer; answer(json.loads(sys.argv[2]), 1)"
 _SERVER = "from updyn.foreign.child import serve; serve()"
-#: BLAS threads use address space without computing anything, and prevent forks.
-_THREADS = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+#: Threads of BLAS and numexpr use address space without computing anything, and prevent forks.
+_THREADS = dict.fromkeys(
+    ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS"), "1"
+)
 #: On other systems, libraries do not survive a fork, or there is no fork.
 _CAN_FORK = sys.platform == "linux"
 
@@ -83,7 +85,6 @@ class _Server:
         return forked
 
     def status(self, timeout: float | None) -> int:
-        """Return the exit status of its fork."""
         self.control.settimeout(timeout)
         try:
             (status,) = struct.unpack(STATUS, self.control.recv(struct.calcsize(STATUS)))
@@ -94,7 +95,6 @@ class _Server:
         return int(status)
 
     def end(self) -> None:
-        """End the server and its fork."""
         with contextlib.suppress(ProcessLookupError):
             os.killpg(self.process.pid, signal.SIGKILL)
         self.process.wait()
