@@ -6,6 +6,7 @@ import pytest
 import updyn
 from updyn.cli import main
 from updyn.errors import FormatError, OptionError
+from updyn.io.point_files import propose_pattern
 from updyn.job.folder import _list_inputs
 from updyn.job.load import load_job
 from updyn.job.prepare import read_measurement
@@ -145,3 +146,19 @@ groups = ["all"]
     np.testing.assert_array_equal(read_measurement(job).values, frf.values)
     names = {path.name for path, kind in _list_inputs(job).items() if kind == "measurement"}
     assert names == {"point_2X.txt", "point_5X.txt", "point_12X.txt"}
+
+
+@pytest.mark.parametrize(
+    ("names", "expected"),
+    [
+        (["hit_2X.txt", "hit_10-RZ.txt", "hit.txt"], "hit_{node}{axis}.txt"),
+        (["run3_point 1.csv", "run3_point 2.csv", "run4_point 1.csv"], "run3_point {node}.csv"),
+        (["test_1.csv", "other_2.csv"], None),
+        (["a.csv", "b.csv"], None),
+    ],
+)
+def test_a_name_with_fields_is_proposed_for_files_that_differ_by_a_point(tmp_path, names, expected):
+    for name in names:
+        (tmp_path / name).write_text("")
+    found = propose_pattern(tmp_path / names[0])
+    assert found == (None if expected is None else tmp_path / expected)

@@ -10,6 +10,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -17,9 +18,9 @@ from updyn.errors import AbsentError, FormatError, InputError
 from updyn.io.channels import FORMS, Name
 from updyn.io.csv_table import TextTable, find_table
 from updyn.io.items import is_file, read_windows_text
-from updyn.io.toml_text import format_toml
+from updyn.io.toml_text import format_mapping
 
-__all__ = ["FREQUENCY", "WORDS", "has_word", "propose_columns"]
+__all__ = ["FREQUENCY", "UNKNOWN", "WORDS", "guess_columns", "has_word", "propose_columns"]
 
 #: Words of a frequency, and of the parts of a channel in the order of the search; those of three
 #: letters or more are beginnings of words.
@@ -39,7 +40,8 @@ WORDS = {
 _OTHER = ("time", "node", "record", "dof")
 _WORD = re.compile(r"[^\W\d_]+|°")
 _LABEL = re.compile(r"(?<!\d)[0-9]+:[+-]?R?[XYZ]")
-_UNKNOWN = "?"
+#: In place of an unknown label.
+UNKNOWN = "?"
 #: Columns of the example, by number.
 _EXAMPLE = {2: "real", 3: "imaginary"}
 
@@ -71,25 +73,46 @@ def propose_columns(path: str | Path, error: FormatError) -> FormatError | None:
         return None
     if table is None or any(cell.startswith("H(") for cell in table.header):
         return None
-    frequency = _find_frequency(table)
-    channels = [] if frequency is None else _find_channels(table, frequency)
+    proposal = guess_columns(table)
     kind: type[FormatError] = FormatError
-    if frequency is None or not channels:
+    if proposal is None:
         if not isinstance(error, AbsentError) or not _resembles_frf(table):
             return None
-        channels = [{part: _Guess(i, part, "", ()) for i, part in _EXAMPLE.items()}]
-        frequency = 1 if frequency is None else frequency
+        proposal = _make_example(table)
         # No other table of this format has blanks between its columns.
         kind = FormatError if table.separator == " " else AbsentError
-    proposal = _format_proposal(frequency, channels)
     out = kind(
         f"{error}\nColumns with their first values: {table.format_columns()}\nIf they are FRFs,"
         " select them with columns in [test] of a job, or columns= of updyn.read_frf; correct the"
-        f" labels, and state quantity:\n{proposal}",
+        f" labels, and state quantity:\ncolumns = {format_mapping(proposal)}",
         key=error.key,
     )
     out.path, out.line = error.path, error.line
     return out
+
+
+def guess_columns(table: TextTable) -> dict[str, Any] | None:
+    """Return ``columns`` by the names of the columns; None if they name no complete channel."""
+    frequency = _find_frequency(table)
+    channels = [] if frequency is None else _find_channels(table, frequency)
+    if frequency is None or not channels:
+        return None
+    return {"frequency": frequency, "channels": [_select(channel) for channel in channels]}
+
+
+def _make_example(table: TextTable) -> dict[str, Any]:
+    """Return ``columns`` of one channel by numbers, as an example."""
+    frequency = _find_frequency(table)
+    channel = {part: _Guess(i, part, "", ()) for i, part in _EXAMPLE.items()}
+    return {"frequency": 1 if frequency is None else frequency, "channels": [_select(channel)]}
+
+
+def _select(channel: _Channel) -> dict[str, Any]:
+    """Return the table of a channel in ``columns``, with `UNKNOWN` for labels not in the names."""
+    labels = [one.labels for one in channel.values() if len(one.labels) == 2]
+    response, reference = labels[0] if labels else (UNKNOWN, UNKNOWN)
+    names = {part: one.name for part, one in channel.items()}
+    return {"response": response, "reference": reference, **names}
 
 
 def _resembles_frf(table: TextTable) -> bool:
@@ -182,16 +205,3 @@ def _group(found: Sequence[_Guess], rests: Sequence[str]) -> list[_Channel]:
 
 def _is_complete(channel: _Channel) -> bool:
     return any(set(channel) - {"coherence"} == set(form) for form in FORMS)
-
-
-def _format_proposal(frequency: Name, channels: Sequence[_Channel]) -> str:
-    """Return the proposal as TOML."""
-    lines = [f"columns = {{ frequency = {format_toml(frequency)}, channels = ["]
-    for channel in channels:
-        labels = [one.labels for one in channel.values() if len(one.labels) == 2]
-        response, reference = labels[0] if labels else (_UNKNOWN, _UNKNOWN)
-        keys = {"response": response, "reference": reference}
-        texts = [f"{key} = {format_toml(value)}" for key, value in keys.items()]
-        texts += [f"{part} = {format_toml(one.name)}" for part, one in channel.items()]
-        lines.append(f"  {{ {', '.join(texts)} }},")
-    return "\n".join([*lines, "] }"])

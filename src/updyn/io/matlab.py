@@ -51,6 +51,7 @@ __all__ = [
     "read_frf",
     "read_model",
     "read_records",
+    "read_source",
     "read_variables",
     "write_frf",
     "write_model",
@@ -142,6 +143,11 @@ def read_records(
         time=time,
         rate=rate,
     )
+
+
+def read_source(path: str | Path) -> VariableSource:
+    """Return the usable variables of a file, or the fields of a single struct."""
+    return VariableSource(_select_usable(_unwrap_struct(_variables(path), path))[0], path)
 
 
 def read_coherence(path: str | Path) -> Functions:

@@ -235,15 +235,15 @@ def build_frf(
     offered = []
     for name, option, given in (
         ("freq", "", None),
-        ("responses", "response_labels=...", response_labels),
-        ("references", "reference_labels=...", reference_labels),
-        ("quantity", "quantity=...", quantity),
+        ("responses", "response_labels", response_labels),
+        ("references", "reference_labels", reference_labels),
+        ("quantity", "quantity", quantity),
     ):
         if name not in items and given is None:
             lacking.append(repr(name))
-            offered.append(option)
+            offered += [option] if option else []
     if lacking:
-        hint = ", ".join(filter(None, offered))
+        hint = ", ".join(f"{option}=..." for option in offered)
         if hint:
             hint = f"; can also be given when reading: {hint}"
         raise FormatError(
@@ -251,6 +251,7 @@ def build_frf(
             f" {as_numbers(items[key], key, path).shape}); expected freq, H (lines, responses,"
             f" references), responses, references, quantity{hint}",
             path,
+            key=offered[:1],
         )
     freq = as_vector(items["freq"], "freq", path)
     rows = _labels(items, "responses", response_labels, path)

@@ -32,6 +32,7 @@ from updyn.io.hdf5 import Folder, check_kind, put_kind
 from updyn.io.items import check_phase, locate_errors, report_library_errors
 from updyn.io.named import build_frf
 from updyn.io.native import load_native, write_native
+from updyn.io.rattlesnake import build_rattlesnake_records, is_rattlesnake
 from updyn.io.record_arrays import build_records
 from updyn.io.settings import FILE_TEXT
 from updyn.io.variables_proposal import proposing_variables
@@ -43,7 +44,14 @@ if TYPE_CHECKING:
 #: Name of the array returned by `updyn.read_records`.
 _RECORDS = "records"
 
-__all__ = ["NetCDFContent", "load_netcdf", "read_frf", "read_records", "write_frf"]
+__all__ = [
+    "NetCDFContent",
+    "load_netcdf",
+    "read_frf",
+    "read_records",
+    "read_source",
+    "write_frf",
+]
 
 
 def read_frf(
@@ -69,9 +77,8 @@ def read_frf(
         "order": order,
     }
     if variables is not None:
-        arrays, units = _read_datasets(path)
         return build_frf(
-            select_items(VariableSource(arrays, path, units), variables, order),
+            select_items(read_source(path), variables, order),
             path,
             quantity=quantity,
             duplicates=duplicates,
@@ -120,10 +127,12 @@ def read_records(
     order: Sequence[str] | None = None,
     time: str | None = None,
     rate: float | str | None = None,
+    group: str | Sequence[str] | None = None,
 ) -> Records:
     """Read time records written by xarray, or any arrays of HDF5 (`updyn.io.record_arrays`).
 
-    Names of datasets in groups have dots (``run1.force``).
+    Names of datasets in groups have dots (``run1.force``). `group` is one stream, or several, of a
+    file of Rattlesnake (`updyn.io.rattlesnake`).
     """
     if values is not None:
         arrays, units = _read_datasets(path)
@@ -137,10 +146,17 @@ def read_records(
             rate=rate,
             units=units,
         )
-    for name, given in (("channels", channels), ("order", order), ("time", time), ("rate", rate)):
+    found = load_netcdf(path, "records", "netCDF-4 file", wanted=(_RECORDS,))
+    is_of_rattlesnake = is_rattlesnake(found.root.members, found.root.attributes)
+    of_arrays = {"order": order, "time": time, "rate": rate}
+    for name, given in of_arrays.items() if is_of_rattlesnake else (of_arrays | {"channels": channels}).items():
         if given is not None:
             raise OptionError(f"{name} without values; expected a dataset in values", key=(name,))
-    found = load_netcdf(path, "records", "netCDF-4 file", wanted=(_RECORDS,))
+    if is_of_rattlesnake:
+        root = load_native("updyn.foreign.hdf5:load", path, what="netCDF-4 file")
+        return build_rattlesnake_records(root, path, group=group, channels=channels)
+    if group is not None:
+        raise OptionError("group: only for files of Rattlesnake", key=("group",))
     if _RECORDS not in found.variables:
         held = ", ".join(sorted(found.root.members)[:8]) or "nothing"
         raise FormatError(
@@ -155,6 +171,12 @@ def read_records(
         data = data.set_coords([name for name in ("unit",) if name in data])
         records = Records.from_xarray(data[_RECORDS])
         return replace(records, source=Path(path).name)
+
+
+def read_source(path: str | Path) -> VariableSource:
+    """Return the datasets of a netCDF-4 or HDF5 file, with their units."""
+    arrays, units = _read_datasets(path)
+    return VariableSource(arrays, path, units)
 
 
 def _list_datasets(path: str | Path) -> dict[str, Any]:

@@ -43,7 +43,7 @@ from updyn.io.sdynpy import is_system, system_model
 from updyn.io.variables_proposal import proposing_variables
 from updyn.model import Model
 
-__all__ = ["read_arrays", "read_frf", "read_model", "write_frf", "write_model"]
+__all__ = ["read_arrays", "read_frf", "read_model", "read_source", "write_frf", "write_model"]
 
 _CSR = ("data", "indices", "indptr")
 _HEADERS = {
@@ -112,6 +112,11 @@ def read_frf(
             order=order,
             real_valued=real_valued,
         )
+
+
+def read_source(path: str | Path) -> VariableSource:
+    """Return the arrays of an archive."""
+    return VariableSource(read_arrays(path), path)
 
 
 def write_frf(frf: FRF, path: str | Path) -> None:

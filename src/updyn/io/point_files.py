@@ -18,10 +18,17 @@ from updyn.frf import FRF
 from updyn.io.items import is_file, is_folder, suggest_file
 from updyn.signals.joining import joined_frfs
 
-__all__ = ["PointFile", "find_point_files", "has_fields", "read_point_files"]
+__all__ = [
+    "PointFile",
+    "find_point_files",
+    "has_fields",
+    "propose_pattern",
+    "read_point_files",
+]
 
 _FIELD = re.compile(r"\{([A-Za-z_]\w*)\}")
 _TEXT = r"\d+|[+-]?[Rr]?[XYZxyz]"
+_POINT = re.compile(r"(\d+)([+-]?R?[XYZ](?![A-Za-z]))?", re.IGNORECASE)
 _EXAMPLE = '"point_{node}.csv" for point_1.csv, point_2.csv'
 
 
@@ -71,6 +78,23 @@ def find_point_files(path: str | Path) -> list[PointFile]:
         if (match := pattern.fullmatch(name)) and is_file(path.parent / name)
     ]
     return sorted(found, key=_order)
+
+
+def propose_pattern(path: str | Path) -> Path | None:
+    """Return a file name with fields that matches a file and most others of its folder.
+
+    Of two numbers with as many files, the last one is taken. None if no other file differs from it
+    by a number, or by a number and a direction.
+    """
+    path = Path(path)
+    found: dict[Path, int] = {}
+    for match in _POINT.finditer(path.stem):
+        fields = "{node}{axis}" if match[2] else "{node}"
+        name = f"{path.stem[: match.start()]}{fields}{path.stem[match.end() :]}{path.suffix}"
+        pattern = path.with_name(name)
+        found[pattern] = len(find_point_files(pattern))
+    best = max(reversed(found), key=lambda pattern: found[pattern], default=None)
+    return best if best is not None and found[best] > 1 else None
 
 
 def _fill_fields(option: Any, fields: Mapping[str, str]) -> Any:

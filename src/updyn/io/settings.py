@@ -163,6 +163,9 @@ class FileTextSettings:
     #: [columns] Largest number of columns of a table, or arrays of a file, that a message lists.
     #: Why: tables of many channels repeat the same few names.
     listed_columns: int = 12
+    #: [values] First values of a column or an array that a form shows. Why: enough to tell a
+    #: frequency from a magnitude; they fit a line.
+    first_values: int = 3
     #: [bytes] Largest HDF5 file of which a message lists the arrays. Why: for the list it is read a
     #: second time.
     listed_bytes: int = 2**26

@@ -9,11 +9,12 @@ from __future__ import annotations
 import json
 import re
 import tomllib
+from collections.abc import Mapping
 from typing import Any
 
 from updyn.io.settings import DECK
 
-__all__ = ["format_toml", "parse_toml"]
+__all__ = ["format_mapping", "format_toml", "parse_toml"]
 
 _LARGEST = 2**63 - 1
 #: A last line that may end with a truncated number; all other values have an end mark.
@@ -54,6 +55,15 @@ def format_toml(value: Any) -> str:
         return "[" + ", ".join(map(format_toml, value)) + "]"
     # Strings and booleans of JSON are valid TOML, except that TOML escapes one more character.
     return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def format_mapping(mapping: Mapping[str, Any]) -> str:
+    """Return a mapping of `updyn.io.channels` as TOML, with one channel per line."""
+    if "channels" not in mapping:
+        return format_toml(dict(mapping))
+    items = [f"{key} = {format_toml(v)}" for key, v in mapping.items() if key != "channels"]
+    rows = [f"  {format_toml(channel)}," for channel in mapping["channels"]]
+    return "\n".join([f"{{ {', '.join([*items, 'channels = ['])}", *rows, "] }"])
 
 
 def _check(document: dict[str, Any], text: str) -> None:

@@ -9,17 +9,18 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from updyn.arrays import NumberArray
 from updyn.errors import AbsentError, FormatError
-from updyn.io.csv_proposal import FREQUENCY, WORDS, has_word
+from updyn.io.csv_proposal import FREQUENCY, UNKNOWN, WORDS, has_word
 from updyn.io.items import Items
 from updyn.io.settings import FILE_TEXT
-from updyn.io.toml_text import format_toml
+from updyn.io.toml_text import format_mapping
 
-__all__ = ["proposing_variables"]
+__all__ = ["flatten", "guess_variables", "proposing_variables"]
 
 #: Names in files of the formats, for which other messages have the remedy.
 _STANDARD = ("H", "values", "K", "M", "updyn_kind")
@@ -33,34 +34,34 @@ def proposing_variables(found: Items, path: str | Path) -> Iterator[None]:
     try:
         yield
     except FormatError as error:
-        arrays = {} if any(name in found for name in _STANDARD) else _flatten(found)
-        proposal = _propose(arrays)
+        arrays = {} if any(name in found for name in _STANDARD) else flatten(found)
+        proposal = guess_variables(arrays)
         if proposal is None:
             raise
         kind = AbsentError if isinstance(error, AbsentError) else FormatError
         out = kind(
             f"{error}\nArrays: {_format_arrays(arrays)}\nIf they are FRFs, select them"
             " with variables in [test] of a job, or variables= of updyn.read_frf; state labels"
-            f" and quantity, too:\n{proposal}",
+            f" and quantity, too:\nvariables = {format_mapping(proposal)}",
             key=error.key,
         )
         out.path, out.line = error.path, error.line
         raise out from error
 
 
-def _flatten(found: Items, before: str = "") -> dict[str, NumberArray]:
+def flatten(found: Items, before: str = "") -> dict[str, NumberArray]:
     """Return the arrays of numbers by dotted name."""
     out: dict[str, NumberArray] = {}
     for name, item in found.items():
         if isinstance(item, Mapping):
-            out |= _flatten(item, f"{before}{name}.")
+            out |= flatten(item, f"{before}{name}.")
         elif isinstance(item, np.ndarray) and item.dtype.kind in "iufc":
             out[before + name] = item
     return out
 
 
-def _propose(arrays: Mapping[str, NumberArray]) -> str | None:
-    """Return the proposal as TOML, from an array of values or from tables; None without both."""
+def guess_variables(arrays: Mapping[str, NumberArray]) -> dict[str, Any] | None:
+    """Return ``variables`` by an array of values or by tables; None without both."""
     tables = [name for name, array in arrays.items() if _is_table(array)]
     for freq, lines in arrays.items():
         if not (has_word(freq.split(".")[-1], (*FREQUENCY, "w")) and _is_axis(lines)):
@@ -68,15 +69,13 @@ def _propose(arrays: Mapping[str, NumberArray]) -> str | None:
         rest = {k: v for k, v in arrays.items() if k not in (*tables, freq)}
         names = _find_values({k: v for k, v in rest.items() if lines.size in v.shape})
         if names:
-            return f"variables = {format_toml({'freq': freq, **names})}"
+            return {"freq": freq, **names}
     if not tables:
         return None
-    texts = [
-        f'  {{ response = "?", reference = "?", complex = {format_toml(f"{name}(:,2)")} }},'
-        for name in tables
+    channels = [
+        {"response": UNKNOWN, "reference": UNKNOWN, "complex": f"{name}(:,2)"} for name in tables
     ]
-    freq = format_toml(f"{tables[0]}(:,1)")
-    return "\n".join([f"variables = {{ freq = {freq}, channels = [", *texts, "] }"])
+    return {"freq": f"{tables[0]}(:,1)", "channels": channels}
 
 
 def _find_values(arrays: Mapping[str, NumberArray]) -> dict[str, str]:

@@ -16,7 +16,7 @@ from updyn import __version__
 from updyn.errors import FormatError, InputError
 from updyn.frf import FRF, QUANTITIES, TRANSMISSIBILITY
 from updyn.io import read_frf, read_model
-from updyn.io.toml_text import format_toml
+from updyn.io.toml_text import format_mapping, format_toml
 from updyn.job.folder import relative_path
 from updyn.job.schema import (
     Job,
@@ -96,8 +96,7 @@ def read_inputs(
 ) -> Inputs:
     """Read model and measurement and match them by label, otherwise by coordinates.
 
-    `of_model` and `of_frf` are options of the readers. An `InputError` is raised if a file cannot
-    be read.
+    `of_model` and `of_frf` are options of the readers.
     """
     try:
         model = read_model(model_file, **of_model)
@@ -379,7 +378,6 @@ def _format_method(inputs: Inputs) -> list[str]:
 
 
 def _list_known_responses(inputs: Inputs) -> list[str]:
-    """Return the known response labels in the model."""
     if inputs.matching is not None:
         return inputs.matching.frf.responses.labels
     responses = inputs.frf.responses if inputs.unmatched else []
@@ -415,7 +413,8 @@ def _format_key(table: type[Table], key: str, value: Any, *, off: bool = False) 
     """Return a key, with its description as a comment if it has one; commented out if `off`."""
     about = _describe_key(table, key)
     comment = f"  # {about}" if about else ""
-    return f"{'# ' if off else ''}{key} = {format_toml(value)}{comment}"
+    text = format_mapping(value) if isinstance(value, dict) else format_toml(value)
+    return f"{'# ' if off else ''}{key} = {text}{comment}"
 
 
 def _describe_key(table: type[Table], key: str) -> str:
