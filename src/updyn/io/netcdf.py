@@ -147,14 +147,11 @@ def read_records(
             units=units,
         )
     found = load_netcdf(path, "records", "netCDF-4 file", wanted=(_RECORDS,))
-    is_of_rattlesnake = is_rattlesnake(found.root.members, found.root.attributes)
-    of_arrays = {"order": order, "time": time, "rate": rate}
-    for name, given in of_arrays.items() if is_of_rattlesnake else (of_arrays | {"channels": channels}).items():
-        if given is not None:
-            raise OptionError(f"{name} without values; expected a dataset in values", key=(name,))
-    if is_of_rattlesnake:
+    if is_rattlesnake(found.root.members, found.root.attributes):
+        _refuse_without_values(order=order, time=time, rate=rate)
         root = load_native("updyn.foreign.hdf5:load", path, what="netCDF-4 file")
         return build_rattlesnake_records(root, path, group=group, channels=channels)
+    _refuse_without_values(channels=channels, order=order, time=time, rate=rate)
     if group is not None:
         raise OptionError("group: only for files of Rattlesnake", key=("group",))
     if _RECORDS not in found.variables:
@@ -171,6 +168,13 @@ def read_records(
         data = data.set_coords([name for name in ("unit",) if name in data])
         records = Records.from_xarray(data[_RECORDS])
         return replace(records, source=Path(path).name)
+
+
+def _refuse_without_values(**options: Any) -> None:
+    """Refuse options that describe the datasets of `values`."""
+    for name, given in options.items():
+        if given is not None:
+            raise OptionError(f"{name} without values; expected a dataset in values", key=(name,))
 
 
 def read_source(path: str | Path) -> VariableSource:
