@@ -60,5 +60,5 @@ def test_every_source_is_cited() -> None:
     cited = {
         int(n) for group in re.findall(r"\[(\d+(?:, \d+)*)\]", text) for n in group.split(", ")
     }
-    listed = {int(n) for n in re.findall(r"(?:^| )(\d)\. [A-Z]\. ", sources)}
-    assert cited == listed == set(range(1, 10))
+    listed = {int(n) for n in re.findall(r"(?:^| )(\d+)\. [A-Z]\. ", sources)}
+    assert cited == listed == set(range(1, 12))

@@ -16,10 +16,10 @@ from updyn.errors import DataError, OptionError, SolverError
 from updyn.frf import FRF, TRANSMISSIBILITY, check_lines
 from updyn.uncertainty.draws import Draws
 from updyn.uncertainty.likelihood import select_furthest
-from updyn.uncertainty.restored import estimate_of, restore, solver_options
+from updyn.uncertainty.posterior import Posterior, find_update
+from updyn.uncertainty.restored import estimate_of, solver_options
 from updyn.uncertainty.settings import PREDICTED_BAND, SURROGATE
 from updyn.uncertainty.surrogate import Surrogate, describe_excess
-from updyn.updating.judge.identifiability import analyse_identifiability
 from updyn.updating.problem.noise import Stated, level_by_unit
 from updyn.updating.problem.problem import FRFPart, Problem
 from updyn.updating.result import JointResult, UpdateResult, find_result
@@ -101,16 +101,8 @@ def predict(
     """
     if not 0.0 < level < 1.0:
         raise OptionError(f"level = {level!r}: expected a share between 0 and 1, such as 0.95")
-    about, draws = source, None
-    if isinstance(source, Draws):
-        if source.result is None:
-            raise OptionError(
-                "these draws were read from a file; give them their update first: draws.of(result)"
-            )
-        about, draws = source.result, source
-    if not isinstance(about, UpdateResult | JointResult):
-        found = type(about).__name__
-        raise OptionError(f"expected the result of an update or draws, found {found}")
+    about = find_update(source)
+    draws = source if isinstance(source, Draws) else None
     result = find_result(about, test)
     problem = _build_part(result, freq, responses, references, quantity, as_read=noise)
     x = problem.coordinates.to_x(estimate_of(result))
@@ -121,7 +113,7 @@ def predict(
         variance = _noise_variance(result, problem, x)
     if draws is not None:
         return _propagate_draws(problem, x, at, draws.kind, level, variance, seed)
-    return _propagate_covariance(problem, x, about, result, level, variance)
+    return _propagate_covariance(problem, x, Posterior.of(about), level, variance)
 
 
 def _build_part(
@@ -185,13 +177,14 @@ def _unit_numbers(frf: FRF) -> NDArray[np.int_]:
 def _propagate_covariance(
     part: FRFPart,
     x: RealArray,
-    about: UpdateResult | JointResult,
-    result: UpdateResult,
+    posterior: Posterior,
     level: float,
     noise: RealArray | None,
 ) -> Band:
     H, dH = _solve(part, x)
-    covariance, free = _covariance(part, x, about, result)
+    slope = part.coordinates.slope(x)
+    covariance = posterior.covariance / slope / slope[:, None]
+    free = posterior.null_space / slope[:, None]
     with np.errstate(divide="ignore", invalid="ignore"):
         change = np.einsum("kfij,kl->lfij", dH, free)
         is_open = (np.abs(change) > PREDICTED_BAND.open_change * np.abs(H)).any(axis=0)
@@ -221,21 +214,6 @@ def _propagate_covariance(
         _frf(part, H), level, "Laplace", noise is not None,
         low, high, angle - phase_spread, angle + phase_spread, np.sqrt(rr), np.sqrt(ii),
     )  # fmt: skip
-
-
-def _covariance(
-    part: FRFPart, x: RealArray, about: UpdateResult | JointResult, result: UpdateResult
-) -> tuple[RealArray, RealArray]:
-    """Return the covariance of the determined combinations, in x, and the null space by column."""
-    slope = part.coordinates.slope(x)
-    if np.isfinite(result.covariance).all():
-        return result.covariance / slope / slope[:, None], np.zeros((len(x), 0))
-    restored = restore(about)
-    local = restored.likelihood().local(restored.x)
-    if local is None:
-        raise SolverError("the model cannot be solved at the estimate")
-    found = analyse_identifiability(local.R, part.coordinates.parameters.names)
-    return found.covariance, found.null_space
 
 
 def _solve(part: FRFPart, x: RealArray) -> tuple[ComplexArray, ComplexArray]:

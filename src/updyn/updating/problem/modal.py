@@ -22,6 +22,7 @@ from updyn.dynamics.affine import AffineSystem, State
 from updyn.errors import DataError, SolverError
 from updyn.linalg.solver import check_backend
 from updyn.modal import ModeSet
+from updyn.modal.loss_factor import LossFactor
 from updyn.modal.sensitivity import RealModes, differentiate_modes, separate_repeated_modes
 from updyn.model import Model
 from updyn.sensitivity import Unknowns
@@ -60,6 +61,8 @@ class ModalTarget:
         Standard deviations as shares; 0 if not known.
     std_shapes : ndarray of float, shape (k, m)
         Standard deviations of the shapes, as shares of their rms.
+    cov_frequency : ndarray of float, shape (m, m), or None
+        Covariance of the frequencies as shares; 0 where not known. None: they are independent.
     digest : str
         Part of the cache key.
     """
@@ -73,6 +76,7 @@ class ModalTarget:
     std_frequency: RealArray
     std_loss_factor: RealArray
     std_shapes: RealArray
+    cov_frequency: RealArray | None
     digest: str
 
     @classmethod
@@ -105,12 +109,14 @@ class ModalTarget:
             np.nan_to_num(modes.std_frequency / modes.frequency),
             np.nan_to_num(modes.std_loss_factor / loss),
             _share_of_rms(modes, level, length),
+            _covariance_of_shares(modes),
             modes.digest,
         )
 
     def select(self, which: Sequence[int]) -> ModalTarget:
         """Return the modes with the given numbers."""
         at = np.asarray(which, dtype=np.intp)
+        covariance = self.cov_frequency
         return replace(
             self,
             value=self.value[at],
@@ -120,6 +126,7 @@ class ModalTarget:
             std_frequency=self.std_frequency[at],
             std_loss_factor=self.std_loss_factor[at],
             std_shapes=self.std_shapes[:, at],
+            cov_frequency=None if covariance is None else covariance[np.ix_(at, at)],
             digest=f"{self.digest}/{at.tolist()}",
         )
 
@@ -149,10 +156,8 @@ class ModalTarget:
 
     @property
     def clusters(self) -> list[IndexArray]:
-        """Groups of two or more measured modes with close frequencies, ascending.
-
-        A mode that was identified twice is not a cluster: its shapes have one direction.
-        """
+        """Groups of two or more measured modes with close frequencies, ascending."""
+        # A mode that was identified twice is not a cluster: its shapes have one direction.
         if not self.can_distinguish_shapes:
             return []
         found = [members for members in cluster_modes(self.frequency) if len(members) > 1]
@@ -174,7 +179,15 @@ def drop_excluded_shapes(modes: ModeSet, noise: ModalNoise) -> ModeSet:
         source=modes.source,
         std_frequency=modes.std_frequency,
         std_loss_factor=modes.std_loss_factor,
+        cov_frequency=modes.cov_frequency,
     )
+
+
+def _covariance_of_shares(modes: ModeSet) -> RealArray | None:
+    """Return the covariance of the frequencies over their product; 0 where not known."""
+    if modes.cov_frequency is None:
+        return None
+    return np.nan_to_num(modes.cov_frequency / (modes.frequency[:, None] * modes.frequency))
 
 
 def _share_of_rms(modes: ModeSet, level: RealArray, length: RealArray) -> RealArray:
@@ -209,14 +222,12 @@ class Pairs:
         target: ModalTarget,
         like: float | None = None,
     ) -> Pairs:
-        """Pair modes of the model with the measured ones, one to one.
-
-        The pairs maximise the sum of MAC less half the logarithm of the frequency ratio (Hungarian
-        assignment; Kuhn 1955). Close measured modes are paired in ascending order if the span of as
-        many modes of the model contains their shapes; else one by one. If shapes cannot be
-        distinguished, the sum of squares of these logarithms is minimised, which keeps the order of
-        the frequencies.
-        """
+        """Pair modes of the model with the measured ones, one to one."""
+        # The pairs maximise the sum of MAC less half the logarithm of the frequency ratio
+        # (Hungarian assignment; Kuhn 1955). Close measured modes are paired in ascending order if
+        # the span of as many modes of the model contains their shapes; else one by one. If shapes
+        # cannot be distinguished, the sum of squares of these logarithms is minimised, which keeps
+        # the order of the frequencies.
         like = MODE_PAIRS.similar_mac if like is None else like
         if len(modes.value) < len(target.value):
             raise DataError(
@@ -250,10 +261,8 @@ class Pairs:
         target: ModalTarget,
         clusters: Sequence[IndexArray],
     ) -> Pairs:
-        """Return the best pairs, with the measured modes of `clusters` compared by their spans.
-
-        `move` states which modes of the model move at the sensors.
-        """
+        """Return the best pairs, with the measured modes of `clusters` compared by their spans."""
+        # `move` states which modes of the model move at the sensors.
         # The MAC of a mode that does not move at the sensors is rounding error. With a single
         # sensor all MACs are 1.
         macs = np.ones((len(modes.value), len(target.value)))
@@ -407,7 +416,6 @@ class ModalPart:
             self.session.check(often=True)
 
     def _pair(self, modes: RealModes, x: RealArray) -> Pairs:
-        """Return the pairs of modes of the model at x."""
         about = self.system, self.unknowns, self.values(x)
         return Pairs.of(modes, *about, self.target, self.least_mac)
 
@@ -472,13 +480,13 @@ class ModalPart:
     ) -> Iterator[_ModeDerivatives]:
         """Yield the derivatives of each paired mode by x; zeros without `derivatives`."""
         target, values, slope = self.target, self.values(x), self.coordinates.slope(x)
-        which, losses = pairs.which[paired], list[_LossFactor | None]()
+        which, losses = pairs.which[paired], list[LossFactor | None]()
         state = self.state(x) if self.has_damping_unknowns else None
         for k, mode in zip(paired, which, strict=True):
             loss = None
             if state is not None and np.isfinite(target.loss_factor[k]):
                 phi, value = pairs.modes.shapes[:, mode], float(pairs.modes.value[mode])
-                loss = _LossFactor.of(self.system, self.unknowns, state, values, phi, value)
+                loss = LossFactor.of(self.system, self.unknowns, state, values, phi, value)
             losses.append(loss)
         rows = target.rows if shapes and target.can_distinguish_shapes else target.rows[:0]
         number = len(rows)
@@ -513,7 +521,6 @@ class ModalPart:
     def _residuals_of_mode(
         self, pairs: Pairs, k: int, derivatives: _ModeDerivatives
     ) -> Iterator[_ModalResidual]:
-        """Yield the residuals of a paired measured mode, by kind."""
         target, eigenvalue = self.target, float(pairs.modes.value[pairs.which[k]])
         error = 0.5 * np.log(eigenvalue / target.value[k])
         yield _ModalResidual.of(
@@ -557,7 +564,7 @@ class _ModeDerivatives:
 
     value: RealArray
     span: RealArray
-    loss: _LossFactor | None
+    loss: LossFactor | None
     by_loss: RealArray
 
 
@@ -594,53 +601,7 @@ def check_any_pair(parts: Sequence[ModalPart], x: RealArray, *, shapes: bool = T
 
 
 def _cache_kind(*, shapes: bool) -> str:
-    """Return the kind of evaluation in the cache key."""
     return "modes and shapes" if shapes else "frequencies"
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _LossFactor:
-    """Loss factor of a mode, phi^T D phi / omega^2, and its derivatives.
-
-    From the energy dissipated in the undamped shape (Ungar & Kerwin, J. Acoust. Soc. Am. 34 (1962)
-    954; Johnson & Kienholz, AIAA J. 20 (1982) 1284): exact to second order in the loss factors,
-    unless modes are closer than their half-power bandwidth. `force` is D phi; `own`, shape (n,),
-    and `by_eigenvalue` are derivatives of phi^T D phi by the values and by omega^2 = `value`.
-    """
-
-    factor: float
-    force: RealArray
-    own: RealArray
-    by_eigenvalue: float
-    value: float
-
-    @classmethod
-    def of(
-        cls,
-        system: AffineSystem,
-        unknowns: Unknowns,
-        state: State,
-        values: RealArray,
-        phi: RealArray,
-        value: float,
-    ) -> _LossFactor:
-        omega = np.array([np.sqrt(value)])
-        by_term = system.coefficients(state, omega).imag[:, 0]
-        force, energy = np.zeros_like(phi), np.zeros(len(system.terms))
-        for t, term in enumerate(system.terms):
-            product = term.local @ phi[term.row_index]
-            energy[t] = phi[term.row_index] @ product
-            force[term.row_index] += by_term[t] * product
-        own = np.zeros(unknowns.n)
-        by_drive = unknowns.slopes(system, state, values, omega).imag[:, 0]
-        np.add.at(own, unknowns.owner, by_drive * energy[unknowns.at])
-        steeper = float((state.factor * state.rate) @ energy) / (2.0 * float(omega[0]))
-        return cls(float(by_term @ energy) / value, force, own, steeper, value)
-
-    def derivatives(self, value: RealArray, along: RealArray, slope: RealArray) -> RealArray:
-        """Return the derivatives by x, from those of omega^2, force^T phi and the values."""
-        energy = self.own * slope + 2.0 * along + self.by_eigenvalue * value
-        return np.asarray((energy - self.factor * value) / self.value)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -657,9 +618,10 @@ class ModalError:
         """Kind of its evaluations in the cache key."""
         return _cache_kind(shapes=self.shapes)
 
-    def rows(self, part: ModalPart, x: RealArray) -> ModalRows:
-        """Return the unweighted residuals at x."""
-        return part.rows(x, shapes=self.shapes)
+    def rows(self, part: ModalPart, x: RealArray, *, derivatives: bool = True) -> ModalRows:
+        """Return the unweighted residuals at x, uncorrelated."""
+        rows = part.rows(x, shapes=self.shapes, derivatives=derivatives)
+        return rows.decorrelate_frequencies(part.target.cov_frequency)
 
     def local(self, part: ModalPart, x: RealArray) -> Local:
         """Return the reduced least-squares problem at x."""
@@ -680,7 +642,7 @@ class ModalError:
 
     def negative_log_likelihood(self, part: ModalPart, x: RealArray) -> float:
         """Return the negative log-likelihood at x, up to a constant."""
-        rows = part.rows(x, shapes=self.shapes, derivatives=False)
+        rows = self.rows(part, x, derivatives=False)
         std = self.noise.std(rows)
         used = np.isfinite(std)
         # The length of a shape is free: one number less.

@@ -1,0 +1,84 @@
+"""`Posterior`: covariance of the unknowns of an update or of draws, with what is undetermined."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from updyn.arrays import RealArray
+from updyn.errors import OptionError, SolverError
+from updyn.uncertainty.draws import Draws
+from updyn.uncertainty.restored import LIKELIHOOD, restore
+from updyn.uncertainty.settings import PREDICTED_BAND
+from updyn.updating.fit.methods import METHODS
+from updyn.updating.judge.identifiability import analyse_identifiability
+from updyn.updating.result import JointResult, UpdateResult
+
+__all__ = ["Posterior", "find_update"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Posterior:
+    """Covariance of the unknowns.
+
+    Attributes
+    ----------
+    covariance : ndarray of float, shape (n, n)
+        Covariance of the determined combinations, in the units of the unknowns.
+    null_space : ndarray of float, shape (n, k)
+        Undetermined combinations, as changes of the values of the unknowns.
+    """
+
+    covariance: RealArray
+    null_space: RealArray
+
+    @classmethod
+    def of(cls, source: UpdateResult | JointResult | Draws) -> Posterior:
+        """Return the posterior of an update (Laplace) or of draws (their sample covariance)."""
+        covariance = source.covariance if isinstance(source, Draws) else source.first.covariance
+        known = np.isfinite(covariance)
+        if known.all():
+            return cls(covariance, np.zeros((len(covariance), 0)))
+        if isinstance(source, Draws):
+            raise OptionError(f"{len(source)} draws are too few for a covariance")
+        if getattr(METHODS.find(source.first.method), LIKELIHOOD):
+            return cls._of_likelihood(source)
+        # Only the null space in words is recorded: each unknown in it counts as undetermined.
+        involved = np.flatnonzero(~np.diag(known))
+        return cls(np.where(known, covariance, 0.0), np.eye(len(covariance))[:, involved])
+
+    @classmethod
+    def _of_likelihood(cls, source: UpdateResult | JointResult) -> Posterior:
+        restored = restore(source)
+        local = restored.likelihood().local(restored.x)
+        if local is None:
+            raise SolverError("the model cannot be solved at the estimate")
+        found = analyse_identifiability(local.R, restored.names)
+        slope = restored.problem.coordinates.slope(restored.x)
+        return cls(found.covariance * slope * slope[:, None], found.null_space * slope[:, None])
+
+    def propagate(self, derivatives: RealArray, size: float) -> RealArray:
+        """Return standard deviations of numbers, shape (...), from derivatives, shape (..., n).
+
+        They are nan if an undetermined combination changes a number relative to `size`.
+        """
+        variance = np.einsum("...k,kl,...l->...", derivatives, self.covariance, derivatives)
+        change = np.abs(derivatives @ self.null_space).max(initial=0.0)
+        if change > PREDICTED_BAND.open_change * size:
+            return np.full_like(variance, np.nan)
+        return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
+
+
+def find_update(source: UpdateResult | JointResult | Draws) -> UpdateResult | JointResult:
+    """Return the update of a source; OptionError if it is neither an update nor draws of one."""
+    if isinstance(source, Draws):
+        if source.result is None:
+            raise OptionError(
+                "these draws were read from a file; give them their update first: draws.of(result)"
+            )
+        return source.result
+    if not isinstance(source, UpdateResult | JointResult):
+        found = type(source).__name__
+        raise OptionError(f"expected the result of an update or draws, found {found}")
+    return source
