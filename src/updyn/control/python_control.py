@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from types import ModuleType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -126,7 +126,7 @@ def _library() -> ModuleType:
     return module
 
 
-def _signals(plant: Plant) -> dict[str, Any]:
+def _signals(plant: Plant) -> dict[str, object]:
     return {
         "inputs": _names(plant.inputs, "inputs"),
         "outputs": _names(plant.outputs, "outputs"),

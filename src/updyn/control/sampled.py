@@ -209,7 +209,7 @@ def _delay_input(A: RealArray, B: RealArray, C: RealArray, D: RealArray, whole: 
 
 
 # -- deviation ------------------------------------------------------------------------------------
-def _deviations(plant: Plant, prompt: Plant, delay: float, whole: int) -> Mapping[str, Any]:
+def _deviations(plant: Plant, prompt: Plant, delay: float, whole: int) -> Mapping[str, object]:
     """Return the error of the sampled response as shares of the channels' peaks.
 
     `prompt` is without the whole intervals of the delay: their states would enlarge every solution.

@@ -164,7 +164,7 @@ def build_plant(items: Mapping[str, Any], path: str | Path) -> Plant:
     return plant
 
 
-def _digest(items: Mapping[str, Any]) -> str:
+def _digest(items: Mapping[str, object]) -> str:
     """Return the SHA-256 of all other items, independent of order and form of arrays."""
     content = {}
     for name, value in items.items():
@@ -175,7 +175,7 @@ def _digest(items: Mapping[str, Any]) -> str:
     return hashlib.sha256(text.encode("ascii")).hexdigest()
 
 
-def _as_lists(value: Any) -> Any:
+def _as_lists(value: Any) -> object:
     """Return a value with arrays and tuples as lists, and all numbers as float."""
     if isinstance(value, np.ndarray):
         value = value.tolist()
@@ -186,7 +186,7 @@ def _as_lists(value: Any) -> Any:
     return float(value) if is_number(value) else value
 
 
-def _check_digest(items: Mapping[str, Any], path: str | Path) -> None:
+def _check_digest(items: Mapping[str, object], path: str | Path) -> None:
     if _DIGEST in items and items[_DIGEST] != _digest(items):
         raise FormatError(
             f"{_DIGEST}: the content of the file differs from what was written, by its digest."
@@ -232,7 +232,7 @@ def flat_items(plant: Plant) -> dict[str, Any]:
     }
 
 
-def nested_items(flat: Mapping[str, Any], path: str | Path) -> dict[str, Any]:
+def nested_items(flat: Mapping[str, object], path: str | Path) -> dict[str, object]:
     """Return plant items from those of a flat file; raises FormatError with file and item."""
     found = None
     if "format" in flat:
@@ -273,7 +273,9 @@ def nested_items(flat: Mapping[str, Any], path: str | Path) -> dict[str, Any]:
     }
 
 
-def _nested_ports(flat: Mapping[str, Any], side: str, path: str | Path) -> list[dict[str, Any]]:
+def _nested_ports(
+    flat: Mapping[str, object], side: str, path: str | Path
+) -> list[dict[str, object]]:
     names, units, rotation, weight, port, label = (name.format(side) for name in _FLAT_PORTS)
     texts = {name: _texts(flat[name], name, path) for name in (names, units, label)}
     numbers = {name: _row(flat[name], name, path) for name in (rotation, weight, port)}
@@ -303,18 +305,18 @@ def _nested_ports(flat: Mapping[str, Any], side: str, path: str | Path) -> list[
 _EARLIER: dict[str, Any] = {"relative_error": None, "zero_shift": []}
 
 
-def _replace_nan(found: dict[str, Any]) -> dict[str, Any]:
+def _replace_nan(found: dict[str, object]) -> dict[str, object]:
     out = {}
     for name, value in found.items():
         out[name] = None if isinstance(value, float) and math.isnan(value) else value
     return out
 
 
-def _number_or_nan(found: Any, name: str, path: str | Path) -> float:
+def _number_or_nan(found: object, name: str, path: str | Path) -> float:
     return math.nan if found is None else _number(found, name, path)
 
 
-def _read_zeros(found: Any, path: str | Path) -> tuple[ZeroShift, ...]:
+def _read_zeros(found: object, path: str | Path) -> tuple[ZeroShift, ...]:
     if not isinstance(found, list) or not all(isinstance(zero, Mapping) for zero in found):
         raise FormatError("zero_shift: expected a list of zeros", path)
     out = []
@@ -330,7 +332,7 @@ def _read_zeros(found: Any, path: str | Path) -> tuple[ZeroShift, ...]:
 
 
 # -- one item -------------------------------------------------------------------------------------
-def _port_items(port: Port, unit: str) -> dict[str, Any]:
+def _port_items(port: Port, unit: str) -> dict[str, object]:
     return {
         "name": port.name,
         "unit": unit,
@@ -340,7 +342,7 @@ def _port_items(port: Port, unit: str) -> dict[str, Any]:
 
 
 def _read_ports(
-    found: Any, what: str, keys: tuple[str, ...], path: str | Path
+    found: object, what: str, keys: tuple[str, ...], path: str | Path
 ) -> list[tuple[Port, str]]:
     """Return ports with their quantities, empty for inputs."""
     if not isinstance(found, list) or not all(isinstance(p, Mapping) for p in found):
@@ -373,7 +375,7 @@ def _read_ports(
 
 
 def _check_complete(
-    found: Mapping[str, Any],
+    found: Mapping[str, object],
     expected: Sequence[str],
     place: str,
     path: str | Path,
@@ -386,13 +388,13 @@ def _check_complete(
             raise FormatError(message, path)
 
 
-def _matrix(found: Any, columns: int, name: str, path: str | Path) -> RealArray:
+def _matrix(found: object, columns: int, name: str, path: str | Path) -> RealArray:
     if isinstance(found, list) and not found:
         return np.zeros((0, columns))  # no state: no rows to count the columns from
     return _numbers(found, 2, name, path)
 
 
-def _numbers(found: Any, ndim: int, name: str, path: str | Path) -> RealArray:
+def _numbers(found: object, ndim: int, name: str, path: str | Path) -> RealArray:
     if (
         isinstance(found, list)
         and not all(map(is_number, found))
@@ -436,14 +438,14 @@ def _count(found: Any, name: str, path: str | Path) -> int:
     return int(found)
 
 
-def _single_number(found: Any, name: str, path: str | Path) -> float:
+def _single_number(found: object, name: str, path: str | Path) -> float:
     array = _row(found, name, path)
     if array.shape != (1,):
         raise FormatError(f"{name}: found {array.size} numbers; expected one", path)
     return float(array[0])
 
 
-def _row(found: Any, name: str, path: str | Path) -> RealArray:
+def _row(found: object, name: str, path: str | Path) -> RealArray:
     """Return numbers as one axis; MATLAB stores rows and columns as matrices."""
     if isinstance(found, list) and not found:
         return np.zeros(0)
@@ -458,7 +460,7 @@ def _row(found: Any, name: str, path: str | Path) -> RealArray:
     return found.ravel().astype(np.float64)
 
 
-def _texts(found: Any, name: str, path: str | Path) -> list[str]:
+def _texts(found: object, name: str, path: str | Path) -> list[str]:
     if isinstance(found, str):
         return [found]
     if isinstance(found, np.ndarray) and not found.size:
@@ -468,7 +470,7 @@ def _texts(found: Any, name: str, path: str | Path) -> list[str]:
     return found
 
 
-def _text(found: Any, name: str, path: str | Path) -> str:
+def _text(found: object, name: str, path: str | Path) -> str:
     texts = _texts(found, name, path)
     if len(texts) > 1:
         raise FormatError(f"{name}: found {len(texts)} texts; expected one", path)

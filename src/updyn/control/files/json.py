@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -46,7 +45,7 @@ def read_plant(path: str | Path) -> Plant:
     return build_plant(found, path)
 
 
-def _laid_out(value: Any) -> str:
+def _laid_out(value: object) -> str:
     if isinstance(value, np.ndarray) and value.ndim == 1:
         value = value.tolist()
     rows = value.tolist() if isinstance(value, np.ndarray) else value

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -51,6 +50,6 @@ def write_plant(plant: Plant, path: str | Path) -> None:
 
 def read_plant(path: str | Path) -> Plant:
     """Read a plant; raises FormatError for a damaged file or an invalid variable."""
-    found: dict[str, Any] = read_variables(path)
+    found: dict[str, object] = read_variables(path)
     found.pop("comment", None)
     return build_plant(nested_items(found, path), path)

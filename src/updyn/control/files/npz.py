@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -28,7 +27,7 @@ def write_plant(plant: Plant, path: str | Path) -> None:
 
 def read_plant(path: str | Path) -> Plant:
     """Read a plant; raises FormatError for a damaged archive, pickles or an invalid array."""
-    found: dict[str, Any] = {}
+    found: dict[str, object] = {}
     for name, array in read_arrays(path).items():
         found[name] = array.ravel().tolist() if array.dtype.kind == "U" else array
     return build_plant(nested_items(found, path), path)

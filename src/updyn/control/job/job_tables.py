@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from updyn.control.files.plant_file import write_plant
 from updyn.control.job.checks import check_control, check_control_tables, check_servo_table
@@ -59,9 +59,9 @@ class _PlantJobTable(JobTable):
         self,
         prepared: Prepared,
         result: UpdateResult | JointResult,
-        found: Mapping[str, Any],
+        found: Mapping[str, object],
         callback: Callable[[Progress], bool | None] | None,
-        engine: Any,
+        engine: object,
     ) -> PlantResult | None:
         """Return the plant, None without a finished update; warn if the tolerance is not held."""
         from updyn.uncertainty.draws import Draws

@@ -94,7 +94,7 @@ def make_plant(
     source: str,
     *,
     draws: Draws | None = None,
-    engine: Any = None,
+    engine: object = None,
     say: Callable[[str], object] | None = None,
     strict: bool = True,
 ) -> PlantResult:
@@ -112,7 +112,7 @@ def make_plant(
     band = band_of_plant(job, test.freq)
     stage = say if say is not None else lambda name: None
     notes = [_unconverged_note(one), beyond_the_data(band, test.freq), _test_note(ready, number)]
-    given: dict[str, Any] = {
+    given: dict[str, object] = {
         "inputs": table.input_ports,
         "outputs": table.output_ports,
         "band": band,
@@ -161,9 +161,9 @@ def _servo(
     band: tuple[float, float],
     plants: tuple[Plant | PlantFamily | None, Plant | None],
     strict: bool,
-) -> tuple[dict[str, Any], str]:
+) -> tuple[dict[str, object], str]:
     """Return drive and servo, and a note if one of them cannot be computed."""
-    out: dict[str, Any] = {}
+    out: dict[str, object] = {}
     plant, sampled_plant = plants
     try:
         with job.located():
@@ -221,7 +221,7 @@ def _plant(table: PlantTable, model: Model, given: dict[str, Any]) -> tuple[Plan
         return None, str(error)
 
 
-def _compare_plant(made: Plant, model: Model, job: Job) -> dict[str, Any]:
+def _compare_plant(made: Plant, model: Model, job: Job) -> dict[str, object]:
     """Return lines, response of the model and response of the plant."""
     from updyn.dynamics.response import response
     from updyn.frf import QUANTITIES
@@ -274,7 +274,7 @@ def _family(
     result: UpdateResult | None,
     given: dict[str, Any],
     draws: Draws | None,
-    engine: Any,
+    engine: object,
 ) -> tuple[PlantFamily | None, str]:
     """Return the family, or None and a note with the reason."""
     if result is None:

@@ -51,7 +51,7 @@ _WIND = (
 )
 
 
-def control_record(result: PlantResult) -> dict[str, Any]:
+def control_record(result: PlantResult) -> dict[str, object]:
     """Return a plant result as a dict without inf or nan, for `json.dumps`."""
     return {
         "title": result.title,
@@ -81,7 +81,7 @@ def write_control_record(result: PlantResult, path: str | Path) -> None:
     write_json(control_record(result), path)
 
 
-def _plant(result: PlantResult, plant: Plant) -> dict[str, Any]:
+def _plant(result: PlantResult, plant: Plant) -> dict[str, object]:
     outputs = []
     for port, quantity in zip(plant.output_ports, plant.quantities, strict=True):
         outputs.append({**_port(port, port.motion_unit(quantity)), "quantity": quantity})
@@ -108,7 +108,7 @@ def _plant(result: PlantResult, plant: Plant) -> dict[str, Any]:
     }
 
 
-def _poles(plant: Plant) -> list[Any]:
+def _poles(plant: Plant) -> list[object]:
     """Return the poles with frequency and damping ratio, ascending."""
     out = []
     for pole in plant.poles[np.lexsort((-plant.poles.imag, np.abs(plant.poles)))]:
@@ -119,11 +119,11 @@ def _poles(plant: Plant) -> list[Any]:
     return out
 
 
-def _port(port: Port, unit: str) -> dict[str, Any]:
+def _port(port: Port, unit: str) -> dict[str, object]:
     return {"name": port.name, "unit": unit, "weights": plain(dict(port.weights))}
 
 
-def _sampled_record(plant: Plant) -> dict[str, Any]:
+def _sampled_record(plant: Plant) -> dict[str, object]:
     return {
         "dt": plant.dt,
         "delay": plant.delay,
@@ -133,7 +133,7 @@ def _sampled_record(plant: Plant) -> dict[str, Any]:
     }
 
 
-def _family(result: PlantResult) -> dict[str, Any] | None:
+def _family(result: PlantResult) -> dict[str, object] | None:
     if result.family is None:
         return None
     return {
@@ -145,7 +145,7 @@ def _family(result: PlantResult) -> dict[str, Any] | None:
     }
 
 
-def _weights(result: PlantResult) -> list[dict[str, Any]]:
+def _weights(result: PlantResult) -> list[dict[str, object]]:
     out = []
     for found in result.weights.values():
         ((weight,),) = found.weights
@@ -156,7 +156,7 @@ def _weights(result: PlantResult) -> list[dict[str, Any]]:
     return out
 
 
-def servo_record(servo: Servo) -> dict[str, Any]:
+def servo_record(servo: Servo) -> dict[str, object]:
     """Return a servo as a dict without inf or nan, for `json.dumps`."""
     loops = {loop.name: _loop(loop) for loop in servo.loops}
     return {
@@ -182,7 +182,7 @@ def servo_record(servo: Servo) -> dict[str, Any]:
     }
 
 
-def _sampled_loops(sampled: SampledLoops) -> dict[str, Any]:
+def _sampled_loops(sampled: SampledLoops) -> dict[str, object]:
     loops = {f"{loop.name}_loop": _loop(loop) for loop in sampled.loops}
     return {
         "dt": sampled.dt,
@@ -193,7 +193,7 @@ def _sampled_loops(sampled: SampledLoops) -> dict[str, Any]:
     }
 
 
-def _loop(loop: Loop) -> dict[str, Any]:
+def _loop(loop: Loop) -> dict[str, object]:
     return {
         "margins": plain(asdict(loop.margins)),
         "bandwidth": plain(loop.bandwidth),
@@ -203,12 +203,12 @@ def _loop(loop: Loop) -> dict[str, Any]:
     }
 
 
-def _figures(found: Any, names: tuple[str, ...]) -> dict[str, Any]:
+def _figures(found: object, names: tuple[str, ...]) -> dict[str, object]:
     """Return some attributes of an object."""
     return {name: plain(getattr(found, name)) for name in names}
 
 
-def _figures_or_none(found: Any, names: tuple[str, ...]) -> dict[str, Any] | None:
+def _figures_or_none(found: object, names: tuple[str, ...]) -> dict[str, object] | None:
     """Return some attributes of an object, or None for None."""
     if found is None:
         return None
@@ -219,7 +219,7 @@ def _complex(values: Any) -> list[dict[str, float]]:
     return [{"re": float(z.real), "im": float(z.imag)} for z in values]
 
 
-def drive_record(drive: DriveFigures) -> dict[str, Any]:
+def drive_record(drive: DriveFigures) -> dict[str, object]:
     """Return the fields of `DriveFigures` as a dict without inf or nan, for `json.dumps`."""
     out = plain(asdict(drive))
     assert isinstance(out, dict)
@@ -228,7 +228,7 @@ def drive_record(drive: DriveFigures) -> dict[str, Any]:
     return out
 
 
-def nonlinear_record(found: Nonlinear) -> dict[str, Any]:
+def nonlinear_record(found: Nonlinear) -> dict[str, object]:
     """Return a loop with backlash or friction as a dict without inf or nan, for `json.dumps`."""
     names = ("verdict", "amplitude", "peak", "frequency", "periods", "unit")
     cycle = ("amplitude", "frequency", "stable", "loeb", "third", "unit", "doubt")

@@ -40,7 +40,7 @@ _TAKEN = ("control.json", "result.json", "compare.json", MANIFEST)
 _RULE = ("crossover", "ti_ratio", "kv_ratio")
 
 
-def _texts(given: Any) -> list[str]:
+def _texts(given: object) -> list[str]:
     """Return a text or an array of texts as a list; an empty list for other values."""
     if isinstance(given, str):
         return [given]
@@ -49,7 +49,7 @@ def _texts(given: Any) -> list[str]:
     return []
 
 
-def _quantities(given: Any) -> Any:
+def _quantities(given: object) -> object:
     names = _texts(given)
     if not names:
         raise ValueError(
@@ -65,10 +65,10 @@ def _quantities(given: Any) -> Any:
     return tuple(names)
 
 
-def _ports(what: str) -> Callable[[Any], Any]:
+def _ports(what: str) -> Callable[[object], object]:
     """Return a validator that converts labels and tables, or one of them, to tables of ports."""
 
-    def several(given: Any) -> Any:
+    def several(given: object) -> object:
         items = [given] if isinstance(given, str | Mapping) else given
         if not isinstance(items, list | tuple) or not items:
             raise ValueError(
@@ -79,7 +79,7 @@ def _ports(what: str) -> Callable[[Any], Any]:
     return several
 
 
-def _files(given: Any) -> Any:
+def _files(given: object) -> object:
     names = _texts(given)
     if not names and given not in ([], ()):
         raise ValueError("expected names of files, such as ['plant.mat', 'plant.h']")

@@ -78,10 +78,10 @@ class LinearLoop:
 
 def linear_loop(
     plant: Plant,
-    controller: Controller | StateSpace | tuple[Any, ...] | None,
+    controller: Controller | StateSpace | tuple[object, ...] | None,
     nonlinearity: Nonlinearity,
     at: str | tuple[str, str],
-    names: Mapping[str, Any],
+    names: Mapping[str, object],
     pade: int,
 ) -> LinearLoop:
     """Return the closed loop without its nonlinearity, which acts between output and input `at`.
@@ -172,7 +172,7 @@ def _check(system: LinearLoop, nonlinearity: Nonlinearity, push: float, n_u: int
 
 # -- the loop -------------------------------------------------------------------------------------
 def _close_loop(
-    plant: Plant, controller: Any, ends: tuple[str, str], names: Mapping[str, Any], pade: int
+    plant: Plant, controller: object, ends: tuple[str, str], names: Mapping[str, object], pade: int
 ) -> tuple[StateSpace, tuple[str, ...]]:
     """Return plant and controller as one system with the reference as an input, and its outputs."""
     system = StateSpace(plant.A, plant.B, plant.C, plant.D)
@@ -219,7 +219,7 @@ def _close_loop(
 
 
 def _cascade(
-    plant: Plant, system: StateSpace, controller: Controller, skip: str, names: Mapping[str, Any]
+    plant: Plant, system: StateSpace, controller: Controller, skip: str, names: Mapping[str, object]
 ) -> tuple[StateSpace, list[int], RealArray]:
     """Return the plant with velocity and position as last outputs, their rows and weights."""
     velocity = _select_output(plant, names.get("velocity"), "velocity", "mobility", skip)
@@ -289,7 +289,7 @@ def _linear(plant: Plant, given: Any, measured: Any) -> tuple[StateSpace, list[i
     return block, rows
 
 
-def _torque(plant: Plant, skip: str, name: Any) -> str:
+def _torque(plant: Plant, skip: str, name: object) -> str:
     if name is not None:
         return plant.inputs[_find_index(name, plant.inputs, "input")]
     inputs = [n for n in plant.inputs if n != skip]
@@ -300,7 +300,7 @@ def _torque(plant: Plant, skip: str, name: Any) -> str:
     return inputs[0]
 
 
-def _select_output(plant: Plant, name: Any, what: str, quantity: str, skip: str) -> str:
+def _select_output(plant: Plant, name: object, what: str, quantity: str, skip: str) -> str:
     if name is not None:
         return plant.outputs[_find_index(name, plant.outputs, "output")]
     of_kind: list[str] = []
@@ -315,13 +315,13 @@ def _select_output(plant: Plant, name: Any, what: str, quantity: str, skip: str)
     return of_kind[0]
 
 
-def _find_index(name: Any, names: tuple[str, ...], what: str) -> int:
+def _find_index(name: object, names: tuple[str, ...], what: str) -> int:
     if name not in names:
         raise OptionError(f"the plant has no {what} {name!r}; {suggest(str(name), names)}")
     return names.index(name)
 
 
-def _refuse_options(names: Mapping[str, Any], which: tuple[str, ...], why: str) -> None:
+def _refuse_options(names: Mapping[str, object], which: tuple[str, ...], why: str) -> None:
     for name in which:
         if names.get(name) is not None:
             raise OptionError(f"{name}={names[name]!r} has no meaning {why}")

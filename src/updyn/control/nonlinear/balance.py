@@ -99,7 +99,7 @@ class LimitCycles(tuple[LimitCycle, ...]):
 
 def limit_cycles(
     plant: Plant,
-    controller: Controller | StateSpace | tuple[Any, ...] | None,
+    controller: Controller | StateSpace | tuple[object, ...] | None,
     nonlinearity: Nonlinearity,
     at: str | tuple[str, str],
     *,

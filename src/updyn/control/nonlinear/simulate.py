@@ -53,7 +53,7 @@ class Simulation:
     frequency: float | None
     periods: int
     unit: str
-    facts: Mapping[str, Any] = field(default_factory=dict)
+    facts: Mapping[str, object] = field(default_factory=dict)
 
     def __getitem__(self, name: str) -> RealArray:
         """Return a series by name, shape (n_t,)."""
@@ -84,7 +84,7 @@ class Simulation:
 
 def simulate(
     plant: Plant,
-    controller: Controller | StateSpace | tuple[Any, ...] | None,
+    controller: Controller | StateSpace | tuple[object, ...] | None,
     nonlinearity: Nonlinearity,
     duration: float,
     at: str | tuple[str, str],
@@ -242,7 +242,7 @@ def _start(
     plant: Plant,
     pieces: PieceRules,
     nonlinearity: Nonlinearity,
-    start: Any,
+    start: object,
     scale: float,
 ) -> RealArray:
     if not is_number(scale) or not math.isfinite(scale):

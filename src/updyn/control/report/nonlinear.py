@@ -43,7 +43,7 @@ def _name(number: int) -> str:
     return f"nonlinear-{number}"
 
 
-def nonlinear_context(number: int, found: Nonlinear) -> dict[str, Any]:
+def nonlinear_context(number: int, found: Nonlinear) -> dict[str, object]:
     """Return the template values of one nonlinearity; `number` is its index in the job."""
     cycles = []
     for c in found.cycles:
@@ -118,7 +118,7 @@ def _series(found: Nonlinear, ended: Simulation) -> Figure:
     )
 
 
-def _line(x: Any, y: Any, name: str, unit: str, colour: str) -> dict[str, Any]:
+def _line(x: Any, y: Any, name: str, unit: str, colour: str) -> dict[str, object]:
     at = thin_indices(y, CONTROL_REPORT.series_points)
     return {
         "type": "scatter",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 
@@ -181,10 +180,10 @@ class PlantSection(ReportSection):
         """Return Bode diagrams and weights."""
         return plant_figures(content.further["plant"])
 
-    def context(self, content: PageContent) -> dict[str, Any]:
+    def context(self, content: PageContent) -> dict[str, object]:
         """Return key figures and table cells."""
         result: PlantResult = content.further["plant"]
-        context: dict[str, Any] = {
+        context: dict[str, object] = {
             "about": _introduction(result),
             "notes": [result.message, *result.notes],
             "plant": result.plant,
@@ -205,7 +204,7 @@ class PlantSection(ReportSection):
 PLANT = PlantSection()
 
 
-def _plant_context(result: PlantResult, plant: Plant) -> dict[str, Any]:
+def _plant_context(result: PlantResult, plant: Plant) -> dict[str, object]:
     poles = _poles(plant)
     diagrams = []
     for i, j in channels(result):

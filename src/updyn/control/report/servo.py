@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import numpy as np
 
@@ -87,8 +86,8 @@ def _plotted_lines(loop: Loop, high: float) -> IndexArray:
 
 def _bode(loop: Loop, at: IndexArray) -> Figure:
     freq, L = loop.freq[at], loop.L[at]
-    size: list[dict[str, Any]] = []
-    phase: list[dict[str, Any]] = []
+    size: list[dict[str, object]] = []
+    phase: list[dict[str, object]] = []
     turn = loop.phase[at]
     low_turn, high_turn = turn, turn
     if len(loop.family):
@@ -109,7 +108,7 @@ def _bode(loop: Loop, at: IndexArray) -> Figure:
     return stack_panels(panels, log_frequency(freq), 480)
 
 
-def _marks(loop: Loop, panel: str) -> list[dict[str, Any]]:
+def _marks(loop: Loop, panel: str) -> list[dict[str, object]]:
     """Return the points of the gain margin (upper panel) or of the phase margin (lower)."""
     m = loop.margins
     if (
@@ -130,7 +129,7 @@ def _marks(loop: Loop, panel: str) -> list[dict[str, Any]]:
     return []
 
 
-def _point_trace(x: float, y: float, name: str) -> dict[str, Any]:
+def _point_trace(x: float, y: float, name: str) -> dict[str, object]:
     return {
         "type": "scatter",
         "mode": "markers",
@@ -150,7 +149,7 @@ def _point_trace(x: float, y: float, name: str) -> dict[str, Any]:
 def _nichols(loop: Loop, at: IndexArray) -> Figure:
     L, turn = loop.L[at], loop.phase[at]
     shown = (_decibels(L) > _QUIET / 2) & (_decibels(L) < _LOUD)
-    traces: list[dict[str, Any]] = []
+    traces: list[dict[str, object]] = []
     members = loop.family[: CONTROL_REPORT.plotted_members, at]
     spread: list[RealArray] = []
     for index, member in enumerate(members):
@@ -211,7 +210,7 @@ def _nichols(loop: Loop, at: IndexArray) -> Figure:
 
 def _curve_trace(
     x: RealArray, y: RealArray, freq: RealArray, name: str, colour: str, width: float
-) -> dict[str, Any]:
+) -> dict[str, object]:
     return {
         "type": "scatter",
         "mode": "lines",
@@ -314,7 +313,7 @@ def _wind_figure(wind: WindResponse) -> Figure:
 
 def _time_trace(
     time: RealArray, value: RealArray, name: str, unit: str, colour: str
-) -> dict[str, Any]:
+) -> dict[str, object]:
     shown = f"%{{x:.5g}} s: {escape_label(name)} %{{y:.4g}} {_unit(unit)}".rstrip()
     at = thin_indices(value, CONTROL_REPORT.series_points)
     return {
@@ -343,7 +342,7 @@ def _spread(members: RealArray, nominal: RealArray) -> tuple[RealArray, RealArra
     return everything.min(axis=0), everything.max(axis=0)
 
 
-def _db_axis(values: RealArray, lowest: float = _QUIET) -> dict[str, Any]:
+def _db_axis(values: RealArray, lowest: float = _QUIET) -> dict[str, object]:
     finite = values[np.isfinite(values)]
     low = max(float(finite.min(initial=-12.0)), lowest)
     high = min(float(finite.max(initial=6.0)), _LOUD)
@@ -375,10 +374,10 @@ class ServoSection(ReportSection):
         assert result.plant is not None
         return nonlinear_figures(result.nonlinear) | servo_figures(result.servo, result.plant)
 
-    def context(self, content: PageContent) -> dict[str, Any]:
+    def context(self, content: PageContent) -> dict[str, object]:
         """Return texts, key figures and table cells."""
         result: PlantResult = content.further["plant"]
-        context: dict[str, Any] = {"servo": result.servo, "drive": result.drive}
+        context: dict[str, object] = {"servo": result.servo, "drive": result.drive}
         if result.servo is not None:
             context |= _servo_context(result.servo)
             nonlinear = enumerate(result.nonlinear)
@@ -393,7 +392,7 @@ class ServoSection(ReportSection):
 SERVO = ServoSection()
 
 
-def _servo_context(servo: Servo) -> dict[str, Any]:
+def _servo_context(servo: Servo) -> dict[str, object]:
     head, margins = _margins(servo.loops)
     return {
         "verdict": _verdict(servo),
@@ -414,7 +413,7 @@ def _servo_context(servo: Servo) -> dict[str, Any]:
 
 
 # -- the loop -------------------------------------------------------------------------------------
-def _loop(loop: Loop) -> dict[str, Any]:
+def _loop(loop: Loop) -> dict[str, object]:
     """Return name, size of the family and crossings of a loop."""
     crossings = _crossings(loop)
     return {
@@ -546,7 +545,7 @@ def _robust(margin: RobustMargin) -> list[str]:
     return [margin.of, value, _hz(margin.at), _to_sentence(margin.meaning)]
 
 
-def _sampled_context(sampled: SampledLoops) -> dict[str, Any]:
+def _sampled_context(sampled: SampledLoops) -> dict[str, object]:
     head, rows = _margins(sampled.loops)
     late = "without delay"
     if sampled.delay:

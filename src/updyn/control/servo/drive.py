@@ -407,7 +407,7 @@ def _hold_dofs(model: Model, at: Sequence[int]) -> Model:
     keep[list(at)] = False
     free_dofs = np.flatnonzero(keep)
 
-    def submatrix(matrix: Any) -> Any:
+    def submatrix(matrix: Any) -> object:
         if matrix is None:
             return None
         return matrix[free_dofs][:, free_dofs]

@@ -167,7 +167,7 @@ class WindResponse:
     peak: float
     mean: float
     rms_expected: float | None = None
-    facts: Mapping[str, Any] = field(default_factory=dict)
+    facts: Mapping[str, object] = field(default_factory=dict)
 
     @property
     def std(self) -> float:

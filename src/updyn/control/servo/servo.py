@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import chain
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -366,7 +365,7 @@ def _bandwidth(closed: grid.Loop, judged: JudgedLoop) -> float | None:
     return found / _TWO_PI
 
 
-def _facts(plant: Plant, members: int, inertia: float | None) -> dict[str, Any]:
+def _facts(plant: Plant, members: int, inertia: float | None) -> dict[str, object]:
     return {
         "states": plant.n_states,
         "modes": tuple(map(float, plant.modes)),
