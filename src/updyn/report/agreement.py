@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 
@@ -134,7 +133,7 @@ def _plot_by_line(
     """Return a criterion between 0 and 1 over frequency, before and after the update."""
     if before is None and after is None:
         return None
-    traces: list[dict[str, Any]] = []
+    traces: list[dict[str, object]] = []
     x = encode_numbers(data.freq)
     for name, found, computed, dash in (
         ("start", before, data.before, "dot"),
@@ -196,7 +195,7 @@ def _fdac_map(freq: RealArray, found: RealArray) -> Figure:
     matching = found[best, np.arange(len(freq))] >= REPORT_LIST.fdac_ridge
     ends = [float(freq[0]), float(freq[-1])]
     lines = "measured %{x:.5g} Hz, computed %{y:.5g} Hz"
-    traces: list[dict[str, Any]] = [
+    traces: list[dict[str, object]] = [
         {
             "type": "heatmap",
             "z": encode_numbers(np.round(found, 3)),
@@ -310,7 +309,7 @@ class AgreementSection(ReportSection):
         curves = drop_missing({"csac": csac_lines(data), "csf": csf_lines(data)})
         return correlation_maps(data) | curves | fdac_maps(data)
 
-    def context(self, content: PageContent) -> dict[str, Any]:
+    def context(self, content: PageContent) -> dict[str, object]:
         """Return the compared lines and the figures of agreement of the fit."""
         data = content.data
         correlation = content.result.correlation if data.fitted else {}
@@ -336,7 +335,7 @@ class ValidationSection(ReportSection):
     template = "updyn.report/validation.html"
     needs_frfs = True
 
-    def context(self, content: PageContent) -> dict[str, Any]:
+    def context(self, content: PageContent) -> dict[str, object]:
         """Return the held-out data and the figures of their prediction."""
         result = content.result
         scores = result.correlation.get("validation") or {}

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from os import PathLike
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -147,7 +146,7 @@ class FindingsSection(_StartSection):
     template = "updyn.report/start_findings.html"
     first_screen = True
 
-    def context(self, content: PageContent) -> dict[str, Any]:
+    def context(self, content: PageContent) -> dict[str, object]:
         """Return the findings, most likely first."""
         assert content.start is not None
         return {"findings": content.start.findings}
@@ -162,7 +161,7 @@ class StartUnknownsSection(_StartSection):
     template = "updyn.report/start_unknowns.html"
     first_screen = True
 
-    def context(self, content: PageContent) -> dict[str, Any]:
+    def context(self, content: PageContent) -> dict[str, object]:
         """Return the rows of the table: start, bounds, expected standard deviation."""
         start = content.start
         assert start is not None
@@ -182,7 +181,7 @@ class MatchingSection(_StartSection):
     place = 350
     template = "updyn.report/start_matching.html"
 
-    def context(self, content: PageContent) -> dict[str, Any]:
+    def context(self, content: PageContent) -> dict[str, object]:
         """Return the matching table as text."""
         assert content.start is not None
         return {"text": content.start.matching}

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -82,7 +81,7 @@ class ChangesSection(ReportSection):
         """Return the figure of the changes."""
         return drop_missing({"changes": changes_figure(content.result)})
 
-    def context(self, content: PageContent) -> dict[str, Any]:
+    def context(self, content: PageContent) -> dict[str, object]:
         """Return the unknowns that the figure omits."""
         result = content.result
         percents = [p for p in result.parameters if _has_percent(result, p)]
@@ -262,7 +261,7 @@ def _estimates_trace(
     name: str,
     colour: str,
     symbol: str,
-) -> dict[str, Any]:
+) -> dict[str, object]:
     """Return estimates with their intervals, clipped at the ends of the axis."""
     x = np.clip([row.ratio for row in rows], *view)
     texts = []
@@ -270,7 +269,7 @@ def _estimates_trace(
         p = row.parameter
         shown = change(p, result.values[p.name])
         texts.append(f"{row.name} {escape_label(shown)}, {escape_label(_value_words(result, p))}")
-    trace: dict[str, Any] = {
+    trace: dict[str, object] = {
         "type": "scatter",
         "mode": "markers",
         "name": name,
@@ -294,7 +293,7 @@ def _estimates_trace(
     return trace
 
 
-def _bounds_trace(rows: Sequence[_ChangeRow], view: tuple[float, float]) -> dict[str, Any]:
+def _bounds_trace(rows: Sequence[_ChangeRow], view: tuple[float, float]) -> dict[str, object]:
     """Return the bounds inside the axis range."""
     x: list[float] = []
     y: list[int] = []
@@ -316,7 +315,7 @@ def _bounds_trace(rows: Sequence[_ChangeRow], view: tuple[float, float]) -> dict
     }
 
 
-def _invisible_trace(rows: Sequence[_ChangeRow]) -> dict[str, Any]:
+def _invisible_trace(rows: Sequence[_ChangeRow]) -> dict[str, object]:
     """Return a trace without visible markers, needed to draw the axis on the right."""
     return {
         "type": "scatter",
@@ -330,7 +329,7 @@ def _invisible_trace(rows: Sequence[_ChangeRow]) -> dict[str, Any]:
     }
 
 
-def _start_line(last: int) -> dict[str, Any]:
+def _start_line(last: int) -> dict[str, object]:
     return {
         "type": "line",
         "xref": "x",

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from updyn.arrays import ComplexArray, IndexArray, RealArray
@@ -50,7 +48,7 @@ class ChannelsSection(ReportSection):
             made[f"{name}-channel"] = channel_curves(data, *at)
         return drop_missing(made)
 
-    def context(self, content: PageContent) -> dict[str, Any]:
+    def context(self, content: PageContent) -> dict[str, object]:
         """Return figure name, title and caption of each channel."""
         data = content.data
         shown = []
@@ -147,9 +145,9 @@ def channel_curves(data: ReportData, i: int, j: int) -> Figure | None:
     return stack_panels(panels, linear_frequency(data.freq), height=430)
 
 
-def _measured_trace(x: RealArray, y: RealArray, value_format: str) -> dict[str, Any]:
+def _measured_trace(x: RealArray, y: RealArray, value_format: str) -> dict[str, object]:
     """Return the trace of measured values: points, or a wide line if there are many."""
-    style: dict[str, Any] = {"mode": "markers", "marker": {"color": "@measured", "size": 6}}
+    style: dict[str, object] = {"mode": "markers", "marker": {"color": "@measured", "size": 6}}
     if x.size > FIGURES.measured_points:
         style = {"mode": "lines", "line": {"color": "@measured", "width": 4}}
     return {

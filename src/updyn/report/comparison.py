@@ -7,7 +7,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -192,7 +191,7 @@ class MethodsSection(ComparisonSection):
     place = 100
     template = "updyn.report/comparison_methods.html"
 
-    def context(self, content: PageContent) -> dict[str, Any]:
+    def context(self, content: PageContent) -> dict[str, object]:
         """Return the table."""
         comparison: Comparison = content.further["comparison"].comparison
         shown = [column for column in columns(comparison) if column[0] != "limits"]
@@ -237,7 +236,7 @@ class FrfsSection(ComparisonSection):
         """Return the FRFs by method."""
         return frf_figures(content.further["comparison"].curves)
 
-    def context(self, content: PageContent) -> dict[str, Any]:
+    def context(self, content: PageContent) -> dict[str, object]:
         """Return the channel, the methods that are drawn, and the methods without a result."""
         shown: ComparisonContent = content.further["comparison"]
         comparison, curves = shown.comparison, shown.curves
@@ -276,7 +275,7 @@ class BarsSection(ComparisonSection):
         """Return the bars."""
         return bar_figures(content.further["comparison"].comparison)
 
-    def context(self, content: PageContent) -> dict[str, Any]:
+    def context(self, content: PageContent) -> dict[str, object]:
         """Return name, heading and caption of the figures."""
         comparison: Comparison = content.further["comparison"].comparison
         error = "Largest error of an unknown"
@@ -303,7 +302,7 @@ class FewestLinesSection(ComparisonSection):
     place = 400
     template = "updyn.report/comparison_lines.html"
 
-    def context(self, content: PageContent) -> dict[str, Any]:
+    def context(self, content: PageContent) -> dict[str, object]:
         """Return the rule and the table of the methods for which the fewest lines were searched."""
         comparison: Comparison = content.further["comparison"].comparison
         counts = sorted({n for row in comparison if row.fewest for n, _ in row.fewest.tried})
@@ -346,7 +345,7 @@ class LimitsSection(ComparisonSection):
     place = 500
     template = "updyn.report/comparison_limits.html"
 
-    def context(self, content: PageContent) -> dict[str, Any]:
+    def context(self, content: PageContent) -> dict[str, object]:
         """Return the rows of the table."""
         rows = []
         for row in content.further["comparison"].comparison:
@@ -503,7 +502,7 @@ def _find_first_result(comparison: Comparison, test: Test) -> UpdateResult | Non
     return None
 
 
-def _find_options(comparison: Comparison, test: Test) -> Mapping[str, Any]:
+def _find_options(comparison: Comparison, test: Test) -> Mapping[str, object]:
     """Return the options with which the fits solved the model."""
     first = _find_first_result(comparison, test)
     if first is None:
@@ -571,9 +570,9 @@ def _panel_figure(curves: Curves, name: str) -> Figure:
     return _make_figure(curves, [_measured_trace(curves), *traces], _PANEL_HEIGHT)
 
 
-def _measured_trace(curves: Curves) -> dict[str, Any]:
+def _measured_trace(curves: Curves) -> dict[str, object]:
     """Return the trace of the measured FRF, as points if there are few lines."""
-    trace: dict[str, Any] = {
+    trace: dict[str, object] = {
         "type": "scatter",
         "name": "measured",
         "x": encode_numbers(curves.lines),
@@ -591,7 +590,7 @@ def _measured_trace(curves: Curves) -> dict[str, Any]:
 
 def _curve_trace(
     curves: Curves, values: ComplexArray, name: str, colour: str, dash: str
-) -> dict[str, Any]:
+) -> dict[str, object]:
     return {
         "type": "scatter",
         "mode": "lines",
@@ -608,7 +607,7 @@ def _magnitude(values: ComplexArray) -> RealArray:
     return np.where(size > 0, size, np.nan)
 
 
-def _make_figure(curves: Curves, traces: list[dict[str, Any]], height: int) -> Figure:
+def _make_figure(curves: Curves, traces: list[dict[str, object]], height: int) -> Figure:
     x = linear_frequency(curves.lines)
     if is_geometric(curves.lines):
         x = {"title": x["title"], "type": "log", "dtick": log_step(curves.lines)}

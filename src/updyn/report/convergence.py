@@ -64,7 +64,7 @@ class ConvergenceSection(ParameterSection):
             made[name] = value_paths(result, some)
         return drop_missing(made)
 
-    def context(self, content: PageContent) -> dict[str, Any]:
+    def context(self, content: PageContent) -> dict[str, object]:
         """Return the stages, the costs of the fit that led to the result, and the figure titles."""
         result = content.result
         stages = list(dict.fromkeys(step.stage for step in result.history))
@@ -149,7 +149,7 @@ def cost_path(result: UpdateResult) -> Figure | None:
         stages.setdefault(fit.stage, []).append(fit)
     if not stages:
         return None
-    traces: list[dict[str, Any]] = []
+    traces: list[dict[str, object]] = []
     layout: dict[str, Any] = {
         "showlegend": any(fit.rejected for fits in stages.values() for fit in fits),
         "legend": {"y": 1.1},
@@ -180,7 +180,7 @@ def _format_fit_count(fits: Sequence[_Fit]) -> str:
     return f" ({len(fits)} fits)" if len(fits) > 1 else ""
 
 
-def _panel_title(text: str, domain: Sequence[float]) -> dict[str, Any]:
+def _panel_title(text: str, domain: Sequence[float]) -> dict[str, object]:
     return {
         "text": f"<b>{text}</b>",
         "x": domain[0],
@@ -199,7 +199,7 @@ def _zero_position(costs: RealArray) -> float:
     return float(positive.min()) / 10.0 if positive.size else 0.1
 
 
-def _cost_axis(costs: RealArray) -> dict[str, Any]:
+def _cost_axis(costs: RealArray) -> dict[str, object]:
     """Return a logarithmic cost axis, or a linear one for costs within a factor of 2."""
     low, high = float(costs.min()), float(costs.max())
     if low > 0.5 * high:
@@ -231,7 +231,7 @@ def _cost_traces(fits: Sequence[_Fit], costs: RealArray) -> list[dict[str, Any]]
         for made, step in fit.rejected:
             rejected_x.append(fit.iterations_since_start(made))
             rejected_y.append(max(step.cost, foot))
-    accepted: dict[str, Any] = {
+    accepted: dict[str, object] = {
         "type": "scatter",
         "mode": "lines+markers",
         "name": "step accepted",
@@ -258,12 +258,12 @@ def _cost_traces(fits: Sequence[_Fit], costs: RealArray) -> list[dict[str, Any]]
     return [accepted, rejected]
 
 
-def _iteration_axis(fits: Sequence[_Fit]) -> dict[str, Any]:
+def _iteration_axis(fits: Sequence[_Fit]) -> dict[str, object]:
     """Return the iteration axis of some fits, counted from the start of each fit."""
     last = max(
         fit.iterations_since_start(made) for fit in fits for made, _ in fit.accepted + fit.rejected
     )
-    axis: dict[str, Any] = {
+    axis: dict[str, object] = {
         "title": {"text": "iteration of the fit"},
         "range": [-0.03 * last - 0.3, 1.03 * last + 0.3],
         "zeroline": False,
@@ -271,7 +271,7 @@ def _iteration_axis(fits: Sequence[_Fit]) -> dict[str, Any]:
     return _with_integer_ticks(axis, last)
 
 
-def _with_integer_ticks(axis: dict[str, Any], last: int) -> dict[str, Any]:
+def _with_integer_ticks(axis: dict[str, object], last: int) -> dict[str, object]:
     return axis | {"dtick": 1} if last <= 6 else axis
 
 

@@ -144,7 +144,7 @@ def _compute_data(
     lines: RealArray,
     validation_responses: Sequence[str],
     validation_band: tuple[float, float] | None,
-    options: Mapping[str, Any],
+    options: Mapping[str, object],
     gains: RealArray | None,
     *,
     stopped: bool,
@@ -274,7 +274,7 @@ def compute_frfs(
     freq: RealArray,
     what: str,
     notes: list[str],
-    options: Mapping[str, Any],
+    options: Mapping[str, object],
 ) -> ComplexArray | None:
     """Return the FRFs of a model, shape (n, n_responses, n_references), in the unit of the data.
 

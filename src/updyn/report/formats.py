@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any
 
 from updyn.arrays import RealArray
 from updyn.correlation.figures import FIGURE_NAMES
@@ -222,12 +221,12 @@ def decibels(value: float) -> str:
     return f"{number(value, digits)} dB"
 
 
-def noise_is_fitted(noise: Mapping[str, Any]) -> bool:
+def noise_is_fitted(noise: Mapping[str, object]) -> bool:
     """Whether the noise is estimated from the residual; if so, chi-square cannot assess the fit."""
     return str(noise.get("kind", "")).startswith(("estimated", "spread"))
 
 
-def chi_hint(noise: Mapping[str, Any]) -> str:
+def chi_hint(noise: Mapping[str, object]) -> str:
     """Return the meaning of a reduced chi-square of 1."""
     if noise_is_fitted(noise):
         return "by construction: noise estimated from the residual"
@@ -248,7 +247,7 @@ def validation_words(result: UpdateResult) -> str:
     return " and ".join(parts)
 
 
-def option_words(value: Any) -> str:
+def option_words(value: object) -> str:
     """Return an option as text: entries of mappings and sequences, without Python's quotes."""
     if value is None:
         return "none"

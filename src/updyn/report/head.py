@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 from urllib.parse import quote
 
 from updyn.report.formats import (
@@ -176,7 +175,7 @@ class TestsSection(ReportSection):
         """Whether the page describes several tests."""
         return isinstance(content.update, JointResult)
 
-    def context(self, content: PageContent) -> dict[str, Any]:
+    def context(self, content: PageContent) -> dict[str, object]:
         """Return one row per test: link, data, agreement before and after, residual."""
         return {
             "head": ["test", "data", *_FIGURES.values(), "residual test"],

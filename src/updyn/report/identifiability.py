@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import numpy as np
 
@@ -59,7 +58,7 @@ class IdentifiabilitySection(ParameterSection):
             }
         )
 
-    def context(self, content: PageContent) -> dict[str, Any]:
+    def context(self, content: PageContent) -> dict[str, object]:
         """Return the identifiability of the unknowns."""
         if content.start is not None:  # the head of the page shows the advice
             return {"ident": content.start.identifiability, "advice": "", "answers": None}
@@ -72,7 +71,7 @@ class IdentifiabilitySection(ParameterSection):
         }
 
 
-def _tabulate_answers(result: UpdateResult) -> dict[str, Any] | None:
+def _tabulate_answers(result: UpdateResult) -> dict[str, object] | None:
     """Return the table of solutions that fit equally well; None if there is only one."""
     others = result.alternatives
     if not others:
@@ -124,7 +123,7 @@ def singular_values(ident: Identifiability) -> Figure | None:
         traces.append(_singular_trace("determined", values, determined, foot, "@after", "circle"))
     if not determined.all():
         traces.append(_singular_trace(name, values, ~determined, foot, "@before", "x"))
-    axis: dict[str, Any] = {
+    axis: dict[str, object] = {
         "title": {"text": "combination number, best determined first"},
         "range": [0.4, values.size + 0.6],
         "zeroline": False,
@@ -152,7 +151,7 @@ def _singular_trace(
     foot: float,
     colour: str,
     symbol: str,
-) -> dict[str, Any]:
+) -> dict[str, object]:
     return {
         "type": "scatter",
         "mode": "markers",
@@ -228,7 +227,7 @@ def _signed_map(
     if matrix.size <= FIGURES.printed_cells:
         trace["text"] = [list(map(say, row)) for row in matrix]
         trace["texttemplate"] = "%{text}"
-    axis: dict[str, Any] = {
+    axis: dict[str, object] = {
         "type": "category",
         "showgrid": False,
         "zeroline": False,

@@ -102,11 +102,11 @@ class DiagramSection(ReportSection):
         """Return the figure, to which the script adds curves and modes."""
         return {"picker": picker_figure(content.further["identified"])}
 
-    def context(self, content: PageContent) -> dict[str, Any]:
+    def context(self, content: PageContent) -> dict[str, object]:
         """Return the note on channels that are not drawn."""
         return {"channels_note": content.further["identified"].note}
 
-    def embedded_data(self, content: PageContent) -> dict[str, Any]:
+    def embedded_data(self, content: PageContent) -> dict[str, object]:
         """Return the data for the script."""
         return {"updyn-picks": picker_data(content.further["identified"])}
 
@@ -134,7 +134,7 @@ class ShapesSection(ReportSection):
         values = auto_mac(modes.shapes)
         return {"identified-auto-mac": mode_map(values, modes, modes, ("mode", "mode"), "AutoMAC")}
 
-    def context(self, content: PageContent) -> dict[str, Any]:
+    def context(self, content: PageContent) -> dict[str, object]:
         """Return the pairs of similar modes in words."""
         modes: ModeSet = content.further["identified"].modes
         pairs = find_alike_pairs(modes)
@@ -170,7 +170,7 @@ class IdentifiedModesSection(ReportSection):
         """Return True: a page of modes always has this section."""
         return True
 
-    def context(self, content: PageContent) -> dict[str, Any]:
+    def context(self, content: PageContent) -> dict[str, object]:
         """Return the rows of the table."""
         modes: ModeSet = content.further["identified"].modes
         shape = _shape_errors(modes)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from itertools import product
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -75,7 +74,7 @@ def mode_map(
         for i, j in product(one.computed.tolist(), one.measured.tolist()):
             hover[i][j] += f" of single shapes<br>subspace MAC {one.mac:.3f}"
     height = int(np.clip(rows_height(len(rows), extra=110), *_HEIGHTS))
-    trace: dict[str, Any] = {
+    trace: dict[str, object] = {
         "type": "heatmap",
         "z": encode_numbers(size),
         "x": list(range(len(columns))),
@@ -106,7 +105,7 @@ def mode_map(
     }
 
 
-def _frame_subspaces(subspaces: Sequence[Subspace]) -> dict[str, Any]:
+def _frame_subspaces(subspaces: Sequence[Subspace]) -> dict[str, object]:
     """Return frames around close modes, labelled with their subspace MAC."""
     frames, texts = [], []
     for one in subspaces:
@@ -128,7 +127,7 @@ def _frame_subspaces(subspaces: Sequence[Subspace]) -> dict[str, Any]:
     return {"shapes": frames, "annotations": texts} if frames else {}
 
 
-def _mode_axis(frequency: RealArray, title: str, most: int) -> dict[str, Any]:
+def _mode_axis(frequency: RealArray, title: str, most: int) -> dict[str, object]:
     """Return an axis with one place per mode, up to `most` labelled with the frequency in Hz."""
     every = -(-len(frequency) // most)
     at = list(range(0, len(frequency), every))
@@ -362,7 +361,7 @@ class ModesSection(ReportSection):
             )
         return drop_missing(made) | comac_maps(table, content.start_model.geometry)
 
-    def context(self, content: PageContent) -> dict[str, Any]:
+    def context(self, content: PageContent) -> dict[str, object]:
         """Return the table rows and the remarks on them."""
         table = content.modes
         rows = modal_rows(table, fitted=content.start is None)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from updyn.arrays import IndexArray, NumberArray, RealArray
@@ -36,7 +34,7 @@ class AllChannelsSection(ReportSection):
             return False
         return _count_channels(content.data) > 1 and len(content.data.freq) > 1
 
-    def context(self, content: PageContent) -> dict[str, Any]:
+    def context(self, content: PageContent) -> dict[str, object]:
         """Return the number of channels, the sets of curves, and the units."""
         data = content.data
         sets = [("measured", "measured", True)]
@@ -65,7 +63,7 @@ class OverlaySection(ReportSection):
     needs_frfs = True
     of_start = True
 
-    def context(self, content: PageContent) -> dict[str, Any]:
+    def context(self, content: PageContent) -> dict[str, object]:
         """Return the selectable channels, the bands and the notes."""
         data = content.data
         thinned = _choose_lines(data, REPORT_SIZE.frf_bytes)[1]
@@ -80,7 +78,7 @@ class OverlaySection(ReportSection):
             "notes": [thinned, *data.notes],
         }
 
-    def embedded_data(self, content: PageContent) -> dict[str, Any]:
+    def embedded_data(self, content: PageContent) -> dict[str, object]:
         """Return the FRFs that are drawn."""
         return {"updyn-frf": overlay(content.data)[0]}
 
@@ -92,7 +90,7 @@ class OverlaySection(ReportSection):
 FRFS = OverlaySection()
 
 
-def overlay(data: ReportData, budget: int | None = None) -> tuple[dict[str, Any], str]:
+def overlay(data: ReportData, budget: int | None = None) -> tuple[dict[str, object], str]:
     """Return the arrays of the FRF overlay, at most `budget` bytes, and a note if thinned.
 
     The default budget is `REPORT_SIZE.frf_bytes`.
@@ -103,7 +101,7 @@ def overlay(data: ReportData, budget: int | None = None) -> tuple[dict[str, Any]
     budget = REPORT_SIZE.frf_bytes if budget is None else budget
     keep, note = _choose_lines(data, budget)
     curves = _choose_grid_lines(data, budget)
-    payload: dict[str, Any] = {
+    payload: dict[str, object] = {
         "freq": encode_array(data.freq[keep], "<f8"),
         "measured": _encode_channels(data.measured, keep, "<c8"),
         "grid": encode_array(data.grid[curves], "<f8"),
@@ -172,7 +170,7 @@ def _to_list(band: tuple[float, float] | None) -> list[float] | None:
     return [float(band[0]), float(band[1])]
 
 
-def _round_figures(values: RealArray | None) -> Any:
+def _round_figures(values: RealArray | None) -> object:
     if values is None:
         return None
     return encode_numbers(np.round(values, 6), packed=False)  # more digits than are displayed

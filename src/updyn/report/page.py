@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from os import PathLike
 from pathlib import Path
-from typing import Any
 
 from updyn.errors import OptionError, suggest
 from updyn.report.agreement import agreement_figures
@@ -24,7 +23,7 @@ def write_report(
     result: UpdateResult | JointResult,
     path: str | PathLike[str],
     uncertainty: Draws | Profiles | None = None,
-    **further: Any,
+    **further: object,
 ) -> Path:
     """Write an update as one HTML page that needs no network and no other file.
 
@@ -86,7 +85,7 @@ def write_report(
 def render(
     result: UpdateResult | JointResult,
     uncertainty: Draws | Profiles | None = None,
-    **further: Any,
+    **further: object,
 ) -> str:
     """Return the page of an update as HTML."""
     if uncertainty is not None:
@@ -111,7 +110,7 @@ def assemble(
     sections: list[ReportSection] = []
     bodies: list[str] = []
     figures: dict[str, Figure] = {}
-    embedded: dict[str, Any] = {}
+    embedded: dict[str, object] = {}
     for section in select_sections(content):
         section_figures = section.figures(content)
         text = section.render(content, section_figures, folds=folds)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -125,7 +124,7 @@ def picker_figure(found: IdentifiedModes) -> Figure:
     return {"data": traces, "height": _HEIGHT, "layout": layout, "row": highest}
 
 
-def _pole_traces(diagram: Diagram) -> list[dict[str, Any]]:
+def _pole_traces(diagram: Diagram) -> list[dict[str, object]]:
     new = {"color": "@muted", "size": 4}
     stable = {"color": "@third", "size": 6}
     hover = "pole at %{x:.6g} Hz, order %{y}, damping %{customdata:.3g} %<extra></extra>"
@@ -148,7 +147,7 @@ def _pole_traces(diagram: Diagram) -> list[dict[str, Any]]:
     ]
 
 
-def _make_layout(unit_: str, highest: float) -> dict[str, Any]:
+def _make_layout(unit_: str, highest: float) -> dict[str, object]:
     """Return the axes of the figure: unit of the indicator, and order at which modes are marked."""
     level = [_PHASE + _GAP, _PHASE + _GAP + _MAGNITUDE]
     log = {"type": "log", "exponentformat": "power", "fixedrange": True, "zeroline": False}
@@ -188,7 +187,9 @@ def _make_layout(unit_: str, highest: float) -> dict[str, Any]:
     }
 
 
-def _curve_trace(meta: str, axis: str, colour: str, width: float, name: str = "") -> dict[str, Any]:
+def _curve_trace(
+    meta: str, axis: str, colour: str, width: float, name: str = ""
+) -> dict[str, object]:
     """Return a curve without points; ``picks.js`` finds the trace by `meta`."""
     return {
         "type": "scatter",
@@ -204,7 +205,7 @@ def _curve_trace(meta: str, axis: str, colour: str, width: float, name: str = ""
     }
 
 
-def _marker_trace(meta: str, name: str, marker: dict[str, Any]) -> dict[str, Any]:
+def _marker_trace(meta: str, name: str, marker: dict[str, object]) -> dict[str, object]:
     """Return markers without points; ``picks.js`` finds the trace by `meta`."""
     return {
         "type": "scatter",
@@ -219,7 +220,7 @@ def _marker_trace(meta: str, name: str, marker: dict[str, Any]) -> dict[str, Any
     }
 
 
-def picker_data(found: IdentifiedModes) -> dict[str, Any]:
+def picker_data(found: IdentifiedModes) -> dict[str, object]:
     """Return the data for ``picks.js``, ready for JSON.
 
     The arrays ``freq`` (Hz), ``weights``, ``cmif`` (by singular value, 0 at 0 Hz) and ``values``
@@ -266,7 +267,7 @@ def picker_data(found: IdentifiedModes) -> dict[str, Any]:
 
 def _list_modes(
     modes: ModeSet, poles: list[float | None] | None, *, chosen: bool
-) -> list[dict[str, Any]]:
+) -> list[dict[str, object]]:
     given = [None] * len(modes) if poles is None else poles
     return [
         {"f": float(f), "loss": None if np.isnan(loss) else float(loss), "pole": pole, "on": chosen}

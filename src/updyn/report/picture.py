@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -191,7 +190,7 @@ def _collect_callouts(
 
 def _draw_arrow(
     place: RealArray, direction: str, axes: RealArray, length: float, kind: str
-) -> dict[str, Any]:
+) -> dict[str, object]:
     """Return an arrow as SVG paths; without a shaft if it points along the line of sight.
 
     `axes`, shape (3, 3), has the axes of the node as rows in picture axes (right, down, depth). A
@@ -225,7 +224,7 @@ def _svg_path(*points: RealArray) -> str:
     return "M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in points)
 
 
-def _place_labels(items: Sequence[Callout], at: RealArray) -> list[dict[str, Any]]:
+def _place_labels(items: Sequence[Callout], at: RealArray) -> list[dict[str, object]]:
     """Return labels in two columns, each in the nearer one; empty if they do not fit."""
     by_x = np.argsort(at[:, 0], kind="stable")
     half = (len(items) + 1) // 2
@@ -244,7 +243,7 @@ def _place_column(
     anchor: str,
     x: float,
     lowest: float,
-) -> list[dict[str, Any]]:
+) -> list[dict[str, object]]:
     """Return the labels of one column, from top to bottom."""
     ordered = chosen[np.argsort(at[chosen, 1], kind="stable")]
     heights = spread_heights(at[ordered, 1], _LABEL_GAP, _LABEL_GAP, lowest)
@@ -278,7 +277,7 @@ def spread_heights(wanted: RealArray, gap: float, low: float, high: float) -> Re
 # -- picture -------------------------------------------------------------------------------------
 def _draw_view(
     scene: PictureScene, callouts: Sequence[Callout], name: str, *, labelled: bool
-) -> dict[str, Any]:
+) -> dict[str, object]:
     view = camera(*VIEWS[name])
     projected = scene.xyz @ view.T  # columns: right, up, towards the viewer
     to_picture = _Projection(scene, projected)
@@ -340,7 +339,7 @@ def _draw_layers(
     return layers
 
 
-def _draw_squares(scene: PictureScene, xy: RealArray) -> list[dict[str, Any]]:
+def _draw_squares(scene: PictureScene, xy: RealArray) -> list[dict[str, object]]:
     """Return squares at the nodes of groups without lines; several at a node are in a row."""
     out = []
     taken: dict[int, int] = {}
@@ -353,14 +352,14 @@ def _draw_squares(scene: PictureScene, xy: RealArray) -> list[dict[str, Any]]:
     return out
 
 
-def _draw_callout(callout: Callout, place: RealArray, camera: RealArray) -> dict[str, Any]:
+def _draw_callout(callout: Callout, place: RealArray, camera: RealArray) -> dict[str, object]:
     axes = callout.axes @ camera.T * [1.0, -1.0, 1.0]
     arrows = [_draw_arrow(place, d, axes, _ARROW, "sensor") for d in callout.sensors]
     arrows += [_draw_arrow(place, d, axes, 1.25 * _ARROW, "force") for d in callout.forces]
     return {"text": callout.text, "x": place[0], "y": place[1], "arrows": arrows}
 
 
-def _draw_axes(camera: RealArray) -> list[dict[str, Any]]:
+def _draw_axes(camera: RealArray) -> list[dict[str, object]]:
     """Return the directions of X, Y and Z, drawn at the lower left."""
     origin, length = np.array([46.0, _HEIGHT - 46.0]), 30.0
     out = []

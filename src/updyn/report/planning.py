@@ -157,7 +157,7 @@ class LayoutSection(PlanSection):
     place = 100
     template = "updyn.report/plan_layout.html"
 
-    def context(self, content: PageContent) -> dict[str, Any]:
+    def context(self, content: PageContent) -> dict[str, object]:
         """Return the picture and the table of sensors and forces."""
         plan: Plan = content.further["plan"]
         rows = []
@@ -196,7 +196,7 @@ class ExpectedUncertaintySection(PlanSection):
             }
         )
 
-    def context(self, content: PageContent) -> dict[str, Any]:
+    def context(self, content: PageContent) -> dict[str, object]:
         """Return the table of standard deviations."""
         plan: Plan = content.further["plan"]
         head = ["unknown", "start", "standard deviation"]
@@ -234,7 +234,7 @@ class WorthSection(PlanSection):
             }
         )
 
-    def context(self, content: PageContent) -> dict[str, Any]:
+    def context(self, content: PageContent) -> dict[str, object]:
         """Return name, heading and caption of each figure."""
         filled = "Filled: chosen, each after those above it; hollow: the next ones."
         return {
@@ -259,7 +259,7 @@ class RivalsSection(PlanSection):
         """Whether other criteria were requested."""
         return content.update is None and bool(content.further["plan"].rivals)
 
-    def context(self, content: PageContent) -> dict[str, Any]:
+    def context(self, content: PageContent) -> dict[str, object]:
         """Return the table of layouts by criterion."""
         plan: Plan = content.further["plan"]
         rows = [_layout_row(plan.criterion, "1", plan.responses, plan.references)]

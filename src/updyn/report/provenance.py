@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -72,7 +71,7 @@ class ProvenanceSection(ReportSection):
     place = 9000
     template = "updyn.report/provenance.html"
 
-    def context(self, content: PageContent) -> dict[str, Any]:
+    def context(self, content: PageContent) -> dict[str, object]:
         """Return the names and values of each table."""
         result = content.result
         data, start = result.data, result.start
