@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import updyn
-from updyn.errors import AbsentError, FormatError, OptionError
+from updyn.errors import AbsentError, FormatError, OptionError, UpdynWarning
 from updyn.modal import ModeSet
 
 TESTS = """# three assemblies of one structure, Hz
@@ -30,6 +30,8 @@ def test_several_tests_are_their_mean_with_its_deviation(tmp_path: Path) -> None
     # Standard deviation of the mean: of n values s / sqrt(n), n - 1 in s.
     expected = [0.2 / np.sqrt(3.0), 0.2, np.nan, 0.3]
     assert found.std_frequency == pytest.approx(expected, nan_ok=True)
+    # Few tests have two modes in common: the means are taken as independent.
+    assert found.cov_frequency[:2, :2] == pytest.approx(np.diag(found.std_frequency[:2] ** 2))
     assert not found.has_shapes
     assert found.source == "modes.csv, mean of up to 3 of 3 tests"
 
@@ -71,6 +73,31 @@ def test_what_is_written_is_read_back(tmp_path: Path) -> None:
     path = tmp_path / "modes.csv"
     updyn.write_modes(modes, path)
     assert updyn.read_modes(path).digest == modes.digest
+
+
+def test_the_covariance_of_frequencies_is_written_and_read_back(tmp_path: Path) -> None:
+    covariance = [[0.04, 0.01, np.nan], [0.01, 0.09, np.nan], [np.nan] * 3]
+    modes = ModeSet([3.0, 4.5, 7.0], cov_frequency=covariance)
+    path = tmp_path / "modes.csv"
+    updyn.write_modes(modes, path)
+    assert updyn.read_modes(path).digest == modes.digest
+    assert updyn.read_modes(path, modes=[2]).cov_frequency.tolist() == [[0.09]]
+    text = "frequency [kHz],cov_frequency_2,cov_frequency_1 [kHz^2]\n0.01,0.2,1e-6\n0.03,4,2e-7\n"
+    found = updyn.read_modes(file(tmp_path, text))
+    assert found.cov_frequency == pytest.approx(np.array([[1.0, 0.2], [0.2, 4.0]]))
+    wrong = file(tmp_path, text.replace("_2,", "_3,"))
+    with pytest.raises(FormatError, match=r"modes.csv:1: header: 2 columns of the covaria"):
+        updyn.read_modes(wrong)
+    wrong = file(tmp_path, text.replace("kHz^2", "kHz"))
+    with pytest.raises(FormatError, match="unit 'kHz' of 'cov_frequency_1'; expected the square"):
+        updyn.read_modes(wrong)
+
+
+def test_a_universal_file_leaves_the_covariance_out_with_a_warning(tmp_path: Path) -> None:
+    covariance = [[1.0, 0.5], [0.5, 1.0]]
+    modes = ModeSet([3.0, 4.0], np.eye(2), ["1:X", "2:X"], cov_frequency=covariance)
+    with pytest.warns(UpdynWarning, match="covariance of the frequencies is left out"):
+        updyn.write_modes(modes, tmp_path / "modes.uff")
 
 
 def test_shapes_and_tables_do_not_go_together(tmp_path: Path) -> None:

@@ -20,7 +20,7 @@ from updyn.io.atomic import atomic_path
 from updyn.io.csv_text import check_comments, plain_numbers
 from updyn.io.items import locate_errors, read_utf8, require_file
 from updyn.io.text_numbers import check_last_line, parse_real
-from updyn.modal import ModeSet
+from updyn.modal import ModeSet, RepeatedTests
 from updyn.units import find_unit
 
 __all__ = ["holds_frequencies", "read_modes", "write_modes"]
@@ -35,6 +35,8 @@ _COLUMNS = {
     "loss_factor": False,
     "std_loss_factor": False,
 }
+#: Column of the covariance with a mode, whose number is from 1, in Hz^2.
+_COVARIANCE = re.compile(r"cov_frequency_(\d+)")
 _HEADER = re.compile(r"(\w+)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))?")
 #: Units of fractions: name, factor.
 _SHARES = {"": 1.0, "-": 1.0, "1": 1.0, "%": 0.01}
@@ -69,7 +71,8 @@ def holds_frequencies(line: str) -> bool:
     """Return whether the first line of a table belongs to a table of natural frequencies."""
     _, cells = _cells(line)
     kinds = _kinds(cells)
-    return _is_row(cells) or ("frequency" in kinds and kinds <= _COLUMNS.keys())
+    others = {kind for kind in kinds - _COLUMNS.keys() if not _COVARIANCE.fullmatch(kind)}
+    return _is_row(cells) or ("frequency" in kinds and not others)
 
 
 def _kinds(cells: Sequence[str]) -> set[str]:
@@ -130,9 +133,29 @@ def _modes_by_line(
         if kind in values:
             values[kind.replace("damping", "loss_factor")] = 2.0 * values.pop(kind)
     number = _parse_modes(modes, len(table))
+    covariance = _pop_covariance(values, path, lines[0][0])
     with locate_errors(path):
         chosen: dict[str, Any] = {kind: value[number] for kind, value in values.items()}
+        if covariance is not None:
+            chosen["cov_frequency"] = covariance[np.ix_(number, number)]
         return ModeSet(source=Path(path).name, **chosen)
+
+
+def _pop_covariance(values: dict[str, RealArray], path: str | Path, line: int) -> RealArray | None:
+    """Remove the columns of the covariance from those of a table, and return them as a matrix."""
+    names = [kind for kind in values if _COVARIANCE.fullmatch(kind)]
+    if not names:
+        return None
+    n = len(values["frequency"])
+    expected = [f"cov_frequency_{k + 1}" for k in range(n)]
+    if set(names) != set(expected):
+        raise FormatError(
+            f"header: {len(names)} columns of the covariance, such as {names[-1]!r}; expected a"
+            f" column for each of the {n} modes, 'cov_frequency_1' to {expected[-1]!r}",
+            path,
+            line,
+        )
+    return np.stack([values.pop(name) for name in expected], axis=1)
 
 
 def _select_test(
@@ -149,24 +172,18 @@ def _select_test(
         table = table[test - 1 : test]
         name += f", test {test} of {n_tests}"
     table = table[:, number]
-    found = np.isfinite(table)
-    count = found.sum(axis=0)
+    count = np.isfinite(table).sum(axis=0)
     if modes is not None and not count.all():
         missing = int(number[np.argmin(count)]) + 1
         raise OptionError(f"modes: no test found mode {missing}", key=("modes",))
-    table, found, count = table[:, count > 0], found[:, count > 0], count[count > 0]
-    if not len(count):
+    table = table[:, count > 0]
+    if not table.size:
         raise FormatError("no test found a mode", path)
-    mean = np.sum(table, axis=0, where=found) / count
-    std = None
-    if len(table) > 1:
-        name += f", mean of up to {count.max()} of {n_tests} tests"
-        squares = np.sum((table - mean) ** 2, axis=0, where=found)
-        several = count > 1
-        std = np.full(len(count), np.nan)
-        std[several] = np.sqrt(squares[several] / (count[several] - 1.0) / count[several])
     with locate_errors(path):
-        return ModeSet(mean, source=name, std_frequency=std)
+        if len(table) == 1:
+            return ModeSet(table[0], source=name)
+        name += f", mean of up to {count.max()} of {n_tests} tests"
+        return RepeatedTests(table).mean_modes(name)
 
 
 def _parse_modes(modes: Sequence[int] | None, number: int) -> IndexArray:
@@ -188,11 +205,22 @@ def _column(cell: str, path: str | Path, line: int) -> tuple[str, float]:
     """Return the kind of a column and the factor of its numbers, from its cell in the header."""
     found = _HEADER.fullmatch(cell)
     kind = "" if found is None else found[1].casefold()
-    if found is None or kind not in _COLUMNS:
+    is_covariance = _COVARIANCE.fullmatch(kind) is not None
+    if found is None or not (kind in _COLUMNS or is_covariance):
         raise FormatError(
             f"header: column {cell!r}; {suggest(kind or cell, list(_COLUMNS))}", path, line
         )
     unit = (found[2] or found[3] or "").strip()
+    if is_covariance:
+        square = find_unit(unit.removesuffix("^2") or "Hz", "frequency")
+        if square is None or not (unit == "" or unit.endswith("^2")):
+            raise FormatError(
+                f"header: unit {unit!r} of {kind!r}; expected the square of a unit of frequency,"
+                " such as 'Hz^2'",
+                path,
+                line,
+            )
+        return kind, square.factor**2
     if not _COLUMNS[kind]:
         if unit not in _SHARES:
             raise FormatError(
@@ -236,7 +264,7 @@ def _numbers(
 
 
 def write_modes(modes: ModeSet, path: str | Path) -> None:
-    """Write natural frequencies and loss factors, one mode per line."""
+    """Write natural frequencies with their covariance, and loss factors, one mode per line."""
     if modes.has_shapes:
         raise FormatError(
             "a table cannot hold mode shapes; write a universal file (.uff), or"
@@ -250,8 +278,12 @@ def write_modes(modes: ModeSet, path: str | Path) -> None:
         "std_loss_factor": "",
     }
     known = [name for name in units if np.isfinite(getattr(modes, name)).any()]
-    rows = zip(*(getattr(modes, name).tolist() for name in known), strict=True)
-    lines = [",".join(f"{name}{units[name]}" for name in known)]
+    columns = [(f"{name}{units[name]}", getattr(modes, name)) for name in known]
+    if modes.cov_frequency is not None:
+        for k, column in enumerate(modes.cov_frequency, 1):
+            columns.append((f"cov_frequency_{k} [Hz^2]", column))
+    rows = zip(*(values.tolist() for _, values in columns), strict=True)
+    lines = [",".join(title for title, _ in columns)]
     lines += [",".join("" if np.isnan(v) else repr(v) for v in row) for row in rows]
     with atomic_path(path) as new:
         new.write_text("\n".join(lines) + "\n", encoding="utf-8")

@@ -36,6 +36,7 @@ _FIELDS = (
     "std_frequency",
     "std_loss_factor",
     "std_shapes",
+    "cov_frequency",
 )
 
 
@@ -72,6 +73,10 @@ class ModeSet:
         std_shapes / |shape| are those of the shape of unit length, with |shape| the root of the sum
         of squares of `real_shapes`. A column of nan: not known for this mode. None, or nan
         throughout: not known.
+    cov_frequency : array_like of float, shape (n, n), optional
+        Covariance of the frequencies in Hz^2, positive definite; nan in the row and the column of a
+        mode: not known. `std_frequency` then has the roots of its diagonal. None, or nan
+        throughout: the errors of the frequencies are independent.
     diagram : Diagram, optional
         The stabilisation diagram of the identification.
     unexplained : array_like of float, shape (m,)
@@ -85,7 +90,8 @@ class ModeSet:
     DataError
         If there is no mode, array shapes do not agree, a number is masked or not finite (except nan
         for unknown values), a frequency or a standard deviation is negative, a shape is zero, or
-        the standard deviations of a shape are known for some of its components only.
+        the standard deviations of a shape are known for some of its components only. If
+        `cov_frequency` is not symmetric or not positive definite, or contradicts `std_frequency`.
     DofError
         If a label cannot be read or occurs twice.
 
@@ -109,6 +115,7 @@ class ModeSet:
     std_frequency: RealArray
     std_loss_factor: RealArray
     std_shapes: RealArray | None
+    cov_frequency: RealArray | None
     diagram: Diagram | None
     unexplained: RealArray
     lean: RealArray
@@ -127,6 +134,7 @@ class ModeSet:
         std_frequency: ArrayLike | None = None,
         std_loss_factor: ArrayLike | None = None,
         std_shapes: ArrayLike | None = None,
+        cov_frequency: ArrayLike | None = None,
         diagram: Diagram | None = None,
         unexplained: ArrayLike = (),
         lean: ArrayLike | None = None,
@@ -159,6 +167,9 @@ class ModeSet:
                 f"modes: the shape at {f[bad][0]:g} Hz is zero or holds a number that is not finite"
             )
         order = np.argsort(f, kind="stable")
+        covariance = None if cov_frequency is None else _cov_frequency(cov_frequency, f)
+        if covariance is not None:
+            std_frequency = _std_of_covariance(covariance, std_frequency, f)
         given = {
             "loss_factor": loss_factor,
             "quality": quality,
@@ -174,8 +185,11 @@ class ModeSet:
             arrays[name] = _row(name, np.nan if values is None else values, n)[order]
         std = None if std_shapes is None else _std_shapes(std_shapes, phi.shape, f)
         object.__setattr__(self, "std_shapes", None)
+        object.__setattr__(self, "cov_frequency", None)
         if std is not None:
             arrays["std_shapes"] = std[:, order]
+        if covariance is not None:
+            arrays["cov_frequency"] = covariance[np.ix_(order, order)]
         hashed = blake2b("".join(labels.labels).encode(), digest_size=8)
         for name, array in arrays.items():
             array.flags.writeable = False
@@ -256,13 +270,17 @@ class ModeSet:
         -------
         xarray.Dataset
             Variables ``frequency`` and ``std_frequency`` in Hz, ``loss_factor``,
-            ``std_loss_factor``, ``scaled``, ``quality``, ``shapes`` and, if known, ``std_shapes``.
+            ``std_loss_factor``, ``scaled``, ``quality``, ``shapes`` and, if known, ``std_shapes``
+            and ``cov_frequency`` in Hz^2, over ``mode`` and ``other_mode``.
         """
         import xarray as xr
 
         data: dict[str, Any] = {"shapes": (("dof", "mode"), self.shapes)}
         if self.std_shapes is not None:
             data["std_shapes"] = (("dof", "mode"), self.std_shapes)
+        if self.cov_frequency is not None:
+            square = {"units": "Hz^2"}
+            data["cov_frequency"] = (("mode", "other_mode"), self.cov_frequency, square)
         for name in ("frequency", "std_frequency"):
             data[name] = ("mode", getattr(self, name), {"units": "Hz"})
         for name in ("loss_factor", "std_loss_factor", "scaled", "quality"):
@@ -366,6 +384,9 @@ class ModeSet:
         if not keep.size:
             raise DataError(f"modes: the selection contains no mode of {self!r}")
         parts = (self.loss_factor[keep], self.scaled[keep], self.quality[keep])
+        covariance = None
+        if self.cov_frequency is not None:
+            covariance = self.cov_frequency[np.ix_(keep, keep)]
         return ModeSet(
             self.frequency[keep],
             self.shapes[:, keep],
@@ -375,6 +396,7 @@ class ModeSet:
             std_frequency=self.std_frequency[keep],
             std_loss_factor=self.std_loss_factor[keep],
             std_shapes=None if self.std_shapes is None else self.std_shapes[:, keep],
+            cov_frequency=covariance,
             diagram=self.diagram,
             unexplained=self.unexplained,
             lean=self.lean[keep],
@@ -410,6 +432,56 @@ def _std_shapes(given: ArrayLike, shape: tuple[int, ...], f: RealArray) -> RealA
             " in the whole column"
         )
     return None if unknown.all() else std
+
+
+def _cov_frequency(given: ArrayLike, f: RealArray) -> RealArray | None:
+    """Return the covariance of the frequencies; None if it is unknown throughout."""
+    covariance = _array("cov_frequency", given, np.float64)
+    n = len(f)
+    if covariance.shape != (n, n):
+        raise DataError(f"modes: cov_frequency: expected shape {(n, n)}, found {covariance.shape}")
+    unknown = np.isnan(np.diag(covariance))
+    partly = np.isnan(covariance) != (unknown[:, None] | unknown)
+    if partly.any():
+        i, j = np.argwhere(partly)[0]
+        raise DataError(
+            f"modes: cov_frequency of {f[i]:g} and {f[j]:g} Hz is {covariance[i, j]:g}; expected"
+            " nan in the whole row and column of a mode, or nowhere in them"
+        )
+    if unknown.all():
+        return None
+    known = covariance[np.ix_(~unknown, ~unknown)]
+    variance = np.diag(known)
+    bad = ~(np.isfinite(variance) & (variance > 0.0))
+    if bad.any():
+        raise DataError(
+            f"modes: cov_frequency: variance {variance[bad][0]:g} at {f[~unknown][bad][0]:g} Hz;"
+            " expected a finite number above 0"
+        )
+    correlation = known / np.sqrt(variance[:, None] * variance)
+    if not np.allclose(correlation, correlation.T, rtol=0.0, atol=1e-9):
+        raise DataError("modes: cov_frequency: expected a symmetric matrix")
+    least = float(np.linalg.eigvalsh(correlation).min())
+    if not least > len(correlation) * np.finfo(float).eps:
+        raise DataError(
+            "modes: cov_frequency: expected a positive definite matrix; the least eigenvalue of its"
+            f" correlation matrix is {least:.2g}; shrink the terms outside its diagonal"
+        )
+    return np.asarray(0.5 * (covariance + covariance.T))
+
+
+def _std_of_covariance(covariance: RealArray, given: ArrayLike | None, f: RealArray) -> RealArray:
+    """Return the roots of the diagonal of a covariance; refuse other given deviations."""
+    std = np.sqrt(np.diag(covariance))
+    if given is not None:
+        stated = _row("std_frequency", given, len(f))
+        differs = ~np.isclose(stated, std, rtol=1e-6, atol=0.0, equal_nan=True)
+        if differs.any():
+            raise DataError(
+                f"modes: std_frequency at {f[differs][0]:g} Hz is {stated[differs][0]:g}, and the"
+                f" root of its variance in cov_frequency {std[differs][0]:g}; state one of them"
+            )
+    return np.asarray(std)
 
 
 def _row(name: str, given: ArrayLike, n: int) -> RealArray:

@@ -492,6 +492,19 @@ class ModeReductionSettings:
     frequency_error: float = 1e-6
 
 
+@dataclass(frozen=True)
+class RepeatedTestSettings:
+    """Numbers of the correlation between natural frequencies of repeated tests."""
+
+    #: [tests] Least number of tests that found both modes for a correlation; with fewer, the modes
+    #: count as uncorrelated. Why: the correlation of two tests is always 1 or -1, and the estimated
+    #: error of three is too inexact; a rule of thumb.
+    least_common: int = 4
+    #: [1] Smallest shrinkage of the correlations. Why: it keeps the matrix positive definite where
+    #: a coarse frequency resolution makes frequencies exactly proportional.
+    least_shrinkage: float = 1e-3
+
+
 CHANNEL_FIT = ChannelFitSettings()
 NOISE_ENVELOPE = NoiseEnvelopeSettings()
 POLE_REFINEMENT = PoleRefinementSettings()
@@ -511,3 +524,4 @@ POLE_PICK = PolePickSettings()
 SYNTHESIS = SynthesisSettings()
 MODE_DERIVATIVE = ModeDerivativeSettings()
 MODE_REDUCTION = ModeReductionSettings()
+REPEATED_TESTS = RepeatedTestSettings()

@@ -3,7 +3,8 @@
 ``measured_frequency`` in Hz, ``measured_loss_factor``, ``measured_quality``, ``measured_scaled``,
 ``measured_std_frequency`` and ``measured_std_loss_factor`` over ``measured_mode``;
 ``measured_shapes`` over (measured_dof, measured_mode, part), real and imaginary part, and
-``measured_std_shapes``, if known, over the first two.
+``measured_std_shapes``, if known, over the first two. ``measured_cov_frequency``, if known, in Hz^2
+over ``measured_mode`` and ``measured_other_mode``.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
 __all__ = ["put_mode_set", "take_mode_set"]
 
 _ROWS = ("frequency", "loss_factor", "quality", "std_frequency", "std_loss_factor")
-_MODE, _DOF = "measured_mode", "measured_dof"
+_MODE, _OTHER, _DOF = "measured_mode", "measured_other_mode", "measured_dof"
 
 
 def put_mode_set(modes: ModeSet) -> xr.Dataset:
@@ -39,6 +40,9 @@ def put_mode_set(modes: ModeSet) -> xr.Dataset:
     data["measured_shapes"] = ((_DOF, _MODE, "part"), shapes)
     if modes.std_shapes is not None:
         data["measured_std_shapes"] = ((_DOF, _MODE), modes.std_shapes)
+    if modes.cov_frequency is not None:
+        square = {"units": "Hz^2"}
+        data["measured_cov_frequency"] = ((_MODE, _OTHER), modes.cov_frequency, square)
     data["measured_source"] = ((), modes.source)
     return data
 
@@ -49,8 +53,9 @@ def take_mode_set(data: xr.Dataset, path: Path) -> ModeSet | None:
         return None
     rows: dict[str, Any] = {name: variable(data, f"measured_{name}", path) for name in _ROWS}
     shapes = variable(data, "measured_shapes", path)
-    if "measured_std_shapes" in data.variables:
-        rows["std_shapes"] = variable(data, "measured_std_shapes", path)
+    for name in ("std_shapes", "cov_frequency"):
+        if f"measured_{name}" in data.variables:
+            rows[name] = variable(data, f"measured_{name}", path)
     return ModeSet(
         shapes=shapes[..., 0] + 1j * shapes[..., 1],
         dofs=map(str, variable(data, _DOF, path)),

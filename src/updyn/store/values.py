@@ -24,7 +24,7 @@ from updyn.store.settings import STORED_ARRAY
 __all__ = ["from_text", "plain", "plain_fields", "plain_records", "to_text"]
 
 _MODES = ("frequency", "shapes", "dofs", "loss_factor", "scaled", "quality", "source")
-_STD = ("std_frequency", "std_loss_factor", "std_shapes")
+_STD = ("std_frequency", "std_loss_factor", "std_shapes", "cov_frequency")
 
 
 def to_text(value: Any, what: str) -> str:

@@ -88,6 +88,13 @@ def _write(columns: _Columns, geometry: Geometry | None, path: str | Path, datas
     if dataset not in _DATASETS:
         raise OptionError(f"dataset {dataset!r}: expected 55 or 2414", key=("dataset",))
     check_nodes(list(columns.dofs), geometry, path)
+    if columns.modes.cov_frequency is not None:
+        warnings.warn(
+            f"{path}: the covariance of the frequencies is left out; a universal file cannot hold"
+            " it",
+            UpdynWarning,
+            stacklevel=4,
+        )
     with atomic_path(path) as temporary, temporary.open("wb") as file:
         file.write(text_dataset(164, SI_UNITS))
         if geometry is not None:

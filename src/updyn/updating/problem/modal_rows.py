@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -60,3 +60,20 @@ class ModalRows:
         if kind != "shape":
             return int(is_kind.sum())
         return int(is_kind.sum()) - len(np.unique(self.mode[is_kind]))
+
+    def decorrelate_frequencies(self, covariance: RealArray | None) -> ModalRows:
+        """Return the rows with the frequency residuals in the principal axes of their covariance.
+
+        `covariance`, shape (m, m), is that of all measured modes, as shares.
+        """
+        # The rotation is orthogonal: it changes neither the sum of squares nor an added
+        # independent noise of equal size, and the rotated residuals are uncorrelated.
+        at = np.flatnonzero(self.of("frequency") & (self.std > 0.0))
+        if covariance is None or not len(at):
+            return self
+        modes = self.mode[at]
+        variance, axes = np.linalg.eigh(covariance[np.ix_(modes, modes)])
+        r, J, std = self.r.copy(), self.J.copy(), self.std.copy()
+        r[at], J[at] = axes.T @ r[at], axes.T @ J[at]
+        std[at] = np.sqrt(variance)
+        return replace(self, r=r, J=J, std=std)

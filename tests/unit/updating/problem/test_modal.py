@@ -251,3 +251,32 @@ def test_a_mode_in_another_plane_than_the_sensors_is_paired_with_none(turn: floa
         assert result.values == pytest.approx(
             {"piece 1.stiffness": 0.75, "piece 2.stiffness": 0.72}, rel=1e-6
         )
+
+
+def test_correlated_frequencies_are_weighted_by_the_inverse_of_their_covariance() -> None:
+    """Of four modes, the second one has no known error: its residual has the added noise alone."""
+    model = shaft()
+    f = modes_of(model, 4).frequency
+    root = np.array([[2.0, 0.0, 0.0], [1.0, 1.0, 0.0], [1.5, -0.5, 0.8]])
+    known = np.ix_([0, 2, 3], [0, 2, 3])
+    shares = np.zeros((4, 4))
+    shares[known] = 1e-6 * root @ root.T
+    covariance = np.full((4, 4), np.nan)
+    covariance[known] = (shares * np.outer(f, f))[known]
+    part = part_of(
+        model.scaled({"piece 1": {"stiffness": 1.3}}), ModeSet(f, cov_frequency=covariance)
+    )
+    noise = ModalNoise({"frequency": 5e-4})
+    x = part.coordinates.start
+    plain, error = part.rows(x), ModalError(noise)
+    inverse = np.linalg.solve(shares + 25e-8 * np.eye(4), np.eye(4))
+    assert 2.0 * error.local(part, x).cost == pytest.approx(plain.r @ inverse @ plain.r, rel=1e-10)
+    local = error.local(part, x)
+    normal = plain.J.T @ inverse @ plain.J
+    np.testing.assert_allclose(local.R.T @ local.R, normal, rtol=1e-8, atol=1e-9)
+    size = -0.5 * np.linalg.slogdet(inverse)[1]
+    expected = 0.5 * plain.r @ inverse @ plain.r + size
+    assert error.negative_log_likelihood(part, x) == pytest.approx(expected, rel=1e-10)
+    # A stated size replaces the covariance of the data.
+    stated = ModalError(ModalNoise({"frequency": 1e-2}, frozenset({"frequency"})))
+    assert 2.0 * stated.local(part, x).cost == pytest.approx(1e4 * plain.r @ plain.r, rel=1e-10)
