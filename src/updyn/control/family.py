@@ -25,6 +25,7 @@ from updyn.errors import ModelError, OptionError, SolverError
 from updyn.frf import check_lines
 from updyn.model import Model
 from updyn.sensitivity import Unknowns
+from updyn.uncertainty.draws import Draws
 from updyn.updating.problem.coordinates import Coordinates
 from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.result import JointResult, UpdateResult, find_result
@@ -32,7 +33,6 @@ from updyn.updating.result import JointResult, UpdateResult, find_result
 if TYPE_CHECKING:
     from distributed import Client
 
-    from updyn.uncertainty.draws import Draws
 
 __all__ = ["PlantFamily", "plant_family"]
 
@@ -448,8 +448,6 @@ def _count_training(n_unknowns: int) -> int:
 
 
 def _thin_draws(result: UpdateResult | JointResult, draws: Draws, n: int) -> _ParameterDraws:
-    from updyn.uncertainty.draws import Draws  # imports scipy.stats: slow and rarely needed
-
     if not isinstance(draws, Draws):
         raise OptionError(
             "plant_family: expected draws of a bootstrap or a sampling, found"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-import scipy.ndimage
+import scipy  # loads scipy.ndimage on use
 import scipy.special
 
 from updyn.arrays import ComplexArray, RealArray

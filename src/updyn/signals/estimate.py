@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.signal import get_window
+import scipy  # loads scipy.signal on use; its import is slow
 
 from updyn.arrays import BoolArray, RealArray
 from updyn.dofs import Dof
@@ -528,7 +528,7 @@ def _window_hits(
 
 def _window(name: str, size: int) -> RealArray:
     try:
-        return np.asarray(get_window(name, size), dtype=np.float64)
+        return np.asarray(scipy.signal.get_window(name, size), dtype=np.float64)
     except ValueError as error:
         raise OptionError(
             f"window {name!r}: {error}; expected one of scipy.signal.get_window without"

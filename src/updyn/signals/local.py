@@ -7,7 +7,7 @@ from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
-from scipy.ndimage import uniform_filter1d
+import scipy  # loads scipy.ndimage on use
 
 from updyn.arrays import ComplexArray, RealArray
 from updyn.errors import DataError
@@ -112,7 +112,7 @@ def _too_few(lines: int, records: int, forces: int) -> str:
 def _omission_errors(found: LocalValues) -> RealArray:
     """Return the mean logarithm of the error at omitted lines; inf where forces are inseparable."""
     lines = LOCAL_RATIONAL.comparison_lines
-    smooth = uniform_filter1d(found.omission_error, lines, axis=0, mode="nearest")
+    smooth = scipy.ndimage.uniform_filter1d(found.omission_error, lines, axis=0, mode="nearest")
     error = np.mean(np.log(np.maximum(smooth, LOCAL_RATIONAL.least_noise)), axis=1)
     separable = found.separable >= LOCAL_RATIONAL.least_separable_share
     return np.where(separable.all(axis=1), error, np.inf)

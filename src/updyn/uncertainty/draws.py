@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtr, ndtri
 
 from updyn.arrays import BoolArray, RealArray
 from updyn.errors import OptionError, suggest
@@ -169,12 +169,12 @@ class Draws:
     def _bca(self, tail: float) -> RealArray:
         values, count = self.values, len(self)
         below = (values < self.estimate).mean(axis=0) + 0.5 * (values == self.estimate).mean(axis=0)
-        bias = norm.ppf(np.clip(below, 0.5 / count, 1.0 - 0.5 / count))
+        bias = ndtri(np.clip(below, 0.5 / count, 1.0 - 0.5 / count))
         a = self.diagnostics.get("acceleration", np.zeros(len(self.names)))
         out = np.empty((2, len(self.names)))
         for end, share in enumerate((tail, 1.0 - tail)):
-            z = bias + norm.ppf(share)
-            at = norm.cdf(bias + z / (1.0 - a * z))
+            z = bias + ndtri(share)
+            at = ndtr(bias + z / (1.0 - a * z))
             out[end] = [np.quantile(values[:, k], at[k]) for k in range(len(self.names))]
         return out
 

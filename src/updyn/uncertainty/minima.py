@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from scipy.stats import qmc
+import scipy  # loads scipy.stats on use; its import is slow
 
 from updyn.arrays import RealArray
 from updyn.uncertainty.likelihood import Likelihood, Point
@@ -63,7 +63,7 @@ def _random_starts(
 ) -> Iterator[tuple[RealArray, bool]]:
     lower, upper = likelihood.bounds
     factor = likelihood.problem.coordinates.parameters.is_factor
-    draws = qmc.LatinHypercube(d=len(x), rng=np.random.default_rng(seed)).random(starts)
+    draws = scipy.stats.qmc.LatinHypercube(d=len(x), rng=np.random.default_rng(seed)).random(starts)
     for number, draw in enumerate(draws):
         least_loss = 0.0
         if number % 2 == 0:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from updyn.arrays import RealArray
 from updyn.dynamics.settings import REDUCTION
@@ -118,7 +118,7 @@ def profile(
         at = find_positions(names, restored.names)
         counter = WorkCounter("profile", len(at), callback)
         counter.attach(session)
-        run = _ProfileRun(restored, at, 0.5 * float(chi2.ppf(level, 1)), starts, seed, counter)
+        run = _ProfileRun(restored, at, 0.5 * float(chdtri(1, 1.0 - level)), starts, seed, counter)
         reduction: Mapping[str, Any] = {}
         with suppress(Stopped):  # before the first profile
             reduction = run_about(restored, accuracy, seed, run.compute)

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from scipy.ndimage import median_filter
-from scipy.signal import welch
+import scipy  # loads scipy.signal on use; its import is slow
 
 from updyn.arrays import BoolArray, RealArray
 from updyn.signals.quality.finding import RecordFinding
@@ -158,9 +157,9 @@ def find_noise_floor(
     if lines.sum() < 8 or n < NOISE_FLOOR.least_samples:
         return
     tail = channel[-(n // 4) :]
-    at, density = welch(tail, fs=1.0 / step, nperseg=max(16, len(tail) // 4))
+    at, density = scipy.signal.welch(tail, fs=1.0 / step, nperseg=max(16, len(tail) // 4))
     # The remaining response has narrow lines, which the median removes.
-    floor = median_filter(density, size=min(15, len(density)), mode="nearest")
+    floor = scipy.ndimage.median_filter(density, size=min(15, len(density)), mode="nearest")
     power = np.abs(np.fft.rfft(channel - np.median(channel))) ** 2 * 2.0 * step / n
     noise = np.interp(freq, at, floor)
     # Smoothed, as a single line of noise may be ten times its mean.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from scipy.signal import detrend
+import scipy  # loads scipy.signal on use; its import is slow
 
 from updyn.arrays import BoolArray, RealArray
 from updyn.signals.quality.finding import RecordFinding
@@ -213,7 +213,7 @@ def _is_noise(free: RealArray, begin: int, n: int) -> bool:
     first, *_, third, fourth = (_rms(part) for part in np.array_split(free[begin:], 4))
     if fourth < 0.5 * first and third < HIT_RESPONSE.steady_ratio * fourth:
         return True
-    last = detrend(free[-max(n, 8 * order) :])
+    last = scipy.signal.detrend(free[-max(n, 8 * order) :])
     past = np.lib.stride_tricks.sliding_window_view(last[:-1], order)
     rest = last[order:] - past @ np.linalg.lstsq(past, last[order:], rcond=None)[0]
     return bool(rest @ rest > HIT_RESPONSE.unpredicted_share * (last @ last))
@@ -233,11 +233,11 @@ def find_ringing_before(
         return
     free = channel - np.median(channel)
     n = max(2, len(channel) // HIT_RESPONSE.parts)
-    before = detrend(free[:end])
-    early, late = _rms(free[begin : begin + n]), _rms(detrend(free[-n:]))
+    before = scipy.signal.detrend(free[:end])
+    early, late = _rms(free[begin : begin + n]), _rms(scipy.signal.detrend(free[-n:]))
     share = _rms(before) / early if early > 0.0 else 0.0
     # With an exponential window noise decays, too: that of the force by the same factor.
-    quiet = [_rms(detrend(part)) for part in (force[:end], force[-n:])]
+    quiet = [_rms(scipy.signal.detrend(part)) for part in (force[:end], force[-n:])]
     windowed = max(quiet[0] / quiet[1], 1.0) if quiet[1] > 0.0 else 1.0
     if share > HIT_RESPONSE.least_share and _rms(before) > HIT_RESPONSE.over_end * late * windowed:
         yield RecordFinding(

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import find_peaks
+import scipy  # loads scipy.signal on use; its import is slow
 
 from updyn.arrays import BoolArray, ComplexArray, RealArray
 from updyn.signals.quality.finding import RecordFinding
@@ -81,7 +81,7 @@ def _gate(motion: RealArray) -> RealArray:
 
 def _peaks(size: RealArray, lines: BoolArray) -> Iterator[tuple[int, slice]]:
     """Yield the indices of the largest peaks, and the lines around each."""
-    places, known = find_peaks(np.where(lines, size, 0.0), prominence=0.0)
+    places, known = scipy.signal.find_peaks(np.where(lines, size, 0.0), prominence=0.0)
     high = known["prominences"] > 0.5 * size[places]
     places = places[high]
     for peak in places[np.argsort(-size[places])][: RECORD_PEAK.most_peaks].tolist():
@@ -124,7 +124,7 @@ def find_leakage(
         return
     freq = np.fft.rfftfreq(size, step)
     whole = np.abs(short.h1(slice(None)))
-    places, _ = find_peaks(whole, prominence=0.0)
+    places, _ = scipy.signal.find_peaks(whole, prominence=0.0)
     places = places[places > 1]
     found: list[tuple[float, float]] = []
     for peak in places[np.argsort(-whole[places])][: RECORD_PEAK.most_peaks].tolist():
