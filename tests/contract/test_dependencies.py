@@ -23,6 +23,7 @@ DISTRIBUTIONS = {
     "ansys": "ansys-mapdl-reader",
     "arviz_stats": "arviz-stats",
     "cuda": "cuda-bindings",
+    "imageio_ffmpeg": "imageio-ffmpeg",
     "nptdms": "npTDMS",
     "nvmath": "nvmath-python",
     "skfem": "scikit-fem",

