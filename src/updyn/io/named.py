@@ -335,24 +335,25 @@ def _order_axes(
     """Return an array as (lines, responses, references); lengths never decide the order."""
     array = as_numbers(given, name, path)
     found = array.shape
-    if order is not None:
-        if sorted(order) != sorted(_AXES):
-            raise OptionError(
-                f"order={tuple(order)!r}: expected {', '.join(map(repr, _AXES))} in the order of"
-                " the file"
-            )
-        if array.ndim == 3:
-            array = array.transpose([list(order).index(axis) for axis in _AXES])
+    axes = [*(order or ()), *(axis for axis in _AXES if axis not in (order or ()))]
+    if len(axes) != len(_AXES) or set(axes) != set(_AXES):
+        raise OptionError(
+            f"order={tuple(order or ())!r}: expected {', '.join(map(repr, _AXES))} in the order of"
+            " the file, without axes of length 1 that it lacks",
+            key=("order",),
+        )
     # MATLAB has no trailing axis of length 1: with one reference (and one response) the stored
     # array has fewer axes.
-    if array.ndim == 2 and shape[2] == 1 and order is None:
-        array = array[:, :, None]
+    if array.ndim <= len(axes):
+        array = array.reshape(found + (1,) * (len(axes) - array.ndim))
+        array = array.transpose([axes.index(axis) for axis in _AXES])
     if array.shape != shape:
         advice = f" in the order {tuple(order)!r}" if order else _format_advice(found, shape)
         raise FormatError(
             f"{name}: found shape {found}, expected (lines, responses, references) ="
             f" {shape}{advice}",
             path,
+            key=("order",) if advice else (),
         )
     return array
 

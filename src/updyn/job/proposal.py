@@ -16,6 +16,8 @@ from updyn import __version__
 from updyn.errors import FormatError, InputError
 from updyn.frf import FRF, QUANTITIES, TRANSMISSIBILITY
 from updyn.io import read_frf, read_model
+from updyn.io.csv_proposal import UNKNOWN
+from updyn.io.inventory import list_items
 from updyn.io.toml_text import format_mapping, format_toml
 from updyn.job.folder import relative_path
 from updyn.job.schema import (
@@ -44,7 +46,9 @@ _WIDTH = 100
 class Inputs:
     """Model and measurement read from the two files, and the result of matching them.
 
-    `model_options` and `frf_options` are the reader options of the user. `matching` is None, and
+    `model_options` and `frf_options` are the reader options of the user. If the file needs a
+    mapping of its columns or variables, `frf_options` has the one guessed from their names, and
+    `guessed` is its key. `matching` is None, and
     `unmatched` has labels of the test, if some are not DOFs of the model; `match_error` is the
     error of matching by label, and `match_options` are those of `match` without ``by``.
     `counterparts` is None if the sensor positions are unknown.
@@ -54,14 +58,15 @@ class Inputs:
     frf_file: Path
     model: Model
     frf: FRF
-    model_options: dict[str, Any]
-    frf_options: dict[str, Any]
+    model_options: dict[str, object]
+    frf_options: dict[str, object]
     has_quantity: bool
     matching: Matching | None
     unmatched: tuple[str, ...] = ()
     match_error: str = ""
-    match_options: dict[str, Any] = field(default_factory=dict)
+    match_options: dict[str, object] = field(default_factory=dict)
     counterparts: Counterparts | None = None
+    guessed: str = ""
 
     @property
     def sensors(self) -> list[str]:
@@ -92,7 +97,7 @@ class Inputs:
 
 # -- reading ---------------------------------------------------------------------------------------
 def read_inputs(
-    model_file: Path, frf_file: Path, of_model: dict[str, Any], of_frf: dict[str, Any]
+    model_file: Path, frf_file: Path, of_model: dict[str, Any], of_frf: dict[str, object]
 ) -> Inputs:
     """Read model and measurement and match them by label, otherwise by coordinates.
 
@@ -105,25 +110,28 @@ def read_inputs(
             raise
         raise _swapped_files_error(model_file, frf_file) from error
     try:
-        frf, has_quantity = _read_frf(frf_file, of_frf)
+        read = _read_frf(frf_file, of_frf)
     except InputError as error:
         for what, is_such in (("model", _is_model), ("job", _is_job)):
             if is_such(frf_file):
                 text = f"{frf_file} is a {what}; expected a measurement second"
                 raise FormatError(f"{text}: updyn new MODEL MEASUREMENT") from error
         raise
-    inputs = (model_file, frf_file, model, frf, of_model, of_frf, has_quantity)
+    frf = read.frf
+    inputs = (model_file, frf_file, model, frf, of_model, read.options, read.has_quantity)
+    guessed = next(iter(read.options.keys() - of_frf.keys()), "")
     try:
-        return _add_counterparts(Inputs(*inputs, match(model, frf)))
+        return _add_counterparts(Inputs(*inputs, match(model, frf), guessed=guessed))
     except MatchError as error:
         unmatched, match_error, options = tuple(error.lost), str(error), error.proposal
     if model.geometry is not None and frf.geometry is not None:
         try:
             matching, options = _match_by_coordinates(model, frf, options)
-            return _add_counterparts(Inputs(*inputs, matching, (), match_error, options))
+            matched = Inputs(*inputs, matching, (), match_error, options, guessed=guessed)
+            return _add_counterparts(matched)
         except InputError as error:
             match_error += f"\nBy coordinates: {error}"
-    return Inputs(*inputs, None, unmatched, match_error)
+    return Inputs(*inputs, None, unmatched, match_error, guessed=guessed)
 
 
 def _add_counterparts(inputs: Inputs) -> Inputs:
@@ -183,10 +191,30 @@ def _is_job(path: Path) -> bool:
     return any(name in content for name in Job.model_fields)
 
 
-def _read_frf(path: Path, options: dict[str, Any]) -> tuple[FRF, bool]:
-    """Return a measurement and whether its quantity is known."""
+@dataclass(frozen=True, slots=True, eq=False)
+class _ReadFRF:
+    """A measurement, the options with which it was read, and whether its quantity is known."""
+
+    frf: FRF
+    options: dict[str, Any]
+    has_quantity: bool
+
+
+def _read_frf(path: Path, options: dict[str, Any]) -> _ReadFRF:
+    """Read a measurement, with a guessed mapping if the file has no known layout."""
     try:
-        return read_frf(path, **options), True
+        return _read_any_quantity(path, options)
+    except FormatError:
+        mapping = {} if {"columns", "variables"} & set(options) else _guess_mapping(path)
+        if not mapping:
+            raise
+        return _read_any_quantity(path, options | mapping)
+
+
+def _read_any_quantity(path: Path, options: dict[str, Any]) -> _ReadFRF:
+    """Read a measurement whose quantity may be unknown."""
+    try:
+        return _ReadFRF(read_frf(path, **options), options, True)
     except FormatError:
         if "quantity" in options:
             raise
@@ -196,7 +224,18 @@ def _read_frf(path: Path, options: dict[str, Any]) -> tuple[FRF, bool]:
             frf = None
         if frf is None:
             raise
-        return frf, False
+        return _ReadFRF(frf, options, False)
+
+
+def _guess_mapping(path: Path) -> dict[str, Any]:
+    """Return the option of `read_frf` that selects columns or variables; empty if unknown."""
+    try:
+        found = list_items(path)
+    except InputError:
+        return {}
+    channels = found.proposal.get("channels", ())
+    is_complete = all(UNKNOWN not in channel.values() for channel in channels)
+    return {found.option: dict(found.proposal)} if channels and is_complete else {}
 
 
 def describe_inputs(inputs: Inputs) -> str:
@@ -218,11 +257,17 @@ def describe_inputs(inputs: Inputs) -> str:
         f"measurement: {len(inputs.frf.freq)} lines, {len(inputs.frf.responses)} responses,"
         f" {len(inputs.frf.references)} references",
         matched,
+        *_describe_guess(inputs),
         *_describe_counterparts(inputs),
         f"proposed: {format_count(inputs.n_unknowns, 'unknown')}",
     ]
     texts += [f"Before it can run, state {text}" for text in inputs.missing_keys]
     return "\n".join(texts)
+
+
+def _describe_guess(inputs: Inputs) -> list[str]:
+    """Return that a mapping was guessed."""
+    return [f"{inputs.guessed}: guessed from their names; check them"] if inputs.guessed else []
 
 
 def _describe_counterparts(inputs: Inputs) -> list[str]:
@@ -281,7 +326,10 @@ def _format_model(inputs: Inputs, out: Path) -> list[str]:
 def _format_test(inputs: Inputs, out: Path) -> list[str]:
     frf = inputs.frf
     lines = ["[test]", f"file = {format_toml(relative_path(inputs.frf_file, out.parent))}"]
-    lines += [_format_key(TestTable, name, value) for name, value in inputs.frf_options.items()]
+    for name, value in inputs.frf_options.items():
+        if name == inputs.guessed:
+            lines += [f"# {text}." for text in _describe_guess(inputs)]
+        lines.append(_format_key(TestTable, name, value))
     if not inputs.has_quantity:
         lines.append("# The file does not state the measured quantity. Choose one:")
         names = [*QUANTITIES, TRANSMISSIBILITY]
@@ -409,7 +457,7 @@ def _format_unknown(
     ]
 
 
-def _format_key(table: type[Table], key: str, value: Any, *, off: bool = False) -> str:
+def _format_key(table: type[Table], key: str, value: object, *, off: bool = False) -> str:
     """Return a key, with its description as a comment if it has one; commented out if `off`."""
     about = _describe_key(table, key)
     comment = f"  # {about}" if about else ""
