@@ -23,8 +23,8 @@ def test_columns_have_names_units_and_first_values(tmp_path):
     assert found.option == "columns"
     assert found.items == (
         Item("f [Hz]", "f [Hz]", "Hz", "10, 20, 30"),
-        Item(2, "Re [g/N]", "g/N", "1.0, 3.0, 0.5"),  # a name that occurs twice is no name
-        Item(3, "Re [g/N]", "g/N", "2.0, -4.0, 0.25"),
+        Item(2, "Re [g/N]", "g/N", "1, 3, 0.5"),  # a name that occurs twice is no name
+        Item(3, "Re [g/N]", "g/N", "2, -4, 0.25"),
     )
     assert found.layout == "4 rows from line 3 in 3 columns with names, separated by semicolons"
     assert found.proposal == {}
@@ -35,7 +35,7 @@ def test_the_first_of_several_files_is_listed_with_its_proposal(tmp_path):
         rows = [f"{f:g} {node}.0 {h.imag}" for f, h in zip(LINES, VALUES, strict=True)]
         (tmp_path / f"hit_{node}X.txt").write_text("\n".join(["freq re im", *rows, ""]))
     found = list_items(tmp_path / "hit_{node}{axis}.txt")
-    assert found.items[1].first == "2.0, 2.0, 2.0"
+    assert found.items[1].first == "2, 2, 2"
     channel = {"response": "?", "reference": "?", "real": "re", "imaginary": "im"}
     assert found.proposal == {"frequency": "freq", "channels": [channel]}
 
@@ -85,3 +85,21 @@ def test_a_mapping_is_written_with_one_channel_per_line(tmp_path):
     (tmp_path / "a.csv").write_text("\n".join(["f,a,b,c,d", *rows, ""]))
     frf = updyn.read_frf(tmp_path / "a.csv", columns=mapping)
     assert frf.responses.labels == ["1:Z", "2:Z"]
+
+
+@pytest.mark.parametrize(
+    ("name", "labels"),
+    [
+        ("5:-Z/1:Z Re", ("5:-Z", "1:Z")),
+        ("2X real", ("2:X", "?")),
+        ("H_12RZ_1Z re", ("12:RZ", "1:Z")),
+        ("Run 3 2Xa re", ("?", "?")),
+        ("H1 re", ("?", "?")),
+    ],
+)
+def test_labels_are_taken_from_names_of_columns(tmp_path, name, labels):
+    imaginary = name.replace("real", "imag").replace("Re", "Im").replace(" re", " im")
+    rows = [f"{f:g},1,2" for f in LINES]
+    (tmp_path / "a.csv").write_text("\n".join([f"freq,{name},{imaginary}", *rows, ""]))
+    (channel,) = list_items(tmp_path / "a.csv").proposal["channels"]
+    assert (channel["response"], channel["reference"]) == labels

@@ -39,7 +39,8 @@ WORDS = {
 #: Other columns of such tables.
 _OTHER = ("time", "node", "record", "dof")
 _WORD = re.compile(r"[^\W\d_]+|°")
-_LABEL = re.compile(r"(?<!\d)[0-9]+:[+-]?R?[XYZ]")
+#: A label such as ``3:-Z`` or ``3Z``, which no letter or digit precedes or follows.
+_LABEL = re.compile(r"(?<![^\W_])([0-9]+)(?::|(?=R?[XYZ]))([+-]?R?[XYZ])(?![^\W_])")
 #: In place of an unknown label.
 UNKNOWN = "?"
 #: Columns of the example, by number.
@@ -109,8 +110,8 @@ def _make_example(table: TextTable) -> dict[str, Any]:
 
 def _select(channel: _Channel) -> dict[str, Any]:
     """Return the table of a channel in ``columns``, with `UNKNOWN` for labels not in the names."""
-    labels = [one.labels for one in channel.values() if len(one.labels) == 2]
-    response, reference = labels[0] if labels else (UNKNOWN, UNKNOWN)
+    labels = next((one.labels for one in channel.values() if len(one.labels) in (1, 2)), ())
+    response, reference = (*labels, UNKNOWN, UNKNOWN)[:2]
     names = {part: one.name for part, one in channel.items()}
     return {"response": response, "reference": reference, **names}
 
@@ -158,7 +159,7 @@ def _find_channels(table: TextTable, frequency: Name) -> list[_Channel]:
         name = _name(table, at)
         part = _find_part(table, at)
         if part is not None and name != frequency:
-            labels = tuple(_LABEL.findall(cell))
+            labels = tuple(map(":".join, _LABEL.findall(cell)))
             found.append(_Guess(name, part, _find_rest(cell, table.unit(at + 1)), labels))
     for rests in ([one.rest for one in found], [""] * len(found)):
         channels = _group(found, rests)

@@ -27,7 +27,7 @@ from updyn.io.settings import FILE_TEXT, MATRIX_FILE
 from updyn.io.text_numbers import parse_real
 from updyn.units import find_ratio, find_unit
 
-__all__ = ["Line", "TextTable", "find_table"]
+__all__ = ["Line", "TextTable", "find_table", "format_cell"]
 
 #: A line of a text: its number from 1 and its content.
 Line = tuple[int, str]
@@ -103,7 +103,7 @@ class TextTable:
             except ValueError as error:
                 hint = "; a comma may separate thousands here" if "," in cells[at] else ""
                 raise FormatError(
-                    f"{self._describe_column(at)}: {_format_cell(cells[at])!r} is not a"
+                    f"{self._describe_column(at)}: {format_cell(cells[at])!r} is not a"
                     f" {'complex ' if is_complex else ''}number{hint}",
                     self.path,
                     line,
@@ -136,7 +136,7 @@ class TextTable:
         texts = []
         for at, cell in enumerate(self.rows[0][1][: FILE_TEXT.listed_columns]):
             name = f"{at + 1} {self.header[at]!r}" if self.header else f"{at + 1}"
-            texts.append(f"{name} ({_format_cell(cell)})")
+            texts.append(f"{name} ({format_cell(cell)})")
         more = ", ..." if self.n_columns > len(texts) else ""
         return ", ".join(texts) + more
 
@@ -233,8 +233,8 @@ def _strip_brackets(cell: str) -> str:
     return cell.strip().removeprefix("(").removesuffix(")").strip()
 
 
-def _format_cell(cell: str) -> str:
-    """Return a cell for messages, a number with six digits."""
+def format_cell(cell: str) -> str:
+    """Return a cell for messages and forms, a number with six digits."""
     try:
         return f"{parse_real(cell):.6g}"
     except ValueError:

@@ -11,7 +11,7 @@ from updyn.arrays import NumberArray
 from updyn.errors import FormatError
 from updyn.io.channels import Name
 from updyn.io.csv_proposal import guess_columns
-from updyn.io.csv_table import TextTable, find_table
+from updyn.io.csv_table import TextTable, find_table, format_cell
 from updyn.io.formats import find_format, load
 from updyn.io.frf_variables import VariableSource
 from updyn.io.items import read_windows_text, require_file
@@ -95,7 +95,7 @@ def _select(table: TextTable, number: int) -> Name:
 
 def _first_cells(table: TextTable, at: int) -> str:
     rows = table.rows[: FILE_TEXT.first_values]
-    return ", ".join(cells[at] for _, cells in rows if at < len(cells))
+    return ", ".join(format_cell(cells[at]) for _, cells in rows if at < len(cells))
 
 
 def _list_variables(source: VariableSource) -> Inventory:

@@ -12,6 +12,7 @@ from tomlkit.items import AoT, Array, Comment, Item, Table, Whitespace
 
 from updyn.errors import InputError
 from updyn.grouping import match_names
+from updyn.io.toml_text import format_mapping
 from updyn.web.settings import WEB_PAGE
 
 __all__ = [
@@ -28,6 +29,7 @@ __all__ = [
     "set_key",
     "set_keys",
     "set_picks",
+    "set_reading",
     "set_unknowns",
 ]
 
@@ -136,6 +138,24 @@ def _move_to_tests(document: TOMLDocument, key: str) -> None:
     for test in cast(AoT, document["test"]):
         if key not in test:
             _set_key(test, key, value)
+
+
+def set_reading(values: Mapping[str, Any], test: int = 0) -> Edit:
+    """Return the edit that sets how the file of a test is read; None removes a key."""
+
+    def edit(document: TOMLDocument) -> None:
+        table = _find_test(document, test)
+        for key, value in values.items():
+            present = table.get(key)
+            if value is None or isinstance(present, Table | AoT):
+                table.pop(key, None)
+            if value is None or (present is not None and present.unwrap() == value):
+                continue
+            if isinstance(value, Mapping):
+                value = tomlkit.parse(f"x = {format_mapping(value)}\n")["x"]
+            _set_key(table, key, value)
+
+    return edit
 
 
 def match_sensor(sensor: str, dof: str) -> Edit:

@@ -16,6 +16,13 @@ class WebPageSettings:
     shared_points: int = 600
     #: [channels] Channels that are drawn at once. Why: the time of the browser.
     most_channels: int = 200
+    #: [channels] Channels of a table whose entries are shown at once. Why: a page of readable
+    #: length.
+    shown_channels: int = 20
+    #: [lines] Lines of a table in its preview. Why: enough to tell a frequency from a value.
+    preview_rows: int = 5
+    #: [px] Height of the figure in the preview of a table. Why: form and preview fit a screen.
+    preview_height: int = 260
     #: [lines] About the number of lines at which the model is computed while unknowns are moved.
     #: Why: each line takes time at each move; a rule of thumb.
     model_lines: int = 400

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable
-from pathlib import Path
-from typing import TypeVar
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path, PurePosixPath
+from typing import Any, TypeVar
+
+import tomlkit
+from tomlkit.exceptions import TOMLKitError
 
 from updyn.demos import find_demo
 from updyn.errors import InputError
@@ -19,12 +23,72 @@ from updyn.web.form import Form
 from updyn.web.looking import JobView, propose_job, read_view
 from updyn.web.project import Project
 from updyn.web.settings import WEB_LIMIT, WEB_TASK
+from updyn.web.table_form import TableForm
+from updyn.web.table_preview import (
+    FRFPreview,
+    MeasurementView,
+    TableView,
+    preview_frf,
+    view_measurement,
+    view_table,
+)
 from updyn.web.tasks import TASKS
 from updyn.web.worker import Worker
 
-__all__ = ["Workspace"]
+__all__ = ["NewJob", "OpenTable", "Workspace"]
 
 T = TypeVar("T")
+
+#: Keys of ``[test]`` that state how a table is read, in addition to its mapping.
+_READING = ("quantity", "response_labels", "reference_labels", "order")
+_MAPPINGS = ("columns", "variables")
+#: Suffixes of files that may hold FRFs in any layout.
+_TABLES = (".csv", ".txt", ".dat", ".asc", ".mat", ".npz", ".h5", ".hdf5")
+
+
+@dataclass(eq=False)
+class NewJob:
+    """Entries for a new job; `reading` has options of the reader, `view` what the file has."""
+
+    model: str = ""
+    measurement: str = ""
+    quantity: str = ""
+    name: str = "job.toml"
+    reading: dict[str, Any] = field(default_factory=dict)
+    view: MeasurementView | None = None
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """Options of the reader of the measurement."""
+        return {**({"quantity": self.quantity} if self.quantity else {}), **self.reading}
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether the job can be written."""
+        is_read = self.view is not None and not self.view.error
+        return bool(self.model and self.measurement and self.name.strip()) and is_read
+
+
+@dataclass(frozen=True, eq=False)
+class OpenTable:
+    """The form for a table of FRFs, for a new job or for a `test` of the open job."""
+
+    form: TableForm
+    view: TableView
+    test: int | None = None
+
+    @property
+    def first_file(self) -> str:
+        """Name of the listed file in the project."""
+        return self._in_folder(self.view.first_file)
+
+    @property
+    def pattern(self) -> str:
+        """Name in the project of the files of all points; empty if there is one file."""
+        return self._in_folder(self.view.pattern) if self.view.pattern else ""
+
+    def _in_folder(self, name: str) -> str:
+        return PurePosixPath(self.form.file).with_name(name).as_posix()
 
 
 class Workspace:
@@ -39,6 +103,8 @@ class Workspace:
         self.document: JobDocument | None = None
         self.workers: dict[str, Worker] = {}
         self.theme = "auto"
+        self.new_job = NewJob()
+        self.table: OpenTable | None = None
         self._desk = Desk(self.project.folder, WEB_TASK.answer_seconds, _memory_limit())
         self._forms: dict[str, Form] = {}
         self._opened_paths: set[Path] = set()
@@ -218,22 +284,107 @@ class Workspace:
         document = self.open_document
         return self._desk.ask(function, document.path, document.text, *arguments)
 
-    def create(self, model: str, measurement: str, name: str, options: dict[str, object]) -> None:
-        """Write a commented job for a model and a measurement, and open it.
+    def create(self) -> None:
+        """Write a commented job for the model and the measurement of `new_job`, and open it.
 
-        `options` has values that the files lack: ``quantity``, ``scale``, ``unit``. An `InputError`
-        is raised, and nothing written, if a file cannot be read or is outside the project, the job
-        exists, or the open job has unsaved edits.
+        An `InputError` is raised, and nothing written, if a file cannot be read or is outside the
+        project, the job exists, or the open job has unsaved edits.
         """
         self._check_saved()
+        entries = self.new_job
         inputs = (
-            self.project.inside(model),
-            self.project.inside(measurement),
+            self.project.inside(entries.model),
+            self.project.inside(entries.measurement),
         )
-        path = self.project.new_job(name)
-        text = self._desk.ask(propose_job, *inputs, path, options)
+        path = self.project.new_job(entries.name)
+        text = self._desk.ask(propose_job, *inputs, path, entries.options)
         write_bytes(path, text.encode())
         self.open_job(path)
+        self.new_job = NewJob()
+
+    # -- tables of FRFs ----------------------------------------------------------------------------
+    def ask_file(self, function: Callable[..., T], name: str, *arguments: object) -> T:
+        """Call a function in the `Desk` with the path of a file of the project, and plain data."""
+        self._discard_stale_data()
+        return self._desk.ask(function, self.project.inside(name), *arguments)
+
+    def view_new_measurement(self) -> None:
+        """Read the measurement of the new job."""
+        job = self.new_job
+        job.view = None
+        if job.measurement:
+            job.view = self.ask_file(view_measurement, job.measurement, job.options)
+
+    def tables(self) -> dict[int, str]:
+        """Return the files of tests of the open job that may hold a table, by test."""
+        found = {}
+        for number, test in enumerate(self._tests()):
+            file = test.get("file")
+            if isinstance(file, str) and (
+                file.lower().endswith(_TABLES) or any(name in test for name in _MAPPINGS)
+            ):
+                found[number] = file
+        return found
+
+    def open_new_table(self) -> None:
+        """Open the form for the measurement of the new job; `InputError` if it is no table."""
+        job = self.new_job
+        view = self.ask_file(view_table, job.measurement)
+        self.table = OpenTable(TableForm(job.measurement, view.inventory, job.options), view)
+
+    def open_table(self, number: int) -> None:
+        """Open the form for a test of the open job; `InputError` if its file is no table."""
+        test = self._tests()[number]
+        file = self.project.name_of(self.open_document.path.parent / test["file"])
+        view = self.ask_file(view_table, file)
+        given = {key: test[key] for key in (*_READING, *_MAPPINGS) if key in test}
+        self.table = OpenTable(TableForm(file, view.inventory, given), view, number)
+
+    def preview_table(self) -> FRFPreview | None:
+        """Return the FRFs that the open form selects; None if it lacks the entries for this."""
+        form = self._open_form
+        options = form.preview_options()
+        return None if options is None else self.ask_file(preview_frf, form.file, options)
+
+    def use_table(self) -> None:
+        """Set the entries of the open form in the new job, or in the test of the open job.
+
+        An `InputError` is raised, and nothing changed, if they are not complete and valid.
+        """
+        form, table = self._open_form, self.table
+        assert table is not None
+        faults = form.faults()
+        found = FRFPreview(faults) if faults else self.preview_table()
+        if found is None or found.errors:
+            raise InputError("the columns are not complete; see the entries")
+        options = form.finished()
+        if table.test is None:
+            job = self.new_job
+            job.quantity = str(options.pop("quantity", ""))
+            job.measurement, job.reading = form.file, options
+            self.view_new_measurement()
+        else:
+            keys = {key: options.get(key) for key in (*_READING, form.root)}
+            written = Path(self._tests()[table.test]["file"])
+            file = written.with_name(Path(form.file).name).as_posix()
+            edit = edits.set_reading({"file": file, **keys}, table.test)
+            self.edit(f"{form.root} of {Path(form.file).name}", edit)
+        self.table = None
+
+    @property
+    def _open_form(self) -> TableForm:
+        if self.table is None:
+            raise InputError("no table is open; open one on the page Start or Measurement")
+        return self.table.form
+
+    def _tests(self) -> list[Mapping[str, Any]]:
+        """Return the tests of the open job as written; empty if they cannot be read."""
+        try:
+            found = tomlkit.parse(self.open_document.text).unwrap().get("test")
+        except (TOMLKitError, RecursionError):
+            return []
+        tests = found if isinstance(found, list) else [found]
+        return [test for test in tests if isinstance(test, dict)]
 
     def _discard_stale_data(self) -> None:
         """Discard data of files that have changed since they were read."""

@@ -11,11 +11,16 @@ from updyn.errors import InputError
 from updyn.web.workspace import Workspace
 
 
+def _create(workspace):
+    workspace.new_job.model, workspace.new_job.measurement = "chain.h5", "chain.uff"
+    workspace.create()
+
+
 @pytest.mark.parametrize(
     "leave",
     [
         lambda w: w.open_demo("beam"),
-        lambda w: w.create("chain.h5", "chain.uff", "new.toml", {}),
+        _create,
         lambda w: w.open_job("other.toml"),
     ],
     ids=["a demo", "a new job", "another job"],

@@ -15,7 +15,7 @@ from updyn.errors import UpdynError
 from updyn.style import LOOKS
 from updyn.web.look import FIGURE_SCRIPTS
 from updyn.web.looking import render_structure
-from updyn.web.pages import job, measurement, model, results, running, start, unknowns
+from updyn.web.pages import job, measurement, model, results, running, start, table, unknowns
 from updyn.web.pages.frame import add_frame
 from updyn.web.pages.task import task_page
 from updyn.web.settings import WEB_PAGE
@@ -36,6 +36,8 @@ PAGES: Mapping[str, tuple[str, Callable[[Workspace], Any]]] = {
     "/results": ("Results", results.show),
     "/plant": ("Plant", task_page("plant")),
 }
+#: Pages that another page opens, which the navigation does not list.
+_OPENED: Mapping[str, tuple[str, Callable[[Workspace], Any]]] = {"/table": ("Table", table.show)}
 #: A written page may run its own script only, and cannot send requests to this server.
 _SANDBOX = "sandbox allow-scripts allow-downloads allow-popups allow-modals"
 
@@ -43,7 +45,7 @@ _SANDBOX = "sandbox allow-scripts allow-downloads allow-popups allow-modals"
 def add_pages(app: FastAPI, workspace: Workspace) -> None:
     """Add all pages and embedded pages to an application."""
     places = {place: name for place, (name, _) in PAGES.items()}
-    for place, (name, fill) in PAGES.items():
+    for place, (name, fill) in {**PAGES, **_OPENED}.items():
         ui.page(place, title=f"{name} – updyn")(add_frame(workspace, places, place, fill))
 
     app.mount(FIGURE_SCRIPTS, StaticFiles(packages=[("updyn.report", "assets")]))

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import functools
 from typing import Any
 
 import numpy as np
-from nicegui import events, ui
+from nicegui import events, run, ui
 
+from updyn.errors import UpdynError
 from updyn.web import edits
 from updyn.web.charts import SCALES, edges, frf_chart, unused_bands
 from updyn.web.figure import FigureView
 from updyn.web.looking import FindingRow, ModalView, TestView, count_counterparts, find_faults
-from updyn.web.pages.frame import run_slow, show_errors, watch
+from updyn.web.pages.frame import complain, run_slow, show_errors, watch
 from updyn.web.pages.job import has_no_job, show_view_errors
 from updyn.web.settings import WEB_PAGE
 from updyn.web.workspace import Workspace
@@ -38,6 +40,7 @@ async def show(workspace: Workspace) -> None:
         if view is None:
             return
         show_view_errors(view)
+        _show_tables(workspace, has_errors=bool(view.errors))
         for test in view.tests:
             choice = choices.setdefault(test.number, _Choice())
             _Measurement(workspace, test, choice).show()
@@ -48,6 +51,27 @@ async def show(workspace: Workspace) -> None:
 
     watch(lambda: workspace.version, content.refresh)
     await content()
+
+
+def _show_tables(workspace: Workspace, *, has_errors: bool) -> None:
+    """Show a button for each file whose columns or variables can be selected."""
+
+    async def open_table(number: int) -> None:
+        try:
+            await run.io_bound(workspace.open_table, number)
+        except UpdynError as error:
+            complain(str(error))
+            return
+        ui.navigate.to("/table")
+
+    with ui.row():
+        for number, file in workspace.tables().items():
+            button = ui.button(
+                f"Select the FRFs in {file}", on_click=functools.partial(open_table, number)
+            )
+            button.props("no-caps icon=table_chart")
+            if not has_errors:
+                button.props("flat dense")
 
 
 def _show_modes(test: ModalView) -> None:

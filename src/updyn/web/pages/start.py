@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 from nicegui import events, run, ui
 
@@ -28,7 +29,7 @@ def show(workspace: Workspace) -> None:
             _show_demos(workspace)
         with ui.card().classes("flex-1 min-w-72"):
             new = ui.refreshable(_show_new_job)
-            new(workspace, _NewJob())
+            new(workspace)
         with ui.card().classes("flex-1 min-w-72"):
             _show_files(workspace, new.refresh)
 
@@ -72,51 +73,113 @@ def _show_demos(workspace: Workspace) -> None:
                 )
 
 
-class _NewJob:
-    """Selections for a new job, kept when a file is added."""
-
-    def __init__(self) -> None:
-        self.model: str | None = None
-        self.measurement: str | None = None
-        self.quantity, self.name = _UNKNOWN, "job.toml"
-
-
-def _show_new_job(workspace: Workspace, entries: _NewJob) -> None:
+def _show_new_job(workspace: Workspace) -> None:
     """Show a form that writes a job for a model and a measurement."""
     ui.label("New job").classes("text-lg")
+    entries = workspace.new_job
     names = [workspace.project.name_of(path) for path in workspace.project.inputs()]
     if not names:
         ui.label("Add the files of a model and of a measurement first.")
         return
-    for what in ("model", "measurement"):
-        entry = ui.select(names, label=what, with_input=True).classes("w-full")
-        entry.bind_value(entries, what)
-    choices = [_UNKNOWN, *QUANTITIES, TRANSMISSIBILITY]
-    quantity = ui.select(choices, label="measured quantity").classes("w-full")
-    quantity.bind_value(entries, "quantity")
-    ui.input("Name of the job").classes("w-full").bind_value(entries, "name")
+
+    def show_select(what: str) -> ui.select:
+        chosen = getattr(entries, what)
+        options = names if chosen in ("", *names) else [chosen, *names]
+        entry = ui.select(options, value=chosen or None, label=f"{what} *", with_input=True)
+        return entry.classes("w-full")
+
+    def choose_model(event: events.ValueChangeEventArguments[Any]) -> None:
+        entries.model = event.value or ""
+        update()
+
+    async def choose_measurement(event: events.ValueChangeEventArguments[Any]) -> None:
+        entries.measurement, entries.reading = event.value or "", {}
+        await read_measurement()
+
+    async def choose_quantity(event: events.ValueChangeEventArguments[Any]) -> None:
+        entries.quantity = "" if event.value == _UNKNOWN else event.value
+        await read_measurement()
+
+    async def read_measurement() -> None:
+        state.refresh(is_reading=bool(entries.measurement))
+        try:
+            await run.io_bound(workspace.view_new_measurement)
+        except UpdynError as error:
+            complain(str(error))
+        state.refresh(is_reading=False)
+        update()
+
+    def set_name(event: events.ValueChangeEventArguments[Any]) -> None:
+        entries.name = event.value or ""
+        update()
+
+    def update() -> None:
+        button.set_enabled(entries.is_complete)
+
+    show_select("model").on_value_change(choose_model)
+    show_select("measurement").on_value_change(choose_measurement)
+
+    @ui.refreshable
+    def state(is_reading: bool = False) -> None:
+        _show_measurement(workspace, is_reading)
+
+    state()
+    quantity = ui.select(
+        [_UNKNOWN, *QUANTITIES, TRANSMISSIBILITY],
+        value=entries.quantity or _UNKNOWN,
+        label="measured quantity",
+    )
+    quantity.classes("w-full").on_value_change(choose_quantity)
+    name = ui.input("Name of the job *", value=entries.name).classes("w-full")
+    name.on_value_change(set_name)
 
     async def write() -> None:
-        if not entries.model or not entries.measurement:
-            complain("choose a model file and a measurement file")
-            return
-        options: dict[str, object] = {
-            "quantity": None if entries.quantity == _UNKNOWN else entries.quantity,
-            "scale": None,
-            "unit": None,
-        }
         button.disable()
         try:
-            await run.io_bound(
-                workspace.create, entries.model, entries.measurement, entries.name.strip(), options
-            )
+            await run.io_bound(workspace.create)
         except (UpdynError, OSError) as error:
             complain(str(error))
-            button.enable()
+            update()
             return
         ui.navigate.to("/job")
 
     button = ui.button("Write", on_click=write).props("outline no-caps")
+    update()
+
+
+def _show_measurement(workspace: Workspace, is_reading: bool) -> None:
+    """Show what the measured file has, and a button for the columns of a table."""
+    view = workspace.new_job.view
+    if is_reading:
+        with ui.row().classes("items-center"):
+            ui.spinner()
+            ui.label("Reading …")
+        return
+    if view is None:
+        return
+
+    async def open_table() -> None:
+        try:
+            await run.io_bound(workspace.open_new_table)
+        except UpdynError as error:
+            complain(str(error))
+            return
+        ui.navigate.to("/table")
+
+    with ui.row().classes("items-start no-wrap w-full"):
+        if view.error:
+            ui.icon("error", color="negative").props('aria-label="Error"')
+        else:
+            ui.icon("check_circle", color="positive").props('aria-label="Read"')
+        text = view.error or view.summary
+        if view.error and view.has_items:
+            text = f"Select its FRFs, as its layout is not known. {view.error}"
+        ui.label(text).classes("text-sm").props("role=status")
+    if view.has_items:
+        look = "" if view.error else "flat dense"
+        ui.button("Select the FRFs", icon="table_chart", on_click=open_table).props(
+            f"no-caps {look}"
+        )
 
 
 def _show_files(workspace: Workspace, on_added: Callable[[], object]) -> None:
