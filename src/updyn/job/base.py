@@ -18,10 +18,10 @@ Pair = Annotated[tuple[float, float], Strict(False)]
 Texts = Annotated[tuple[str, ...], Strict(False)]
 
 
-def tables_of(name: str) -> Callable[[Any], Any]:
+def tables_of(name: str) -> Callable[[object], object]:
     """Return a validator that rejects a single table in place of an array of tables."""
 
-    def check_array(given: Any) -> Any:
+    def check_array(given: object) -> object:
         if isinstance(given, dict):
             raise ValueError(f"one table, [{name}]; write [[{name}]], as there may be several")  # noqa: TRY004
         return given

@@ -97,7 +97,7 @@ def _run_comparison(ready: Prepared, options: dict[str, Any]) -> Comparison:
     return compare(test.model, test.frf, unknowns, **options)
 
 
-def _method_options(ready: Prepared) -> dict[str, dict[str, Any]]:
+def _method_options(ready: Prepared) -> dict[str, dict[str, object]]:
     """Return options by method: those of the job's method, and modes for methods that fit modes."""
     out = {ready.job.method.name: dict(ready.job.method.options)}
     if not ready.modes:

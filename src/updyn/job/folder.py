@@ -293,7 +293,7 @@ def relative_path(path: Path, folder: Path) -> str:
     return named
 
 
-def _toml_item(value: Any) -> Any:
+def _toml_item(value: object) -> object:
     """Return a value as tomlkit writes it; mappings become tables."""
     import tomlkit
 

@@ -90,7 +90,7 @@ class JobTable(ABC):
             If the table does not fit them.
         """
 
-    def stages(self, table: Any) -> tuple[str, ...]:
+    def stages(self, table: object) -> tuple[str, ...]:
         """Return the prefixes of its progress stages; empty if it shows no progress.
 
         Parameters

@@ -128,7 +128,9 @@ def load_records_job(path: str | Path) -> tuple[Document, RecordsTable]:
     return job, job.records
 
 
-def _read_document(path: Path, text: str | None = None) -> tuple[dict[str, Any], dict[Place, int]]:
+def _read_document(
+    path: Path, text: str | None = None
+) -> tuple[dict[str, object], dict[Place, int]]:
     """Return the content of a job file and the line of each key."""
     text = _read_text(path) if text is None else text
     try:
@@ -183,7 +185,7 @@ def _format_duplicate(found: re.Match[str]) -> str:
 
 
 def _take_further_tables(
-    document: dict[str, Any], lines: Mapping[Place, int]
+    document: dict[str, object], lines: Mapping[Place, int]
 ) -> tuple[dict[str, Table], list[_Complaint]]:
     """Remove the tables of `JOB_TABLES` from a document; return them validated, and errors."""
     names = [name for name in document if name not in Job.model_fields and name in JOB_TABLES]
@@ -201,8 +203,8 @@ def _take_further_tables(
 
 
 def _split_tests(
-    document: dict[str, Any], lines: dict[Place, int]
-) -> Iterator[tuple[dict[str, Any], dict[Place, int]]]:
+    document: dict[str, object], lines: dict[Place, int]
+) -> Iterator[tuple[dict[str, object], dict[Place, int]]]:
     tests = document.get("test")
     if not (isinstance(tests, list) and tests and all(isinstance(test, dict) for test in tests)):
         yield document, lines
@@ -402,7 +404,7 @@ def _find_keys(place: Place, schema: type[BaseModel]) -> list[str]:
     return [*keys, *JOB_TABLES] if table is Job else keys
 
 
-def _find_table_class(annotation: Any) -> type[BaseModel] | None:
+def _find_table_class(annotation: object) -> type[BaseModel] | None:
     """Return the table class of a field, also inside an array; None if it has none."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return annotation

@@ -46,11 +46,11 @@ def _parse_bands(given: Any) -> Any:
     return tuple((float(low), float(high)) for low, high in pairs)
 
 
-def _is_pair(given: Any) -> bool:
+def _is_pair(given: object) -> bool:
     return isinstance(given, list | tuple) and len(given) == 2 and all(map(is_number, given))
 
 
-def _parse_lines(given: Any) -> Any:
+def _parse_lines(given: object) -> object:
     if isinstance(given, int) and not isinstance(given, bool) and given >= 2:
         return given
     if isinstance(given, list | tuple) and given and all(map(is_number, given)):

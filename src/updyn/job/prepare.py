@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
@@ -273,7 +273,7 @@ def _read_modes(job: Job) -> ModeSet:
 
 
 @contextmanager
-def _assign_option_key(options: Mapping[str, Any]) -> Iterator[None]:
+def _assign_option_key(options: Mapping[str, object]) -> Iterator[None]:
     """Assign errors of an option of the modes reader to its key, others to the file."""
     try:
         yield

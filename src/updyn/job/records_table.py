@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from pydantic import BeforeValidator, Field, Strict, model_validator
 
@@ -12,7 +12,7 @@ from updyn.job.base import Document, Pair, Table, Texts, is_number, tables_of
 __all__ = ["CutTable", "RecordsJob", "RecordsTable", "SetupTable", "WindowTable"]
 
 
-def _parse_files(given: Any) -> Any:
+def _parse_files(given: object) -> object:
     files = [given] if isinstance(given, str) else given
     if not isinstance(files, list | tuple) or not files:
         raise ValueError("expected a file, or an array of files with hits of the same channels")
@@ -21,7 +21,7 @@ def _parse_files(given: Any) -> Any:
     return tuple(files)
 
 
-def _parse_channels(given: Any) -> Any:
+def _parse_channels(given: object) -> object:
     if isinstance(given, str):
         return (given,)
     if isinstance(given, Mapping) and given and all(isinstance(v, str) for v in given.values()):
@@ -34,7 +34,7 @@ def _parse_channels(given: Any) -> Any:
     )
 
 
-def _parse_rejections(given: Any) -> Any:
+def _parse_rejections(given: object) -> object:
     if not isinstance(given, Mapping):
         raise ValueError('expected records with reasons, such as { 1 = "clipped" }')  # noqa: TRY004
     found: dict[int, str] = {}
@@ -47,7 +47,7 @@ def _parse_rejections(given: Any) -> Any:
     return found
 
 
-def _parse_factors(given: Any) -> Any:
+def _parse_factors(given: object) -> object:
     if not isinstance(given, Mapping) or not all(is_number(v) for v in given.values()):
         raise ValueError("expected channels with numbers, such as { Force = 22.5 }")
     return {name: float(factor) for name, factor in given.items()}
@@ -77,7 +77,7 @@ class SetupTable(Table):
 
     file: Annotated[tuple[str, ...] | None, BeforeValidator(_parse_files)] = None
     format: str | None = None
-    reader: dict[str, Any] | None = None
+    reader: dict[str, object] | None = None
     excitation: _Channels = None
     responses: _Channels = None
     units: dict[str, str] | None = None

@@ -281,7 +281,7 @@ def make_tests(prepared: Prepared, *, held_out: bool = True) -> list[Test]:
 
 
 def _run_update(
-    ready: Prepared, callback: Callable[[Progress], bool | None] | None, **running: Any
+    ready: Prepared, callback: Callable[[Progress], bool | None] | None, **running: object
 ) -> UpdateResult | JointResult:
     """Run the update; `running` holds engine, checkpoint and whether to resume."""
     job, method = ready.job, ready.job.method
@@ -334,9 +334,9 @@ def _run_further_tables(
     ready: Prepared,
     result: UpdateResult | JointResult,
     caller: _StopTracker,
-    engine: Any,
-) -> dict[str, Any]:
-    further: dict[str, Any] = {}
+    engine: object,
+) -> dict[str, object]:
+    further: dict[str, object] = {}
     for name in ready.job.tables:
         try:
             found = JOB_TABLES[name].run(ready, result, further, caller, engine)

@@ -8,7 +8,6 @@ from __future__ import annotations
 import re
 import tomllib
 from collections.abc import Mapping
-from typing import Any
 
 from updyn.io.toml_text import parse_toml
 
@@ -27,7 +26,7 @@ _LONG_BASIC = re.compile(r'"""(?:[^\\]|\\.)*?"{3,5}(?!")', re.DOTALL)
 _LONG_LITERAL = re.compile(r"'''.*?'{3,5}(?!')", re.DOTALL)
 
 
-def read_toml(text: str) -> tuple[dict[str, Any], dict[Place, int]]:
+def read_toml(text: str) -> tuple[dict[str, object], dict[Place, int]]:
     """Parse a TOML text; return the document and the line of every table, key and array item.
 
     A `tomllib.TOMLDecodeError` is raised if the text is not TOML.
