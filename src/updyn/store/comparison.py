@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 from updyn import __version__
 from updyn.comparison import Comparison, Fewest, Row
@@ -13,7 +12,7 @@ from updyn.store.values import plain, plain_fields
 __all__ = ["comparison_to_json", "write_comparison_json"]
 
 
-def comparison_to_json(comparison: Comparison) -> dict[str, Any]:
+def comparison_to_json(comparison: Comparison) -> dict[str, object]:
     """Return a comparison as a dict that `json.dumps` writes without inf or nan.
 
     ``rows`` has a dict per method with the fields of `updyn.comparison.Row`; an error is None if an
@@ -30,7 +29,7 @@ def comparison_to_json(comparison: Comparison) -> dict[str, Any]:
     }
 
 
-def _row_to_json(row: Row) -> dict[str, Any]:
+def _row_to_json(row: Row) -> dict[str, object]:
     fewest = None
     if row.fewest is not None:
         fewest = _fewest_to_json(row.fewest)
@@ -67,7 +66,7 @@ _FIGURES = (
 )
 
 
-def _fewest_to_json(fewest: Fewest) -> dict[str, Any]:
+def _fewest_to_json(fewest: Fewest) -> dict[str, object]:
     tried = [{"lines": count, "off": plain(off)} for count, off in fewest.tried]
     return {"count": fewest.count, "lines": list(fewest.lines), "tried": tried, "note": fewest.note}
 

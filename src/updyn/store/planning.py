@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 from updyn import __version__
 from updyn.io.atomic import write_json
@@ -13,7 +12,7 @@ from updyn.store.values import plain, plain_fields, plain_records
 __all__ = ["plan_to_json", "write_plan_json"]
 
 
-def plan_to_json(plan: Plan, title: str = "") -> dict[str, Any]:
+def plan_to_json(plan: Plan, title: str = "") -> dict[str, object]:
     """Return a plan as a dict that `json.dumps` writes without inf or nan.
 
     Most entries are fields of `updyn.Plan`; ``lines`` are in Hz. ``parameters`` has a dict per

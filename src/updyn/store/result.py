@@ -207,7 +207,7 @@ class _Parameters:
         return ParameterSet(tuple(found))
 
     @staticmethod
-    def _link(unknown: Parameter) -> dict[str, Any]:
+    def _link(unknown: Parameter) -> dict[str, object]:
         return {
             "drives": [[d.group, d.quantity, d.power] for d in unknown.drives],
             "nominal": unknown.nominal,
@@ -366,7 +366,7 @@ class _Trust:
             raise FormatError(f"{name}: not a valid record of a run ({error})", path) from error
 
 
-def _trust_json(trust: Trust) -> dict[str, dict[str, Any]]:
+def _trust_json(trust: Trust) -> dict[str, dict[str, object]]:
     return {part: asdict(claim) for part, claim in trust.items()}
 
 
@@ -528,7 +528,7 @@ def _take_rows(data: xr.Dataset, name: str, path: Path) -> list[dict[str, float]
 
 
 # -- JSON ---------------------------------------------------------------------------------------
-def result_to_json(result: UpdateResult | JointResult) -> dict[str, Any]:
+def result_to_json(result: UpdateResult | JointResult) -> dict[str, object]:
     """Return the outcome as a dict (docs/job.md) that `json.dumps` writes without inf or nan.
 
     For several tests, ``correlation`` and ``noise`` are those of the first, and ``tests`` has those
@@ -566,9 +566,9 @@ def result_to_json(result: UpdateResult | JointResult) -> dict[str, Any]:
 def _modes_json(found: ModalTable | None) -> dict[str, Any] | None:
     if found is None:
         return None
-    mac: dict[str, Any] = {}
-    subspaces: dict[str, Any] = {}
-    by_dof: dict[str, dict[str, Any]] = {"comac": {}, "ecomac": {}}
+    mac: dict[str, object] = {}
+    subspaces: dict[str, object] = {}
+    by_dof: dict[str, dict[str, object]] = {"comac": {}, "ecomac": {}}
     auto_mac = None
     for name, one in found.correlations.items():
         mac[name] = one.mac

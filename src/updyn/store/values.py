@@ -27,7 +27,7 @@ _MODES = ("frequency", "shapes", "dofs", "loss_factor", "scaled", "quality", "so
 _STD = ("std_frequency", "std_loss_factor", "std_shapes", "cov_frequency")
 
 
-def to_text(value: Any, what: str) -> str:
+def to_text(value: object, what: str) -> str:
     """Return strict JSON from which `from_text` restores `value`.
 
     An object of another type (a solver, a client) is stored as its text, with an `UpdynWarning` on
@@ -123,7 +123,7 @@ def _refuse(constant: str) -> Any:
     raise ValueError(f"{constant} is not JSON")
 
 
-def plain(value: Any) -> Any:
+def plain(value: object) -> Any:
     """Return strict JSON values: inf and nan as None, arrays as lists, other objects as text."""
     if isinstance(value, np.generic):
         value = value.item()
@@ -152,5 +152,5 @@ def plain_records(records: Iterable[Any]) -> list[Any]:
     return plain(list(map(asdict, records)))  # type: ignore[no-any-return]
 
 
-def _fields(record: Any, names: Iterable[str]) -> dict[str, Any]:
+def _fields(record: object, names: Iterable[str]) -> dict[str, Any]:
     return {name: getattr(record, name) for name in names}
