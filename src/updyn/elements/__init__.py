@@ -7,7 +7,7 @@ functions that check such a table against the band of the test.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from updyn.registry import Registry
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 __all__ = ["MODEL_KINDS", "MODEL_QUESTIONS"]
 
 #: Builders of models by kind: functions from the keys of the table ``[model]`` to a `Model`.
-MODEL_KINDS: Registry[Callable[[Mapping[str, Any]], Model]] = Registry(
+MODEL_KINDS: Registry[Callable[[Mapping[str, object]], Model]] = Registry(
     "model kind",
     "updyn.model_kinds",
     {
@@ -28,8 +28,10 @@ MODEL_KINDS: Registry[Callable[[Mapping[str, Any]], Model]] = Registry(
 )
 
 #: Questions about the table of a kind: functions of its keys and of a band in Hz.
-MODEL_QUESTIONS: Registry[Callable[[Mapping[str, Any], tuple[float, float]], list[str]]] = Registry(
-    "model kind",
-    "updyn.model_questions",
-    {"drivetrain": "updyn.elements.drivetrain:ratio_questions"},
+MODEL_QUESTIONS: Registry[Callable[[Mapping[str, object], tuple[float, float]], list[str]]] = (
+    Registry(
+        "model kind",
+        "updyn.model_questions",
+        {"drivetrain": "updyn.elements.drivetrain:ratio_questions"},
+    )
 )

@@ -152,9 +152,9 @@ def beam(
     n_elements: int | None = None,
     nodes: ArrayLike | None = None,
     stations: Iterable[float] | Mapping[int, float] = (),
-    segments: Iterable[Segment | Sequence[Any]] = (),
-    supports: Iterable[BeamSupport | Sequence[Any]] = (),
-    masses: Iterable[BeamMass | Sequence[Any]] = (),
+    segments: Iterable[Segment | Sequence[object]] = (),
+    supports: Iterable[BeamSupport | Sequence[object]] = (),
+    masses: Iterable[BeamMass | Sequence[object]] = (),
     title: str = "",
 ) -> Model:
     """Build a Timoshenko beam of rectangular cross-section in bending; free-free without supports.
@@ -226,7 +226,7 @@ def _check_names(
                 )
 
 
-def _node_number(key: Any) -> int:
+def _node_number(key: object) -> int:
     if isinstance(key, str) and key.isdecimal():
         return int(key)
     raise ModelError(f"model.stations: {key!r}; expected a node number", key=("stations",))

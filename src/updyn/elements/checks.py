@@ -59,7 +59,7 @@ def check_positive(what: str, name: str, value: Any) -> float:
     return float(value)
 
 
-def check_positive_or_none(what: str, name: str, value: Any) -> float | None:
+def check_positive_or_none(what: str, name: str, value: object) -> float | None:
     """Return a number above 0, or None if none is given; raise `ModelError` for other values."""
     return None if value is None else check_positive(what, name, value)
 
@@ -78,19 +78,19 @@ def check_poisson_ratio(what: str, value: Any) -> float:
     return float(value)
 
 
-def check_pair(what: str, name: str, value: Any) -> tuple[float, float]:
+def check_pair(what: str, name: str, value: object) -> tuple[float, float]:
     """Return two numbers above 0; raise `ModelError` for other values."""
     if not isinstance(value, tuple | list) or len(value) != 2:
         raise ModelError(f"{what}: {name} {value!r}; expected two numbers", key=(name,))
     return check_positive(what, name, value[0]), check_positive(what, name, value[1])
 
 
-def is_whole(value: Any) -> TypeGuard[int]:
+def is_whole(value: object) -> TypeGuard[int]:
     """Return whether a value is a whole number and not a boolean."""
     return isinstance(value, int | np.integer) and not isinstance(value, bool)
 
 
-def check_whole(what: str, name: str, value: Any, least: int | None = None) -> int:
+def check_whole(what: str, name: str, value: object, least: int | None = None) -> int:
     """Return a whole number of at least `least`, such as a node; raise `ModelError` for others."""
     if is_whole(value) and (least is None or value >= least):
         return int(value)
@@ -99,7 +99,7 @@ def check_whole(what: str, name: str, value: Any, least: int | None = None) -> i
 
 
 # -- fields of the elements of a structure
-def set_fields(part: Any, **values: Any) -> None:
+def set_fields(part: object, **values: object) -> None:
     """Set fields of a frozen dataclass; arrays become read-only."""
     for name, value in values.items():
         if isinstance(value, np.ndarray):
@@ -119,7 +119,7 @@ def check_material(what: str, part: Any) -> dict[str, float]:
     return out
 
 
-def check_name(what: str, name: Any) -> None:
+def check_name(what: str, name: object) -> None:
     """Raise an error for a name that is not a text."""
     if not isinstance(name, str):
         raise ModelError(f"{what}: expected a text as its name", key=("name",))
@@ -141,14 +141,14 @@ def check_connectivity(what: str, given: ArrayLike, widths: Iterable[int]) -> In
     return nodes
 
 
-def check_node_number(what: str, name: str, given: Any) -> int:
+def check_node_number(what: str, name: str, given: object) -> int:
     """Return a node number."""
     if not is_whole(given) or abs(int(given)) > LARGEST_NODE:
         raise ModelError(f"{what}: {name} {given!r}; expected a node number", key=(name,))
     return int(given)
 
 
-def to_reals(given: Any) -> RealArray:
+def to_reals(given: object) -> RealArray:
     """Return a new array of numbers; raise `ValueError` for texts, booleans and complex numbers."""
     array = np.asarray(given)
     if array.dtype.kind not in "iuf":
@@ -156,7 +156,7 @@ def to_reals(given: Any) -> RealArray:
     return array.astype(np.float64)
 
 
-def check_floats(what: str, name: str, given: Any) -> RealArray:
+def check_floats(what: str, name: str, given: object) -> RealArray:
     """Return an array of finite numbers."""
     try:
         array = to_reals(given)
@@ -167,7 +167,7 @@ def check_floats(what: str, name: str, given: Any) -> RealArray:
     return array
 
 
-def check_vector(what: str, name: str, given: Any) -> RealArray:
+def check_vector(what: str, name: str, given: object) -> RealArray:
     """Return three numbers that are not all 0."""
     vector = check_floats(what, name, given)
     if vector.shape != (3,) or not vector.any():
@@ -177,7 +177,7 @@ def check_vector(what: str, name: str, given: Any) -> RealArray:
     return vector
 
 
-def check_six(what: str, name: str, given: Any) -> RealArray:
+def check_six(what: str, name: str, given: object) -> RealArray:
     """Return six numbers of at least 0."""
     six = check_floats(what, name, given)
     if six.shape != (6,) or (six < 0).any():
@@ -199,7 +199,7 @@ def field_names(kind: type[Any]) -> tuple[list[str], list[str]]:
     return names, required
 
 
-def make_parts(kind: type[_T], given: Iterable[Any]) -> list[_T]:
+def make_parts(kind: type[_T], given: Iterable[object]) -> list[_T]:
     """Return objects of a dataclass; tuples of its fields in order are converted."""
     names = ", ".join(field_names(kind)[0])
     out = []
@@ -216,13 +216,13 @@ def make_parts(kind: type[_T], given: Iterable[Any]) -> list[_T]:
     return out
 
 
-def read_parts(table: Mapping[str, Any], key: str, kind: type[_T]) -> list[_T]:
+def read_parts(table: Mapping[str, object], key: str, kind: type[_T]) -> list[_T]:
     """Return the objects of a dataclass in an array of tables ``[[model.key]]``."""
     return read_rows(table, key, lambda where, row: read_row(kind, where, row))
 
 
 def read_rows(
-    table: Mapping[str, Any], key: str, read: Callable[[str, Mapping[str, Any]], _T]
+    table: Mapping[str, object], key: str, read: Callable[[str, Mapping[str, object]], _T]
 ) -> list[_T]:
     """Read the rows of an array of tables ``[[model.key]]``; empty if the key is missing.
 
@@ -245,7 +245,7 @@ def read_rows(
     return out
 
 
-def read_row(kind: type[_T], where: str, row: Mapping[str, Any]) -> _T:
+def read_row(kind: type[_T], where: str, row: Mapping[str, object]) -> _T:
     """Return an object of a dataclass from a row; raise `ModelError` for a wrong or missing key."""
     names, required = field_names(kind)
     check_keys(where, row, required, names)
@@ -253,7 +253,7 @@ def read_row(kind: type[_T], where: str, row: Mapping[str, Any]) -> _T:
 
 
 def check_keys(
-    where: str, row: Mapping[str, Any], required: Iterable[str], optional: Iterable[str]
+    where: str, row: Mapping[str, object], required: Iterable[str], optional: Iterable[str]
 ) -> None:
     """Raise `ModelError` with the nearest key if a key of a table is missing or unknown."""
     known = list(dict.fromkeys([*required, *optional]))

@@ -289,7 +289,7 @@ class _MeshContent:
     points: NumberArray
     cells: Sequence[_CellBlock]
     point_sets: Mapping[str, NumberArray]
-    cell_sets: Mapping[str, Sequence[Any]]
+    cell_sets: Mapping[str, Sequence[object]]
     physical: Sequence[NumberArray]
     names: Mapping[str, NumberArray]
 
@@ -429,7 +429,7 @@ def _physical_group_name(found: _MeshContent, tag: int, dim: int) -> str:
 
 def structure_from_mesh(
     path: str | PathLike[str],
-    materials: Mapping[str, Mapping[str, Any]],
+    materials: Mapping[str, Mapping[str, object]],
     *,
     unit: str,
     leave_out: Iterable[str] = (),

@@ -247,7 +247,7 @@ def _check_parts(parts: Iterable[Part]) -> list[Part]:
 
 def _named_nodes(part: Part) -> set[int]:
     """Return the nodes that a part names; the part checks that they are whole numbers."""
-    values: list[Any] = []
+    values: list[object] = []
     for field in part.node_fields:
         value = getattr(part, field)
         if isinstance(value, tuple | list):

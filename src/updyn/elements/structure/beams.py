@@ -156,7 +156,7 @@ _SHAPES: dict[str, tuple[Callable[..., Section], list[str], list[str]]] = {
 }
 
 
-def section_from_table(where: str, given: Any) -> Section:
+def section_from_table(where: str, given: object) -> Section:
     """Return the section of a beam from a table: its fields, or ``shape`` and dimensions."""
     if not isinstance(given, Mapping):
         raise ModelError(f"{where}: section {given!r}; expected a table")
@@ -294,7 +294,7 @@ class Beam(Element):
         return np.asarray(np.where(np.abs(across) < ELEMENT.parallel_sine, 0.0, across))
 
     @classmethod
-    def fields_of_row(cls, where: str, row: Mapping[str, Any]) -> Mapping[str, Any]:
+    def fields_of_row(cls, where: str, row: Mapping[str, object]) -> Mapping[str, object]:
         """Convert the table ``section`` to a `Section`."""
         if "section" not in row:
             return row

@@ -142,7 +142,7 @@ def structure_from_table(table: Mapping[str, Any]) -> Model:
     )
 
 
-def _build_element(kind: type[Element], where: str, row: Mapping[str, Any]) -> Element:
+def _build_element(kind: type[Element], where: str, row: Mapping[str, object]) -> Element:
     return read_row(kind, where, kind.fields_of_row(where, row))
 
 
@@ -224,7 +224,7 @@ def _read_nodes(given: Mapping[int, ArrayLike] | ArrayLike | Geometry) -> _Nodes
     return _Nodes(numbers, xyz)
 
 
-def _positions(given: Any) -> RealArray:
+def _positions(given: object) -> RealArray:
     try:
         xyz = to_reals(given)
     except ValueError as error:

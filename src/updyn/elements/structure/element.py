@@ -133,7 +133,7 @@ class Element(ABC):
         return ""
 
     @classmethod
-    def fields_of_row(cls, where: str, row: Mapping[str, Any]) -> Mapping[str, Any]:
+    def fields_of_row(cls, where: str, row: Mapping[str, object]) -> Mapping[str, object]:
         """Convert the values of a row of a job file to field values; by default unchanged.
 
         Parameters
