@@ -142,7 +142,7 @@ class LineSolver:
             raise OptionError(f"tier {tier!r}: {suggest(str(tier), EXACT_TIERS)}", key=("tier",))
         return cls(system, tier, check_backend(backend))
 
-    def __reduce__(self) -> tuple[Any, ...]:
+    def __reduce__(self) -> tuple[object, ...]:
         # Factorisations stay in their process.
         return LineSolver, (self.system, self.tier, self.backend, self.variant)
 
