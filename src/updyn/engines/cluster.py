@@ -77,7 +77,7 @@ class Cluster(Remote):
         self._managed = False
 
     # -- abstract methods of `Remote` ----------------------------------------------------------
-    def _send(self, shared: Any) -> Future:
+    def _send(self, shared: object) -> Future:
         # Every worker gets a copy, which allows others to replace a worker that dies. The list
         # keeps Dask from scattering the elements of `shared`; a hash would read every byte.
         self._check_connection()

@@ -106,7 +106,7 @@ class Processes(Remote):
         self._pool = self._folder = None
 
     # -- abstract methods of `Remote` ----------------------------------------------------------
-    def _send(self, shared: Any) -> Parcel:
+    def _send(self, shared: object) -> Parcel:
         # Workers open the file when an item refers to it, so workers that start later find it,
         # too.
         return Parcel(shared, self._new_path("shared"))
@@ -193,7 +193,7 @@ def _thread_limit(name: str, otherwise: int) -> int:
 
 # -- in the worker -----------------------------------------------------------------------------
 #: Shared objects of this worker by file, including data cached in them.
-_SHARED_OBJECTS: dict[Path, Any] = {}
+_SHARED_OBJECTS: dict[Path, object] = {}
 
 
 def _start_worker(parent: int, folder: Path) -> None:

@@ -88,7 +88,7 @@ class Remote(ABC):
         return handle
 
     @abstractmethod
-    def _send(self, shared: Any) -> Any:
+    def _send(self, shared: object) -> object:
         """Send an object to all present and later workers; return its handle."""
 
     @abstractmethod
