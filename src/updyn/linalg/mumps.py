@@ -81,7 +81,7 @@ class Mumps:
         self._context.mumps_instance = None
 
     @staticmethod
-    def _run(step: Callable[..., None], **options: Any) -> None:
+    def _run(step: Callable[..., None], **options: object) -> None:
         try:
             step(**options)
         except RuntimeError as error:
