@@ -52,7 +52,7 @@ def load(
     raise damaged(path, what, found["failed"])
 
 
-def load_in_process(function: str, path: str | Path, *arguments: Any, what: str) -> Any:
+def load_in_process(function: str, path: str | Path, *arguments: object, what: str) -> object:
     """Load a file written by updyn in this process; the arguments are those of `load`."""
     loader = load_object(function)
     try:

@@ -55,7 +55,7 @@ def serve() -> None:
             control.sendall(struct.pack(STATUS, os.waitstatus_to_exitcode(status)))
 
 
-def _end_with(request: Mapping[str, Any], descriptor: int) -> NoReturn:
+def _end_with(request: Mapping[str, object], descriptor: int) -> NoReturn:
     status = 1
     try:
         answer(request, descriptor)
@@ -91,7 +91,7 @@ def _discard_output() -> None:
         os.dup2(nowhere, stream)
 
 
-def _run_guarded(act: Callable[[], Any]) -> dict[str, Any]:
+def _run_guarded(act: Callable[[], object]) -> dict[str, Any]:
     """Return the result of a function as ``value``, else its error or the reason of the failure."""
     try:
         return {"value": act()}

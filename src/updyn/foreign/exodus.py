@@ -41,7 +41,7 @@ def load(path: str) -> dict[str, Any]:
     return _load_classic(path)
 
 
-def _load_hdf5(path: str) -> dict[str, Any]:
+def _load_hdf5(path: str) -> dict[str, object]:
     content = HDF5Content(path, False)
     with h5py.File(path, "r") as file:
         members = content.members(file)
@@ -58,7 +58,7 @@ def _load_hdf5(path: str) -> dict[str, Any]:
         return {"variables": variables, "types": types}
 
 
-def _load_classic(path: str) -> dict[str, Any]:
+def _load_classic(path: str) -> dict[str, object]:
     limits = limits_of(path)
     with netcdf_file(path, "r", mmap=False) as file:
         _check(file._attributes, file.variables, path)
@@ -93,7 +93,7 @@ def _check(attributes: Iterable[str], names: Iterable[str], path: str) -> None:
     )
 
 
-def _text(given: Any) -> str:
+def _text(given: object) -> str:
     if isinstance(given, np.ndarray):
         given = given.ravel().tolist()[0] if given.size else ""
     if isinstance(given, bytes):

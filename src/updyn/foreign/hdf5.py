@@ -49,8 +49,8 @@ class HDF5Content:
         most = READING.group_depth
         if depth > most:
             raise FormatError(f"{group.name}: groups nested more than {most} deep", self.path)
-        members: dict[str, Any] = {}
-        meanings: dict[str, Any] = {}
+        members: dict[str, object] = {}
+        meanings: dict[str, object] = {}
         for name, item in self.members(group).items():
             if isinstance(item, h5py.Group):
                 members[name] = self.group(item, depth + 1)
@@ -127,7 +127,7 @@ def _values(dataset: Any) -> Any:
     return Other(str(dataset.dtype))
 
 
-def plain_value(value: Any) -> Any:
+def plain_value(value: object) -> Any:
     """Return the value of an attribute or a dataset as plain data: a str, an array or `Other`."""
     if isinstance(value, bytes | str):
         return value if isinstance(value, str) else value.decode("utf-8", "replace")

@@ -339,7 +339,7 @@ class _File73:
                 element[key] = self._item(self._file[reference], where, depth + 1)
         return elements
 
-    def _sparse(self, item: Any, members: dict[str, Any]) -> Sparse:
+    def _sparse(self, item: Any, members: dict[str, object]) -> Sparse:
         rows = int(item.attrs["MATLAB_sparse"])
         indptr = self._values(members["jc"])
         # A matrix without entries has no datasets data and ir.
@@ -392,7 +392,7 @@ def _rows(texts: list[str]) -> list[str]:
     return [text.rstrip(" \0") for text in texts]
 
 
-def _vector(cells: NumberArray, name: str, path: str) -> list[Any]:
+def _vector(cells: NumberArray, name: str, path: str) -> list[object]:
     if cells.size not in (0, max(cells.shape, default=1)):
         raise _UnusableError(
             f"{name}: cell or struct array of shape {cells.shape}; expected one row or column", path
@@ -400,7 +400,7 @@ def _vector(cells: NumberArray, name: str, path: str) -> list[Any]:
     return list(cells.ravel())
 
 
-def _cell(value: Any, name: str, at: int, path: str) -> str:
+def _cell(value: object, name: str, at: int, path: str) -> str:
     if isinstance(value, list) and len(value) <= 1:
         return str(value[0]) if value else ""
     raise _UnusableError(
@@ -408,7 +408,7 @@ def _cell(value: Any, name: str, at: int, path: str) -> str:
     )
 
 
-def _text(given: Any) -> str:
+def _text(given: object) -> str:
     return given.decode("latin-1") if isinstance(given, bytes) else str(given)
 
 

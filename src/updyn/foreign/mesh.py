@@ -48,7 +48,7 @@ def load(path: str) -> dict[str, Any]:
                 reason = line.strip()
                 break
         raise FormatError(f"not a readable mesh ({reason})", path) from error
-    sets: dict[str, list[Any]] = {}
+    sets: dict[str, list[object]] = {}
     for name, members in found.cell_sets.items():
         sets[str(name)] = list(map(_members, members))
     sets |= _families(getattr(found, "cell_tags", {}), found.cell_data.get("cell_tags", []))
@@ -79,7 +79,7 @@ def _families(names: Mapping[Any, Sequence[str]], tags: Sequence[Any]) -> dict[s
     }
 
 
-def _members(positions: Any) -> Any:
+def _members(positions: object) -> object:
     """Return the members of a set in one block of cells."""
     if positions is None:
         return None

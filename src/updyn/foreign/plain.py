@@ -58,7 +58,7 @@ def to_native(array: NumberArray) -> NumberArray:
     return array if array.dtype.isnative else array.astype(array.dtype.newbyteorder("="))
 
 
-def encode(value: Any) -> Iterator[bytes | memoryview]:
+def encode(value: object) -> Iterator[bytes | memoryview]:
     """Yield the bytes of a value, part by part; raise a TypeError if it is not plain data."""
     arrays: list[NumberArray] = []
     text = json.dumps(_tag_value(value, arrays, 0)[0]).encode()
@@ -68,7 +68,7 @@ def encode(value: Any) -> Iterator[bytes | memoryview]:
         yield array.reshape(-1).view(np.uint8).data
 
 
-def _tag_value(value: Any, arrays: list[NumberArray], end: int) -> tuple[Any, int]:
+def _tag_value(value: object, arrays: list[NumberArray], end: int) -> tuple[object, int]:
     if value is None or isinstance(value, bool | int | float | str):
         return value, end
     if isinstance(value, Other):
@@ -111,7 +111,7 @@ def decode(content: memoryview) -> Any:
     return _value(json.loads(bytes(content[8 : 8 + length])), content[8 + length :])
 
 
-def _value(tagged: Any, numbers: memoryview) -> Any:
+def _value(tagged: object, numbers: memoryview) -> Any:
     if isinstance(tagged, list):
         return [_value(item, numbers) for item in tagged]
     if not isinstance(tagged, dict):
@@ -148,15 +148,15 @@ def _sparse(given: Any, numbers: memoryview) -> Sparse:
     return Sparse((int(rows), int(columns)), data, indices, indptr)
 
 
-def _other(given: Any, numbers: memoryview) -> Other:
+def _other(given: object, numbers: memoryview) -> Other:
     return Other(str(given))
 
 
-def _unread(given: Any, numbers: memoryview) -> Unread:
+def _unread(given: object, numbers: memoryview) -> Unread:
     return Unread(str(given))
 
 
-_READERS: Mapping[str, Callable[[Any, memoryview], Any]] = {
+_READERS: Mapping[str, Callable[[object, memoryview], object]] = {
     "map": _map,
     "array": _array,
     "texts": _texts,

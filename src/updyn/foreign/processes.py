@@ -61,7 +61,7 @@ def _python(code: str, *arguments: str, **options: Any) -> subprocess.Popen[byte
 class _Server:
     """A fork server, which serves one request at a time and inherited the state `origin`."""
 
-    def __init__(self, origin: tuple[Any, ...]) -> None:
+    def __init__(self, origin: tuple[object, ...]) -> None:
         self.origin = origin
         self.control, child_socket = socket.socketpair()
         with child_socket:
@@ -146,7 +146,7 @@ def _servers() -> Iterator[_Server]:
     yield _Server(origin)
 
 
-def _origin() -> tuple[Any, ...]:
+def _origin() -> tuple[object, ...]:
     """Return the state that a process inherits: environment, working folder and module path."""
     folder = Path().stat()
     return dict(os.environ), (folder.st_dev, folder.st_ino), tuple(map(str, sys.path))
