@@ -9,7 +9,7 @@ import shutil
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
@@ -661,7 +661,9 @@ def _find_exit_code(done: JobRun) -> int:
     return DONE if done.result.usable else NOT_DETERMINED
 
 
-def _join_options(stated: Mapping[str, Any], texts: list[str] | None, flag: str) -> dict[str, Any]:
+def _join_options(
+    stated: Mapping[str, object], texts: list[str] | None, flag: str
+) -> dict[str, object]:
     """Return the options of a reader: those with a flag of their own, and ``KEY=VALUE``."""
     further = parse_reader_options(texts, flag)
     known = {name: value for name, value in stated.items() if value is not None}
@@ -671,13 +673,13 @@ def _join_options(stated: Mapping[str, Any], texts: list[str] | None, flag: str)
 
 
 def _select_kinds(
-    kinds: tuple[str, ...], options: Mapping[str, Mapping[str, Any]]
-) -> tuple[tuple[str, ...], dict[str, dict[str, Any]]]:
+    kinds: tuple[str, ...], options: Mapping[str, Mapping[str, object]]
+) -> tuple[tuple[str, ...], dict[str, dict[str, object]]]:
     """Return the kinds (of `FILE_KINDS`) that a file may have, and the stated options by kind.
 
     An `InputError` is raised if options of both a measurement and a model are stated.
     """
-    stated: dict[str, dict[str, Any]] = {}
+    stated: dict[str, dict[str, object]] = {}
     for kind, values in options.items():
         stated[kind] = {name: value for name, value in values.items() if value is not None}
     if stated["frf"] and stated["model"]:

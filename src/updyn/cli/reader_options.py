@@ -28,7 +28,7 @@ def parse_reader_options(texts: Iterable[str] | None, flag: str) -> dict[str, An
     return found
 
 
-def _parse_value(text: str) -> Any:
+def _parse_value(text: str) -> object:
     try:
         return tomllib.loads(f"value = {text}")["value"]
     except tomllib.TOMLDecodeError:

@@ -133,7 +133,7 @@ FILE_KINDS: Registry[FileKind] = Registry(
 def read_anything(
     path: str | Path,
     kinds: Sequence[str] | None = None,
-    options: Mapping[str, Mapping[str, Any]] | None = None,
+    options: Mapping[str, Mapping[str, object]] | None = None,
 ) -> tuple[str, Any]:
     """Return the name and the content of the first kind that a file contains.
 
