@@ -279,7 +279,7 @@ class DofSet(Sequence[Dof]):
             shown.append("...")
         return f"DofSet([{', '.join(shown)}], n={len(self)})"
 
-    def __reduce__(self) -> tuple[Any, ...]:
+    def __reduce__(self) -> tuple[object, ...]:
         return DofSet.from_arrays, (self.nodes, self.axes, self.signs)
 
     # -- labels, matching, complement ----------------------------------------------------------

@@ -305,7 +305,7 @@ class FRF:
         picture = curves(self.freq, shown, ("frequency (Hz)", title))
         return card(f"FRF, {self.quantity}", facts, picture)
 
-    def __reduce__(self) -> tuple[Any, ...]:
+    def __reduce__(self) -> tuple[object, ...]:
         return FRF, tuple(getattr(self, f.name) for f in fields(self))  # makes arrays read-only
 
     # -- conversion ----------------------------------------------------------------------------
@@ -497,7 +497,7 @@ class FRF:
             **parts,
         )
 
-    def __getitem__(self, channels: Any) -> FRF:
+    def __getitem__(self, channels: object) -> FRF:
         """Return channels by label: ``frf[responses]`` or ``frf[responses, references]``.
 
         Each of the two is a label (``"3:Z"``; with the opposite sign the values change sign), a
@@ -623,7 +623,7 @@ class FRF:
         for name in ("coherence", "variance"):
             if getattr(self, name) is not None:
                 data[name] = (_DIMS, getattr(self, name))
-        attrs: dict[str, Any] = {"quantity": self.quantity, "source": self.source}
+        attrs: dict[str, object] = {"quantity": self.quantity, "source": self.source}
         if self.averages is not None:
             attrs["averages"] = self.averages
         if self.decay:
@@ -778,7 +778,7 @@ def _format_labels(dofs: DofSet) -> str:
     return text if len(dofs) <= NOTEBOOK.most_channels else f"{text}, ... ({len(dofs)} in all)"
 
 
-def _select_dofs(given: Any, existing: DofSet, what: str) -> list[str | Dof] | None:
+def _select_dofs(given: object, existing: DofSet, what: str) -> list[str | Dof] | None:
     """Return the DOFs that match labels and patterns; None for all."""
     if isinstance(given, slice):
         if given != slice(None):
@@ -831,7 +831,7 @@ def _numbers(name: str, given: ArrayLike, dtype: type) -> NumberArray:
     return array.astype(dtype, copy=array.flags.writeable or array.base is not None)
 
 
-def _attribute(data: xr.Dataset, name: str, default: Any = None) -> Any:
+def _attribute(data: xr.Dataset, name: str, default: object = None) -> Any:
     """Return an attribute of a dataset; files store a number as an array of size one."""
     value = data.attrs.get(name, default)
     single = isinstance(value, np.ndarray | np.generic) and value.size == 1

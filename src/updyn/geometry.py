@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -98,7 +97,7 @@ class Geometry:
                 array.flags.writeable = False
             object.__setattr__(self, name, array)
 
-    def __reduce__(self) -> tuple[Any, ...]:
+    def __reduce__(self) -> tuple[object, ...]:
         return Geometry, (self.nodes, self.xyz, self.lines, self.axes, self.faces)
 
     @property

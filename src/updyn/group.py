@@ -156,7 +156,11 @@ class Group:
         self._set_damping(loss_factor, mass_damping, stiffness_damping, loss_table)
 
     def _set_damping(
-        self, loss_factor: Any, mass_damping: Any, stiffness_damping: Any, loss_table: Any
+        self,
+        loss_factor: object,
+        mass_damping: object,
+        stiffness_damping: object,
+        loss_table: object,
     ) -> None:
         object.__setattr__(self, "loss_factor", _check_damping("loss factor", loss_factor))
         object.__setattr__(self, "mass_damping", _check_damping("mass_damping", mass_damping))
@@ -179,7 +183,7 @@ class Group:
         stiffness: Matrix,
         mass: Matrix,
         viscous: Matrix,
-        damping: Mapping[str, Any],
+        damping: Mapping[str, object],
         exchanged: AxisExchange | None,
         origin: GroupOrigin,
     ) -> Group:
@@ -195,7 +199,7 @@ class Group:
         out._set_damping(**rest)
         return out
 
-    def __reduce__(self) -> tuple[Any, ...]:
+    def __reduce__(self) -> tuple[object, ...]:
         rest = (self.damping, self.exchanged, self.origin)
         return Group._build_unchecked, (*self._matrices, *rest)
 
@@ -217,7 +221,7 @@ class Group:
     @property
     def damping(self) -> dict[str, Any]:
         """The damping except the viscous matrix, by argument name of `Group`."""
-        out: dict[str, Any] = {"loss_factor": self.loss_factor}
+        out: dict[str, object] = {"loss_factor": self.loss_factor}
         for name in VALUES:
             value = getattr(self, name)
             if value:
@@ -404,7 +408,7 @@ class Group:
         found = self.exchanged.matrices()
         return self.with_matrices(found.stiffness, found.mass, self.viscous)
 
-    def with_damping(self, damping: Mapping[str, Any]) -> Group:
+    def with_damping(self, damping: Mapping[str, object]) -> Group:
         """Return a group with the same matrices and other damping.
 
         Parameters
@@ -583,7 +587,7 @@ class LossTable:
                 key=("loss_table",),
             )
 
-    def __reduce__(self) -> tuple[Any, ...]:
+    def __reduce__(self) -> tuple[object, ...]:
         return LossTable, (self.freq, self.relative)
 
     def __repr__(self) -> str:

@@ -19,7 +19,7 @@ from updyn.grouping import GroupOrigin, find_groups, suggest_groups
 __all__ = ["merge_groups", "split_changes"]
 
 
-def merge_groups(groups: Mapping[str, Group], merged: Mapping[str, Any]) -> dict[str, Group]:
+def merge_groups(groups: Mapping[str, Group], merged: Mapping[str, object]) -> dict[str, Group]:
     """Return groups with some of them merged.
 
     Parameters
@@ -83,7 +83,7 @@ def split_changes(
     return found
 
 
-def _assign_groups(groups: Mapping[str, Group], merged: Mapping[str, Any]) -> dict[str, str]:
+def _assign_groups(groups: Mapping[str, Group], merged: Mapping[str, object]) -> dict[str, str]:
     if not isinstance(merged, Mapping) or not merged:
         raise ModelError(f"groups: expected names with patterns, found {merged!r}")
     new_name: dict[str, str] = {}
@@ -106,7 +106,7 @@ def _assign_groups(groups: Mapping[str, Group], merged: Mapping[str, Any]) -> di
     return new_name
 
 
-def _list_patterns(target: str, given: Any) -> Sequence[str]:
+def _list_patterns(target: str, given: object) -> Sequence[str]:
     patterns = given
     if isinstance(given, str):
         patterns = [given]

@@ -16,7 +16,6 @@ import warnings
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -184,7 +183,7 @@ class Model:
             return ""
         return structure(self.geometry.xyz, self.geometry.line_ends)
 
-    def __reduce__(self) -> tuple[Any, ...]:
+    def __reduce__(self) -> tuple[object, ...]:
         return Model, (dict(self.groups), self.dofs, self.geometry, self.title)
 
     @property
@@ -447,7 +446,7 @@ class Model:
         group = Group(**matrices, loss_factor=loss_factor)
         return Model({**self.groups, name: group}, self.dofs, self.geometry, self.title)
 
-    def with_damping(self, damping: Mapping[str, Mapping[str, Any]]) -> Model:
+    def with_damping(self, damping: Mapping[str, Mapping[str, object]]) -> Model:
         """Return a copy with other damping, for example for a deck without damping.
 
         Parameters

@@ -10,7 +10,6 @@ import html
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -34,7 +33,7 @@ __all__ = [
 
 #: Interactive views by class of object, such as ``"Model"``: functions from the object to HTML, or
 #: None if it has no interactive view.
-VIEWERS: Registry[Callable[[Any], str | None]] = Registry(
+VIEWERS: Registry[Callable[[object], str | None]] = Registry(
     "notebook viewer",
     "updyn.notebook_viewers",
     {"Model": "updyn.viewer.notebook:model_frame"},

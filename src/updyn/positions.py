@@ -12,7 +12,6 @@ import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from scipy.spatial import KDTree
@@ -76,7 +75,7 @@ class LabelCheck:
 
     system: CoordinateSystem = field(default_factory=CoordinateSystem)
     contradiction: str = ""
-    proposal: Mapping[str, Any] = field(default_factory=dict)
+    proposal: Mapping[str, object] = field(default_factory=dict)
     note: str = ""
     warning: str = ""
 
@@ -315,7 +314,7 @@ class _Comparison:
         return [int(self.nodes[i]) for i in sorted({first, second, int(np.argmax(off))})]
 
     def report_contradiction(
-        self, system: CoordinateSystem, proposal: dict[str, Any]
+        self, system: CoordinateSystem, proposal: dict[str, object]
     ) -> LabelCheck:
         """Return the contradiction with the worst pairs and the remedy."""
         gross = np.flatnonzero(self.far_pairs(system))
@@ -344,7 +343,7 @@ class _Comparison:
             system, "\n".join([head, *rows, self.remedy_text(near, len(gross), proposal)]), proposal
         )
 
-    def remedy_text(self, near: Points, n_gross: int, proposal: Mapping[str, Any]) -> str:
+    def remedy_text(self, near: Points, n_gross: int, proposal: Mapping[str, object]) -> str:
         if proposal:
             options = ", ".join(f'{key} = "{value}"' for key, value in proposal.items())
             return (

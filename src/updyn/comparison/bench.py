@@ -106,7 +106,7 @@ class Options:
         cls,
         parameters: ParameterSet,
         methods: Iterable[str] | None,
-        options: Mapping[str, Mapping[str, Any]] | None,
+        options: Mapping[str, Mapping[str, object]] | None,
         truth: Mapping[str, float] | None,
         *,
         fewest: bool = False,
@@ -131,7 +131,7 @@ class Options:
 
 
 def _check_methods(
-    given: Iterable[str] | None, options: Mapping[str, Mapping[str, Any]]
+    given: Iterable[str] | None, options: Mapping[str, Mapping[str, object]]
 ) -> tuple[str, ...]:
     """Return the methods to run; raise for a wrong name or wrong options."""
     if isinstance(given, str):
@@ -315,7 +315,7 @@ class Bench:
                 left_out[parameter.name] = f"{name} cannot update it"
         return Selection(unknowns, left_out=left_out, held=tuple(held))
 
-    def _find_method_options(self, name: str) -> Mapping[str, Any]:
+    def _find_method_options(self, name: str) -> Mapping[str, object]:
         return self.options.by_method.get(name, {})
 
     def _select_fit_options(self, name: str) -> dict[str, Any]:
@@ -537,7 +537,7 @@ def compare_jointly(
     fewest: bool = False,
     tolerance: float = 0.01,
     chosen: str = "d-optimal",
-    options: Mapping[str, Mapping[str, Any]] | None = None,
+    options: Mapping[str, Mapping[str, object]] | None = None,
     title: str = "",
     tier: str | None = None,
     backend: str | None = None,

@@ -19,7 +19,7 @@ _OPTIONS = ("band", "gate", "least_mac", "close", "dofs")
 def correlate(computed: Model | FRF, measured: FRF) -> Correlation: ...
 @overload
 def correlate(
-    computed: Model | ModesLike, measured: ModesLike, **options: Any
+    computed: Model | ModesLike, measured: ModesLike, **options: object
 ) -> ModeCorrelation: ...
 def correlate(computed: Any, measured: Any, **options: Any) -> Correlation | ModeCorrelation:
     """Compare a model, computed FRFs or computed modes with measured FRFs or modes.

@@ -179,7 +179,7 @@ class ModeCorrelation:
         computed, measured = (np.hstack(part) for part in zip(*columns, strict=True))
         return np.asarray(criterion(computed, measured))
 
-    def cross_orthogonality(self, mass: Any) -> NumberArray:
+    def cross_orthogonality(self, mass: object) -> NumberArray:
         """Return the cross-orthogonality of computed and measured modes.
 
         Parameters

@@ -12,7 +12,6 @@ import importlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from updyn.registry import Registry
 
@@ -52,7 +51,7 @@ class Demo:
         """
         return Path(importlib.import_module(self.module).write_inputs(folder))
 
-    def next_job(self, results: Sequence[Any], folder: Path) -> Path | None:
+    def next_job(self, results: Sequence[object], folder: Path) -> Path | None:
         """Return the job to run next, or None after the last run.
 
         Parameters
@@ -73,7 +72,7 @@ class Demo:
         job: Path | None = module.next_job(results, folder)
         return job
 
-    def epilogue(self, results: Sequence[Any], folder: Path) -> str:
+    def epilogue(self, results: Sequence[object], folder: Path) -> str:
         """Return text about the results in addition to their summaries.
 
         Parameters

@@ -13,7 +13,7 @@ from dataclasses import replace
 from importlib import resources
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -194,7 +194,7 @@ def _job(
     title: str,
     start: Mapping[str, float],
     unknowns: Sequence[str],
-    segments: Sequence[Mapping[str, Any]] = (),
+    segments: Sequence[Mapping[str, object]] = (),
     options: str = "",
 ) -> str:
     """Return the text of a job; `start` holds start values, if any."""
@@ -239,7 +239,7 @@ def _lines(folder: Path) -> str:
     return "\n".join(rows)
 
 
-def _part(kind: str, keys: Mapping[str, Any]) -> str:
+def _part(kind: str, keys: Mapping[str, object]) -> str:
     rows = []
     for key, value in keys.items():
         text = f'"{value}"' if isinstance(value, str) else f"{value:.8g}"

@@ -56,7 +56,7 @@ def _check_not_in_line(centred: Points, what: str) -> None:
         )
 
 
-def _read_matrix(given: Any, factor: float, unit: str | None) -> Alignment:
+def _read_matrix(given: object, factor: float, unit: str | None) -> Alignment:
     """Return the alignment of a 4 x 4 matrix: rotation, and the shift in m in the last column."""
     try:
         matrix = np.asarray(given, dtype=np.float64)
@@ -259,7 +259,7 @@ class _Placement:
         geometry: Geometry,
         test: Geometry,
         needs: Mapping[int, frozenset[int]],
-        alignment: Any,
+        alignment: object,
     ) -> None:
         self.nodes = list(needs)
         self.test = test
@@ -308,7 +308,7 @@ def match_nodes(
     needs: Mapping[int, frozenset[int]],
     tolerance: float | str | None,
     unit: str | None,
-    alignment: Any,
+    alignment: object,
 ) -> tuple[dict[int, NodeMatch], Alignment, list[str]]:
     """Return the nearest model node of each test node, the alignment and notes.
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -46,7 +45,7 @@ class MatchError(DofError):
         message: str,
         key: tuple[str, ...] = (),
         lost: Sequence[str] = (),
-        proposal: Mapping[str, Any] | None = None,
+        proposal: Mapping[str, object] | None = None,
     ) -> None:
         super().__init__(message, key=key)
         self.lost = tuple(lost)

@@ -173,7 +173,7 @@ def match(
     return Matching(changed, named, tuple(rows), by, aligned, (*notes, *more))
 
 
-def _check_options(by: str, tolerance: Any, unit: Any, alignment: Any, angle: Any) -> None:
+def _check_options(by: str, tolerance: object, unit: object, alignment: object, angle: Any) -> None:
     if by not in _WAYS:
         raise OptionError(f"by = {by!r}: {suggest(str(by), _WAYS)}")
     if by == "label":
@@ -393,7 +393,7 @@ class _UserInput:
         return _as_alignment(found.system), [*filter(None, [found.note, found.warning])]
 
     def nodes_by_coordinates(
-        self, model: Model, tolerance: float | str | None, unit: str | None, alignment: Any
+        self, model: Model, tolerance: float | str | None, unit: str | None, alignment: object
     ) -> tuple[dict[int, NodeMatch], Alignment, list[str]]:
         """Return the nearest node of the model for each node of the test not in the table."""
         if self.geometry is None:

@@ -241,7 +241,7 @@ class ModeSet:
         titles = ("frequency (Hz)", "damping (%)")
         return curves(self.frequency, [damping], titles, log_y=False, stems=True)
 
-    def __reduce__(self) -> tuple[Any, ...]:
+    def __reduce__(self) -> tuple[object, ...]:
         names = (*_FIELDS, "diagram", "unexplained", "lean")
         return _restore, ({name: getattr(self, name) for name in names},)
 
@@ -275,7 +275,7 @@ class ModeSet:
         """
         import xarray as xr
 
-        data: dict[str, Any] = {"shapes": (("dof", "mode"), self.shapes)}
+        data: dict[str, object] = {"shapes": (("dof", "mode"), self.shapes)}
         if self.std_shapes is not None:
             data["std_shapes"] = (("dof", "mode"), self.std_shapes)
         if self.cov_frequency is not None:

@@ -117,7 +117,7 @@ class Manifest:
         return find_obstacle(folder, name, () if entry is None else (entry.sha256,))
 
 
-def _read_files(content: Any) -> Mapping[str, Any]:
+def _read_files(content: object) -> Mapping[str, Any]:
     """Return the table of files of a manifest; `ValueError` if it is not one."""
     if not isinstance(content, dict) or content.get("format") != FORMAT:
         raise ValueError(f"expected 'format': {FORMAT!r}")

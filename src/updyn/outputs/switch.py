@@ -251,7 +251,7 @@ def _read_plan(finished: Path) -> _Plan:
     return plan
 
 
-def _is_pair(digests: Any) -> bool:
+def _is_pair(digests: object) -> bool:
     """Return whether a value is a list of an old digest (or None) and a new one."""
     return isinstance(digests, list) and list(map(type, digests)) in ([type(None), str], [str, str])
 

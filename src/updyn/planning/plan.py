@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from numpy.typing import ArrayLike
 
@@ -209,7 +209,7 @@ def plan(
 _Callback = Callable[[Progress], "bool | None"]
 
 
-def _identify_task(all_candidates: Sequence[Candidates], task: _PlanTask) -> dict[str, Any]:
+def _identify_task(all_candidates: Sequence[Candidates], task: _PlanTask) -> dict[str, object]:
     """Return the identification of the work, for its checkpoint."""
     first = all_candidates[0]
     description = {

@@ -79,7 +79,7 @@ def escape_labels(texts: Iterable[str]) -> list[str]:
     return list(map(escape_label, texts))
 
 
-def encode_numbers(values: ArrayLike, *, packed: bool = True) -> Any:
+def encode_numbers(values: ArrayLike, *, packed: bool = True) -> object:
     """Return an array for plotly: a list (None if not finite), or base64 float32 if long."""
     array = np.asarray(values, dtype=np.float64)
     if array.size <= 400 or not packed:
@@ -97,7 +97,7 @@ def encode_array(array: NumberArray, dtype: str) -> str:
     return base64.b64encode(np.ascontiguousarray(array, dtype=dtype).tobytes()).decode("ascii")
 
 
-def error_bars(minus: ArrayLike, plus: ArrayLike, colour: str) -> dict[str, Any]:
+def error_bars(minus: ArrayLike, plus: ArrayLike, colour: str) -> dict[str, object]:
     """Return asymmetric error bars along x."""
     return {
         "type": "data",
@@ -110,7 +110,7 @@ def error_bars(minus: ArrayLike, plus: ArrayLike, colour: str) -> dict[str, Any]
     }
 
 
-def colour_bar(title: str, ticks: Sequence[float], height: int) -> dict[str, Any]:
+def colour_bar(title: str, ticks: Sequence[float], height: int) -> dict[str, object]:
     """Return a colour bar at the top right of a heat map, with a length of 110 to 280 pixels."""
     return {
         "title": {"text": title, "side": "right", "font": {"size": style.FIGURE_TEXT}},
@@ -142,12 +142,12 @@ def rows_height(n: int, extra: int) -> int:
     return extra + n * row
 
 
-def names_font(names: Sequence[str]) -> dict[str, Any]:
+def names_font(names: Sequence[str]) -> dict[str, object]:
     """Return the font of the names along an axis; smaller for more than 40 names."""
     return {"size": 12 if len(names) <= 40 else 9}
 
 
-def categories(names: Sequence[str], title: str) -> dict[str, Any]:
+def categories(names: Sequence[str], title: str) -> dict[str, object]:
     """Return an axis with one named tick for each of `names`, at 0, 1, 2, ..."""
     return {
         "title": {"text": title},
@@ -188,7 +188,7 @@ def stack_panels(
     room = 1.0 - _GAP * (len(panels) - 1)
     traces: list[dict[str, Any]] = []
     layout: dict[str, Any] = {"showlegend": True, "hovermode": "closest"}
-    shapes: list[dict[str, Any]] = []
+    shapes: list[dict[str, object]] = []
     top = 1.0
     axis = "y"
     for place, panel in enumerate(panels, 1):
@@ -214,7 +214,7 @@ def stack_panels(
     return {"data": traces, "height": height, "layout": layout}
 
 
-def linear_frequency(freq: ArrayLike) -> dict[str, Any]:
+def linear_frequency(freq: ArrayLike) -> dict[str, object]:
     """Return a linear frequency axis over lines in Hz, with a margin for markers at both ends."""
     lines = np.asarray(freq, dtype=np.float64)
     low, high = float(lines[0]), float(lines[-1])
@@ -226,7 +226,7 @@ def linear_frequency(freq: ArrayLike) -> dict[str, Any]:
     }
 
 
-def log_frequency(freq: ArrayLike, title: str = "frequency (Hz)") -> dict[str, Any]:
+def log_frequency(freq: ArrayLike, title: str = "frequency (Hz)") -> dict[str, object]:
     """Return a logarithmic frequency axis over lines in Hz."""
     lines = np.asarray(freq, dtype=np.float64)
     lines = lines[lines > 0]
@@ -238,7 +238,7 @@ def log_frequency(freq: ArrayLike, title: str = "frequency (Hz)") -> dict[str, A
         for mark in marks:
             if low - 1e-9 <= np.log10(mark) + decade <= high + 1e-9:
                 ticks.append(mark * 10.0**decade)
-    axis: dict[str, Any] = {"title": {"text": title}, "type": "log", "range": [low, high]}
+    axis: dict[str, object] = {"title": {"text": title}, "type": "log", "range": [low, high]}
     if len(ticks) < 2:  # a narrow band
         return axis | {"dtick": log_step(lines)}
     return axis | {"tickvals": ticks, "ticktext": [f"{t:g}" for t in ticks]}
@@ -276,7 +276,7 @@ def curve(
     dash: str = "solid",
     legend: bool = True,
     width: float = 1.8,
-) -> dict[str, Any]:
+) -> dict[str, object]:
     """Return the trace of a curve with gaps at non-finite values; a single line is a marker."""
     drawn: dict[str, Any] = {"mode": "lines"}
     if np.size(x) == 1:
@@ -297,10 +297,10 @@ def curve(
 
 def band_traces(
     x: ArrayLike, low: ArrayLike, high: ArrayLike, name: str, *, legend: bool = True
-) -> list[dict[str, Any]]:
+) -> list[dict[str, object]]:
     """Return the traces of a band between two finite curves, with zeros replaced for log axes."""
     tiny = float(np.finfo(np.float32).tiny)
-    edge: dict[str, Any] = {
+    edge: dict[str, object] = {
         "type": "scatter",
         "mode": "lines",
         "x": encode_numbers(x),
@@ -358,13 +358,13 @@ def wrapped_phase(x: ArrayLike, H: ComplexArray) -> tuple[RealArray, RealArray]:
     return np.insert(lines, after, lines[after]), np.insert(degrees, after, np.nan)
 
 
-def level_line(x: ArrayLike, at: float, name: str) -> dict[str, Any]:
+def level_line(x: ArrayLike, at: float, name: str) -> dict[str, object]:
     """Return a dashed horizontal line over all lines."""
     ends = np.asarray(x, dtype=np.float64)[[0, -1]]
     return curve(ends, [at, at], name, "@before", dash="dash", width=1.5)
 
 
-def _horizontal_line(axis: str, at: float) -> dict[str, Any]:
+def _horizontal_line(axis: str, at: float) -> dict[str, object]:
     line = {"color": "@muted", "dash": "dot", "width": 1}
     return {
         "type": "line",
@@ -378,7 +378,7 @@ def _horizontal_line(axis: str, at: float) -> dict[str, Any]:
     }
 
 
-def _vertical_line(at: float) -> dict[str, Any]:
+def _vertical_line(at: float) -> dict[str, object]:
     line = {"color": "@muted", "dash": "dot", "width": 1}
     return {
         "type": "line",
@@ -458,7 +458,7 @@ def _format_bars(values: Sequence[float]) -> list[str]:
     return [number(v, 2) for v in values]
 
 
-def _mark_line(at: float) -> Mapping[str, Any]:
+def _mark_line(at: float) -> Mapping[str, object]:
     return {
         "type": "line",
         "x0": at,

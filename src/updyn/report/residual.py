@@ -181,7 +181,7 @@ def misfit_map(found: Adequacy | None) -> Figure | None:
     }
 
 
-def _colour_bar(found: Adequacy, height: int) -> dict[str, Any]:
+def _colour_bar(found: Adequacy, height: int) -> dict[str, object]:
     title = "misfit / noise" if found.absolute else "misfit / typical"
     texts = [f"{tick:g}" for tick in _TICKS]
     texts[-1] = f"≥ {texts[-1]}"
@@ -218,7 +218,7 @@ def _hover_row(found: Adequacy, i: int, j: int) -> list[str]:
     return out
 
 
-def _mark_traces(found: Adequacy, at: IndexArray, edges: RealArray) -> list[dict[str, Any]]:
+def _mark_traces(found: Adequacy, at: IndexArray, edges: RealArray) -> list[dict[str, object]]:
     """Return marks on the cells that fail the test of correlation or the test of size."""
     correlated = found.whiteness_p[tuple(at.T)] <= found.level
     large = (found.chi_square_p[tuple(at.T)] <= found.level) & ~correlated
@@ -230,7 +230,7 @@ def _mark_traces(found: Adequacy, at: IndexArray, edges: RealArray) -> list[dict
     return marks
 
 
-def _mark_trace(name: str, where: BoolArray, symbol: str, edges: RealArray) -> dict[str, Any]:
+def _mark_trace(name: str, where: BoolArray, symbol: str, edges: RealArray) -> dict[str, object]:
     middle = 0.5 * (edges[1:] + edges[:-1])
     rows, columns = np.nonzero(where)
     return {
@@ -308,7 +308,7 @@ class NoiseSection(ReportSection):
 NOISE = NoiseSection()
 
 
-def _chi_sentence(chi: float, noise: Mapping[str, Any]) -> str:
+def _chi_sentence(chi: float, noise: Mapping[str, object]) -> str:
     """Return a sentence that interprets the reduced chi-square."""
     start = f"Reduced chi-square {number(chi, 3)}"
     if noise_is_fitted(noise):
@@ -448,7 +448,9 @@ def residual_by_channel(data: ReportData) -> Figure | None:
     }
 
 
-def _channel_trace(percent: RealArray, names: list[str], name: str, symbol: str) -> dict[str, Any]:
+def _channel_trace(
+    percent: RealArray, names: list[str], name: str, symbol: str
+) -> dict[str, object]:
     return {
         "type": "scatter",
         "mode": "markers",

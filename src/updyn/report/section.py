@@ -181,7 +181,7 @@ class ReportSection:
         fitted = content.start is None
         return render_template(self.template, figures=figures, fitted=fitted, **context)
 
-    def embedded_data(self, content: PageContent) -> dict[str, Any]:
+    def embedded_data(self, content: PageContent) -> dict[str, object]:
         """Return data for the scripts, ready for JSON, by id of the element that holds them."""
         return {}
 

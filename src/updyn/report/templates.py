@@ -15,7 +15,7 @@ from functools import cache
 from importlib import resources
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from updyn.io.atomic import atomic_path
 from updyn.report import formats
@@ -67,7 +67,7 @@ def _read_template(name: str) -> str:
     return (resources.files(package) / "templates" / file).read_text(encoding="utf-8")
 
 
-def render_template(name: str, **context: Any) -> str:
+def render_template(name: str, **context: object) -> str:
     """Return a template, such as ``"updyn.report/agreement.html"``, rendered with variables."""
     return _environment().get_template(name).render(context)
 

@@ -91,7 +91,7 @@ class UnknownsSection(ParameterSection):
 UNKNOWNS = UnknownsSection()
 
 
-def _parameter_row(result: UpdateResult, parameter: Parameter) -> dict[str, Any]:
+def _parameter_row(result: UpdateResult, parameter: Parameter) -> dict[str, object]:
     """Return the table cells of an unknown and the CSS class of its row."""
     p = parameter
     value, std = result.values[p.name], result.std[p.name]
@@ -171,7 +171,7 @@ def estimates(result: UpdateResult, chosen: Sequence[Parameter]) -> Figure | Non
             at = np.flatnonzero(where)
             traces.append(_estimate_trace(name, values, low, high, at, symbol, names))
     title = axis_title(chosen[0])
-    axis: dict[str, Any] = {"title": {"text": title}, "range": list(view)}
+    axis: dict[str, object] = {"title": {"text": title}, "range": list(view)}
     if relative:
         axis = {
             "title": {"text": f"{title} (log scale)"},
@@ -196,7 +196,7 @@ def estimates(result: UpdateResult, chosen: Sequence[Parameter]) -> Figure | Non
     }
 
 
-def _start_trace(start: RealArray) -> dict[str, Any]:
+def _start_trace(start: RealArray) -> dict[str, object]:
     return {
         "type": "scatter",
         "mode": "markers",
@@ -221,9 +221,9 @@ def _estimate_trace(
     at: IndexArray,
     symbol: str,
     names: list[str],
-) -> dict[str, Any]:
+) -> dict[str, object]:
     colour = MODEL_COLOURS["updated"]
-    trace: dict[str, Any] = {
+    trace: dict[str, object] = {
         "type": "scatter",
         "mode": "markers",
         "name": name,
@@ -243,7 +243,9 @@ def _estimate_trace(
     return trace
 
 
-def _bound_trace(limits: RealArray, view: tuple[float, float], rows: IndexArray) -> dict[str, Any]:
+def _bound_trace(
+    limits: RealArray, view: tuple[float, float], rows: IndexArray
+) -> dict[str, object]:
     inside = (limits > view[0]) & (limits < view[1])
     return {
         "type": "scatter",

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import json
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,7 +24,7 @@ def as_json(scene: Scene) -> str:
     return embedded_json(encode_scene(scene))
 
 
-def embedded_json(value: Any) -> str:
+def embedded_json(value: object) -> str:
     """Return data as JSON that can neither end the enclosing script element nor start a comment."""
     text = json.dumps(value, allow_nan=False, ensure_ascii=True, separators=(",", ":"))
     for sign in "<>&":
@@ -33,7 +32,7 @@ def embedded_json(value: Any) -> str:
     return text
 
 
-def encode_scene(scene: Scene) -> dict[str, Any]:
+def encode_scene(scene: Scene) -> dict[str, object]:
     """Return a scene as objects that JSON can represent.
 
     Float arrays are base64 of float32, integer arrays base64 of int32. Shapes are ``data``, base64
@@ -77,7 +76,7 @@ def _encode_integers(values: ArrayLike) -> str:
     return base64.b64encode(np.ascontiguousarray(values, dtype="<i4").tobytes()).decode()
 
 
-def _encode_scaled(values: RealArray) -> dict[str, Any]:
+def _encode_scaled(values: RealArray) -> dict[str, object]:
     """Return values as 16-bit integers, with the value of the largest one."""
     scale = float(np.abs(values).max(initial=0.0))
     finest = np.zeros(values.shape, dtype="<i2")
@@ -86,7 +85,7 @@ def _encode_scaled(values: RealArray) -> dict[str, Any]:
     return {"data": base64.b64encode(finest.tobytes()).decode(), "scale": scale}
 
 
-def _encode_body(body: Body) -> dict[str, Any]:
+def _encode_body(body: Body) -> dict[str, object]:
     return {
         "name": body.name,
         "labels": _encode_integers(body.nodes),
@@ -103,14 +102,14 @@ def _encode_body(body: Body) -> dict[str, Any]:
     }
 
 
-def _encode_modes(modes: ModeShapes) -> dict[str, Any]:
+def _encode_modes(modes: ModeShapes) -> dict[str, object]:
     return {
         "layers": [_encode_layer(layer) for layer in modes.layers],
         "rows": [{"label": row.label, "members": list(row.members)} for row in modes.rows],
     }
 
 
-def _encode_layer(layer: Layer) -> dict[str, Any]:
+def _encode_layer(layer: Layer) -> dict[str, object]:
     shapes = []
     for shape in layer.shapes:
         imaginary = np.imag(shape)
@@ -124,7 +123,7 @@ def _encode_layer(layer: Layer) -> dict[str, Any]:
     return {**look, "shapes": shapes}
 
 
-def _encode_operating(operating: OperatingShapes) -> dict[str, Any]:
+def _encode_operating(operating: OperatingShapes) -> dict[str, object]:
     first = operating.references[0].layers[0].values
     return {
         "freq": _encode_floats(operating.freq),
@@ -137,7 +136,7 @@ def _encode_operating(operating: OperatingShapes) -> dict[str, Any]:
     }
 
 
-def _encode_entries(entries: Entries) -> dict[str, Any]:
+def _encode_entries(entries: Entries) -> dict[str, object]:
     return {
         "dof": _encode_integers(entries.dof),
         "node": _encode_integers(entries.node),
@@ -145,7 +144,7 @@ def _encode_entries(entries: Entries) -> dict[str, Any]:
     }
 
 
-def _encode_reference(reference: Reference) -> dict[str, Any]:
+def _encode_reference(reference: Reference) -> dict[str, object]:
     """Return the layers of a reference, each line scaled by its largest value in any layer."""
     # Shapes are drawn at the same size at every line. The level is in the curve: the root mean
     # square over the channels.
