@@ -29,6 +29,8 @@ def test_page_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
             if block.language == "python":
                 run_python(block, PAGE.name, names)
     assert "zero is among the values that the data allow" in out.getvalue()
+    (table,) = (block.text for block in blocks(PAGE) if "combined modes" in block.text)
+    assert table.strip() in out.getvalue()
     assert names["posterior"].converged
     assert '<section id="uncertainty">' in (tmp_path / "report.html").read_text(encoding="utf-8")
 
@@ -61,4 +63,4 @@ def test_every_source_is_cited() -> None:
         int(n) for group in re.findall(r"\[(\d+(?:, \d+)*)\]", text) for n in group.split(", ")
     }
     listed = {int(n) for n in re.findall(r"(?:^| )(\d+)\. [A-Z]\. ", sources)}
-    assert cited == listed == set(range(1, 12))
+    assert cited == listed == set(range(1, 14))

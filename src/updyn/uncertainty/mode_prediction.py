@@ -18,7 +18,7 @@ from updyn.uncertainty.posterior import Posterior, find_update
 from updyn.uncertainty.updated_modes import UpdatedModes
 from updyn.updating.result import JointResult, UpdateResult, find_result
 
-__all__ = ["predict_modes"]
+__all__ = ["exclude_span", "predict_modes"]
 
 
 def predict_modes(
@@ -106,7 +106,7 @@ def predict_modes(
                 continue
             std_frequency[k] = posterior.propagate(slope.frequency, found.frequency[k])
             std_loss[k] = posterior.propagate(slope.loss_factor, loss[k])
-            across = _exclude_span(slope.shape[match.index], found.shapes[match.index][:, members])
+            across = exclude_span(slope.shape[match.index], found.shapes[match.index][:, members])
             std_shapes[:, k] = posterior.propagate(across, np.abs(shapes[:, k]).max())
     return ModeSet(
         found.frequency[: updated.number],
@@ -121,6 +121,6 @@ def predict_modes(
     )
 
 
-def _exclude_span(derivatives: RealArray, span: RealArray) -> RealArray:
+def exclude_span(derivatives: RealArray, span: RealArray) -> RealArray:
     """Return derivatives (k, n) without their part in the span of shapes (k, m)."""
     return np.asarray(derivatives - span @ np.linalg.lstsq(span, derivatives, rcond=None)[0])

@@ -65,6 +65,27 @@ class PredictedBandSettings:
 
 
 @dataclass(frozen=True)
+class ExpansionSettings:
+    """Numbers of the expansion of measured shapes."""
+
+    #: [1] Modes of the model up to this multiple of the highest measured frequency may be combined.
+    #: Why: the highest measured mode then has neighbours on both sides; a rule of thumb.
+    reach: float = 1.5
+    #: [sensors] Least number of sensors in excess of the combined modes. Why: the error of left-out
+    #: sensors is random with one or two (a rule of thumb).
+    spare_sensors: int = 3
+    #: [1] Share of the least error so far below which the error has to be for more modes. Why: the
+    #: smallest of many errors is too small by chance; a rule of thumb.
+    least_gain: float = 0.8
+    #: [1] Singular values below this share of the largest make modes at the sensors dependent. Why:
+    #: the amplitudes would amplify the noise a thousand times.
+    rank_tolerance: float = 1e-3
+    #: [1] Least variance of a sensor relative to the square of the shape. Why: rounding of a
+    #: residual without noise.
+    least_variance: float = 1e-24
+
+
+@dataclass(frozen=True)
 class ProfileSettings:
     """Numbers of the profiles of the likelihood."""
 
@@ -165,6 +186,7 @@ COUNT_LIMITS = CountLimitSettings()
 BOOTSTRAP = BootstrapSettings()
 POSTERIOR_SEARCH = PosteriorSearchSettings()
 PREDICTED_BAND = PredictedBandSettings()
+EXPANSION = ExpansionSettings()
 PROFILES = ProfileSettings()
 SAMPLER = SamplerSettings()
 MIXTURE = MixtureSettings()

@@ -13,7 +13,7 @@ import scipy.linalg
 import updyn
 from uncertain_cases import noisy, springs
 from updyn.errors import DofError, OptionError
-from updyn.uncertainty.mode_prediction import _exclude_span
+from updyn.uncertainty.mode_prediction import exclude_span
 
 LINES = np.linspace(1.0, 14.0, 60)
 LABELS = [f"{i}:X" for i in range(1, 7)]
@@ -231,6 +231,6 @@ def test_invalid_input_is_named(result) -> None:
 def test_the_span_is_excluded_exactly() -> None:
     rng = np.random.default_rng(0)
     span, derivatives = rng.normal(size=(7, 2)), rng.normal(size=(7, 3))
-    across = _exclude_span(derivatives, span)
+    across = exclude_span(derivatives, span)
     np.testing.assert_allclose(span.T @ across, 0.0, atol=1e-12)
-    np.testing.assert_allclose(_exclude_span(across, span), across, atol=1e-12)
+    np.testing.assert_allclose(exclude_span(across, span), across, atol=1e-12)
