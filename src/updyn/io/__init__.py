@@ -20,7 +20,7 @@ from updyn.frf import check_quantity
 from updyn.io.formats import FORMATS, find_format, load
 from updyn.io.items import guard_reader, locate_errors, parse_selection
 from updyn.io.point_files import has_fields, read_point_files
-from updyn.modal.shapes import make_shapes
+from updyn.modal.shapes import Updated, make_shapes
 
 if TYPE_CHECKING:
     import xarray
@@ -396,7 +396,7 @@ def write_modes(
 def write_shapes(
     shapes: ModeSet | Modes | FRF,
     path: str | Path,
-    structure: Geometry | Model | None = None,
+    structure: Geometry | Model | Updated | None = None,
     *,
     freq: ArrayLike | None = None,
     reference: str | None = None,
@@ -415,7 +415,7 @@ def write_shapes(
         are operating deflection shapes.
     path : path
         File to write; its suffix selects the format: a universal file (.unv, .uff).
-    structure : Geometry or Model, optional
+    structure : Geometry, Model or UpdateResult, optional
         Positions of the nodes. None: the geometry of the FRF.
     freq : array_like of float, optional
         Frequencies of operating shapes in Hz; the nearest line of the FRF is used.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import BeforeValidator, Strict
@@ -13,6 +13,7 @@ from pydantic import BeforeValidator, Strict
 from updyn.arrays import RealArray
 from updyn.errors import JobError, key_path
 from updyn.frf import FRF
+from updyn.geometry import Geometry
 from updyn.io import write_modes
 from updyn.job.base import Table, is_number
 from updyn.job.folder import check_out, default_out
@@ -30,7 +31,7 @@ __all__ = ["MODES", "MODES_FILES", "ModesTable", "modes_job"]
 MODES_FILES = ("modes.html", "modes.unv")
 
 
-def _parse_picks(given: Any) -> Any:
+def _parse_picks(given: object) -> object:
     if isinstance(given, list | tuple) and given and all(is_number(x) and x > 0 for x in given):
         return tuple(float(x) for x in given)
     raise ValueError("expected an array of frequencies in Hz, such as [11.9, 23.6]")
@@ -87,8 +88,17 @@ def modes_job(
                 poles=picked.poles,
                 left_out=picked.left_out,
             )
-            write_modes(picked.modes, new / "modes.unv")
+            write_modes(picked.modes, new / "modes.unv", geometry=_find_positions(frf))
     return picked.modes
+
+
+def _find_positions(frf: FRF) -> Geometry | None:
+    """Return the geometry of the test, if it has all sensors and no local directions."""
+    found = frf.geometry
+    if found is None or found.axes is not None:
+        return None
+    nodes = np.concatenate([frf.responses.nodes, frf.references.nodes])
+    return found if np.isin(nodes, found.nodes).all() else None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

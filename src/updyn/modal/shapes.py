@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,7 +17,15 @@ from updyn.geometry import Geometry
 from updyn.modal.mode_set import ModeSet
 from updyn.model import Model
 
-__all__ = ["Shapes", "make_shapes"]
+__all__ = ["Shapes", "Updated", "make_shapes"]
+
+
+class Updated(Protocol):
+    """The outcome of an update, as a structure."""
+
+    @property
+    def model(self) -> Model:
+        """The updated model."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,6 +44,8 @@ class Shapes:
         Numbers of the shapes among all modes or lines that were given, from 1.
     quantity, reference : str
         Quantity and reference of operating shapes; empty for modes.
+    result : UpdateResult or None
+        The update whose model it is.
     """
 
     modes: ModeSet
@@ -43,6 +54,7 @@ class Shapes:
     numbers: IntArray
     quantity: str = ""
     reference: str = ""
+    result: Updated | None = None
 
     def __len__(self) -> int:
         return len(self.modes)
@@ -88,7 +100,7 @@ class Shapes:
 
 def make_shapes(
     given: ModeSet | Modes | FRF,
-    structure: Geometry | Model | None = None,
+    structure: Geometry | Model | Updated | None = None,
     *,
     freq: ArrayLike | None = None,
     reference: str | None = None,
@@ -100,7 +112,7 @@ def make_shapes(
     ----------
     given : ModeSet, Modes or FRF
         Measured or computed modes, or FRFs.
-    structure : Geometry or Model, optional
+    structure : Geometry, Model or UpdateResult, optional
         Positions of the nodes; None: the geometry of the FRF.
     freq : array_like of float, optional
         Frequencies in Hz of operating shapes; the nearest line of the FRF is used.
@@ -126,10 +138,19 @@ def make_shapes(
         raise OptionError(
             f"shapes: expected a ModeSet, Modes or an FRF, found {type(given).__name__}"
         )
+    result = None
+    if structure is None and isinstance(given, FRF):
+        structure = given.geometry
+    if not isinstance(structure, Geometry | Model | None):
+        if not isinstance(getattr(structure, "model", None), Model):
+            raise OptionError(
+                "structure: expected a Model, a Geometry or an UpdateResult, found"
+                f" {type(structure).__name__}",
+                key=("structure",),
+            )
+        result, structure = structure, structure.model
     geometry = structure.geometry if isinstance(structure, Model) else structure
-    if geometry is None and isinstance(given, FRF):
-        geometry = given.geometry
-    if geometry is None or not isinstance(geometry, Geometry) or not len(geometry.nodes):
+    if geometry is None or not len(geometry.nodes):
         raise OptionError(
             "structure: shapes need the positions of their nodes; give a model with a geometry, or"
             " a Geometry such as updyn.read_geometry('nodes.csv')",
@@ -141,7 +162,7 @@ def make_shapes(
             raise OptionError("select: chooses modes; lines of an FRF are chosen by freq")
         modes, lines, column = _operating_shapes(given, freq, reference)
         geometry.position(modes.dofs.nodes)
-        return Shapes(modes, geometry, model, lines + 1, given.quantity, column)
+        return Shapes(modes, geometry, model, lines + 1, given.quantity, column, result)
     for name, value in (("freq", freq), ("reference", reference)):
         if value is not None:
             raise OptionError(f"{name}: applies to FRFs only, not to modes")
@@ -159,7 +180,7 @@ def make_shapes(
     if select is not None:
         kept = np.sort(positions(select, len(modes), "select", DataError))
         modes = modes.select(kept)
-    return Shapes(modes, geometry, model, kept + 1)
+    return Shapes(modes, geometry, model, kept + 1, result=result)
 
 
 def _operating_shapes(

@@ -25,6 +25,7 @@ from updyn.viewer.motion import Motion, motion_of
 
 if TYPE_CHECKING:
     from matplotlib.animation import AbstractMovieWriter
+    from matplotlib.axes import Axes
 
 __all__ = ["find_ffmpeg", "write_shapes"]
 
@@ -156,7 +157,7 @@ class _Drawing:
         body, axes = self.motion.body, made.first
         flat = self.eye[:2].T
         axes.set_axis_off()
-        axes.set_aspect("equal", adjustable="datalim")
+        axes.set_aspect("equal")
         axes.add_collection(
             LineCollection(list(self.still_lines @ flat), colors=_STILL, linewidths=0.7)
         )
@@ -166,10 +167,10 @@ class _Drawing:
         axes.add_collection(lines)
         (dots,) = axes.plot([], [], color=_MOVING, linestyle="none", marker="o", markersize=4)
         sized = [self._scale(number) for number in range(len(self.shapes))]
-        self._set_limits(made, [u for u, _ in sized])
         axes.set_title("\n")
         made.figure.draw_without_rendering()
         made.figure.set_layout_engine("none")  # the same for every frame
+        self._set_limits(axes, [u for u, _ in sized])
         for (u, text), title in zip(sized, self.shapes.titles(), strict=True):
             axes.set_title(f"{title}\n{text}")
             for turn in np.tile(turns, periods).tolist():
@@ -199,8 +200,8 @@ class _Drawing:
             texts.append(f"rotations × {_TURN * body.disc / turned:.3g}")
         return u, "; ".join(texts)
 
-    def _set_limits(self, made: Canvas, drawn: Sequence[ComplexArray]) -> None:
-        """Set limits that contain every frame."""
+    def _set_limits(self, axes: Axes, drawn: Sequence[ComplexArray]) -> None:
+        """Set limits that contain every frame, in the ratio of the sides of the axes."""
         flat = self.eye[:2].T
         corners = [self.still_lines.reshape(-1, 3) @ flat]
         xy = self.motion.body.xyz @ flat
@@ -209,6 +210,10 @@ class _Drawing:
             corners += [xy - reach, xy + reach]
         every = np.concatenate(corners)
         low, high = every.min(axis=0), every.max(axis=0)
-        margin = 0.03 * float((high - low).max()) or 1.0
-        made.first.set_xlim(low[0] - margin, high[0] + margin)
-        made.first.set_ylim(low[1] - margin, high[1] + margin)
+        sides = axes.get_position().size * axes.get_figure(root=True).get_size_inches()
+        reach = 0.53 * (float(((high - low) / sides).max()) or 1.0) * sides
+        middle = 0.5 * (low + high)
+        axes.set(
+            xlim=(middle[0] - reach[0], middle[0] + reach[0]),
+            ylim=(middle[1] - reach[1], middle[1] + reach[1]),
+        )

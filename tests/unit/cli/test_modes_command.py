@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -301,3 +302,19 @@ def test_poles_that_are_no_modes_are_refused_with_their_line(
     assert message in said
     assert "poles.toml:6: " in said
     assert not (folder / "none").exists()
+
+
+def test_the_file_has_the_geometry_of_the_test(inputs: Path, tmp_path: Path) -> None:
+    (path,) = inputs.glob("*.uff")
+    frf = updyn.read_frf(path)
+    nodes = sorted({*frf.responses.nodes.tolist(), *frf.references.nodes.tolist()})
+    placed = updyn.Geometry(nodes, np.outer(nodes, [1.0, 0.0, 0.5]), [nodes[:2]])
+    updyn.write_frf(
+        replace(frf, geometry=placed, variance=None, averages=None), tmp_path / path.name
+    )
+    text = (inputs / "modes.toml").read_text(encoding="utf-8")
+    (tmp_path / "job.toml").write_text(text, encoding="utf-8")
+    assert main(["modes", str(tmp_path / "job.toml"), "--out", str(tmp_path / "out")]) == 0
+    found = updyn.read_geometry(tmp_path / "out" / "modes.unv")
+    np.testing.assert_array_equal(found.xyz, placed.xyz)
+    np.testing.assert_array_equal(found.lines, placed.lines)
