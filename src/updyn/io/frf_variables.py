@@ -9,7 +9,6 @@ by default.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from updyn.arrays import NumberArray
-from updyn.errors import FormatError, InputError, OptionError
+from updyn.errors import InputError, OptionError
 from updyn.io.channels import (
     PARTS,
     Key,
@@ -29,7 +28,12 @@ from updyn.io.channels import (
 )
 from updyn.io.items import Items, as_numbers
 from updyn.io.named import FRF_ITEMS
-from updyn.io.variable_names import find_variable, warn_of_omitted
+from updyn.io.variable_names import (
+    find_variable,
+    select_column,
+    split_column,
+    warn_of_omitted,
+)
 
 __all__ = ["VariableSource", "select_items"]
 
@@ -38,7 +42,6 @@ _UNITS = ("frequency_unit", "unit")
 _VALUES = ("H", "values", "coherence", "variance")
 _PARTS = tuple(part for part in PARTS if part != "complex")
 _KEYS = (*(i for i in FRF_ITEMS if not i.startswith("updyn_")), *_PARTS, "channels", *_UNITS)
-_COLUMN = re.compile(r"(.+?)\s*\(\s*:\s*,\s*([0-9]+)\s*\)")
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,19 +54,11 @@ class VariableSource:
 
     def item(self, name: Any, key: Key) -> Any:
         """Return a variable, a field of a struct, or a column of a table."""
-        column = _COLUMN.fullmatch(name) if isinstance(name, str) else None
+        variable, column = split_column(name) if isinstance(name, str) else (name, None)
+        value = find_variable(self.found, variable, self.path, key)
         if column is None:
-            value = find_variable(self.found, name, self.path, key)
             return _as_texts(value)
-        table = as_numbers(find_variable(self.found, column[1], self.path, key), name, self.path)
-        at = int(column[2])
-        if table.ndim != 2 or not 1 <= at <= table.shape[1]:
-            raise FormatError(
-                f"{name}: {column[1]} has shape {table.shape}; expected a table with column {at}",
-                self.path,
-                key=key,
-            )
-        return table[:, at - 1]
+        return select_column(as_numbers(value, name, self.path), name, self.path, key)
 
     def numbers(self, name: Any, key: Key, *, is_complex: bool = False) -> NumberArray:
         """Return the numbers of a variable."""

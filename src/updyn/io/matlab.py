@@ -34,7 +34,8 @@ from updyn.io.named import (
     frf_items,
     model_items,
 )
-from updyn.io.record_arrays import build_records
+from updyn.io.pulse_mat import build_pulse_records, is_pulse
+from updyn.io.record_arrays import build_records, refuse_without_values
 from updyn.io.testlab_mat import (
     Functions,
     is_export,
@@ -133,9 +134,17 @@ def read_records(
     time: str | None = None,
     rate: float | str | None = None,
 ) -> Records:
-    """Read time records from variables or fields of structs (`updyn.io.record_arrays`)."""
+    """Read time records from variables or fields of structs (`updyn.io.record_arrays`).
+
+    Without `values` these are the records of an export of PULSE (`updyn.io.pulse_mat`), or of some
+    of its channels.
+    """
+    stored = _variables(path)
+    if values is None and is_pulse(stored):
+        refuse_without_values(order=order, time=time, rate=rate)
+        return build_pulse_records(stored, path, channels)
     return build_records(
-        _variables(path),
+        stored,
         path,
         values=values,
         channels=channels,

@@ -33,7 +33,7 @@ from updyn.io.items import check_phase, locate_errors, report_library_errors
 from updyn.io.named import build_frf
 from updyn.io.native import load_native, write_native
 from updyn.io.rattlesnake import build_rattlesnake_records, is_rattlesnake
-from updyn.io.record_arrays import build_records
+from updyn.io.record_arrays import build_records, refuse_without_values
 from updyn.io.settings import FILE_TEXT
 from updyn.io.variables_proposal import proposing_variables
 from updyn.signals.records import Records
@@ -148,10 +148,10 @@ def read_records(
         )
     found = load_netcdf(path, "records", "netCDF-4 file", wanted=(_RECORDS,))
     if is_rattlesnake(found.root.members, found.root.attributes):
-        _refuse_without_values(order=order, time=time, rate=rate)
+        refuse_without_values(order=order, time=time, rate=rate)
         root = load_native("updyn.foreign.hdf5:load", path, what="netCDF-4 file")
         return build_rattlesnake_records(root, path, group=group, channels=channels)
-    _refuse_without_values(channels=channels, order=order, time=time, rate=rate)
+    refuse_without_values(channels=channels, order=order, time=time, rate=rate)
     if group is not None:
         raise OptionError("group: only for files of Rattlesnake", key=("group",))
     if _RECORDS not in found.variables:
@@ -168,13 +168,6 @@ def read_records(
         data = data.set_coords([name for name in ("unit",) if name in data])
         records = Records.from_xarray(data[_RECORDS])
         return replace(records, source=Path(path).name)
-
-
-def _refuse_without_values(**options: Any) -> None:
-    """Refuse options that describe the datasets of `values`."""
-    for name, given in options.items():
-        if given is not None:
-            raise OptionError(f"{name} without values; expected a dataset in values", key=(name,))
 
 
 def read_source(path: str | Path) -> VariableSource:

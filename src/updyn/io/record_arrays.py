@@ -10,7 +10,7 @@ Options select the arrays::
     time      "t"                                   times, evenly spaced; or
     rate      51200, or "fs"                        samples per second, or the name of this number
 
-Times are in s unless the file states another unit.
+``"data(:,2)"`` is the second column of a table. Times are in s unless the file states another unit.
 """
 
 from __future__ import annotations
@@ -24,10 +24,11 @@ import numpy as np
 from updyn.arrays import RealArray
 from updyn.errors import FormatError, OptionError, suggest
 from updyn.io.items import as_number, as_reals, as_vector, describe_kind, locate_errors
+from updyn.io.variable_names import select_column, split_column
 from updyn.signals.records import Records, find_step, seconds
 from updyn.units import find_unit, suggest_unit
 
-__all__ = ["build_records"]
+__all__ = ["build_records", "refuse_without_values"]
 
 _AXES = ("record", "channel", "time")
 
@@ -65,6 +66,13 @@ def build_records(
     step = _step(arrays, time, rate, units, array.shape[2], path)
     with locate_errors(path):
         return Records.of(array, step, names, labels, Path(path).name)
+
+
+def refuse_without_values(**options: Any) -> None:
+    """Refuse options that describe the datasets of `values`."""
+    for name, given in options.items():
+        if given is not None:
+            raise OptionError(f"{name} without values; expected a dataset in values", key=(name,))
 
 
 def _arrays_by_channel(values: Sequence[str] | Mapping[str, str]) -> dict[str, str]:
@@ -132,9 +140,11 @@ def _size(array: RealArray) -> str:
 
 def _array(arrays: Mapping[str, Any], name: str, path: str | Path) -> RealArray:
     """Return the array with this name."""
-    if name not in arrays:
-        raise FormatError(f"no array {name!r}; {suggest(name, sorted(arrays))}", path)
-    return np.asarray(as_reals(arrays[name], name, path), dtype=np.float64)
+    variable, column = split_column(name)
+    if variable not in arrays:
+        raise FormatError(f"no array {variable!r}; {suggest(variable, sorted(arrays))}", path)
+    array = np.asarray(as_reals(arrays[variable], name, path), dtype=np.float64)
+    return array if column is None else select_column(array, name, path)
 
 
 def _order_axes(
@@ -191,9 +201,7 @@ def _step(
             key=("time",) if time is not None else ("rate",),
         )
     if time is not None:
-        if time not in arrays:
-            raise FormatError(f"no array {time!r}; {suggest(time, sorted(arrays))}", path)
-        times = as_vector(arrays[time], time, path)
+        times = as_vector(_array(arrays, time, path), time, path)
         if len(times) != n_samples:
             raise FormatError(f"{time!r}: {len(times)} times for {n_samples} samples", path)
         with locate_errors(path):

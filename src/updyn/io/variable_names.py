@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import re
 import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from updyn.arrays import NumberArray
 from updyn.errors import FormatError, OptionError, UpdynWarning, suggest
 from updyn.foreign.plain import Unread
 from updyn.io.items import Items, format_key, format_names
 
-__all__ = ["find_variable", "warn_of_omitted"]
+__all__ = ["find_variable", "select_column", "split_column", "warn_of_omitted"]
+
+_COLUMN = re.compile(r"(.+?)\s*\(\s*:\s*,\s*([0-9]+)\s*\)")
 
 
 def find_variable(
@@ -36,6 +40,27 @@ def find_variable(
             value = value[part]
     _refuse_unread(value, path)
     return value
+
+
+def split_column(name: str) -> tuple[str, int | None]:
+    """Return the variable and the column of a name such as ``data(:,2)``; None without a column."""
+    column = _COLUMN.fullmatch(name)
+    return (name, None) if column is None else (column[1], int(column[2]))
+
+
+def select_column(
+    table: NumberArray, name: str, path: str | Path, key: tuple[str | int, ...] = ()
+) -> NumberArray:
+    """Return the column of a table that a name such as ``data(:,2)`` selects."""
+    variable, column = split_column(name)
+    assert column is not None
+    if table.ndim != 2 or not 1 <= column <= table.shape[1]:
+        raise FormatError(
+            f"{name}: {variable!r} has shape {table.shape}; expected a table with column {column}",
+            path,
+            key=key,
+        )
+    return table[:, column - 1]
 
 
 def warn_of_omitted(omitted: Sequence[str], path: str | Path) -> None:
