@@ -289,11 +289,11 @@ def read_modes(path: str | Path, *, format: str | None = None, **options: Any) -
     Parameters
     ----------
     path : path
-        A universal file with datasets 55 or 2414 (normal or complex modes), an OUTPUT2 file of
-        Nastran (.op2), or a table of natural frequencies (.csv, .txt; one test per line, or with a
-        header one mode per line).
+        A universal file with datasets 55 or 2414 (normal or complex modes), a netCDF-4 file (.nc)
+        of `write_modes`, an OUTPUT2 file of Nastran (.op2), or a table of natural frequencies
+        (.csv, .txt; one test per line, or with a header one mode per line).
     format : str, optional
-        Format name, to force it: "uff", "op2" or "csv".
+        Format name, to force it: "uff", "netcdf", "op2" or "csv".
     **options
         Options of the reader, checked by name: for an OUTPUT2 file ``unit`` and ``subcase``; for a
         table ``test`` (number of the line, from 1; by default the mean over all lines) and
@@ -362,8 +362,8 @@ def write_modes(
     modes : ModeSet
         The modes.
     path : path
-        File to write; its suffix selects the format: a universal file, or a table (.csv) for modes
-        without shapes.
+        File to write; its suffix selects the format: netCDF-4 (.nc, without loss, with standard
+        deviations), a universal file, or a table (.csv) for modes without shapes.
     format : str, optional
         Format name, to force it.
     **options

@@ -99,7 +99,7 @@ _BUILT_IN = (
         "updyn.io.netcdf",
         (".nc", ".h5", ".hdf5"),
         (_HDF5, b"CDF"),
-        (*_FRF, "read_records", "read_source"),
+        (*_FRF, "read_records", "read_source", *_MODES),
     ),
     Format("hdf5", "updyn.io.hdf5", (".h5", ".hdf5"), (_HDF5,), _MODEL),
     Format("npz", "updyn.io.npz", (".npz",), (b"PK\x03\x04",), (*_FRF, *_MODEL, "read_source")),

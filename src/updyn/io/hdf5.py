@@ -66,6 +66,7 @@ _DAMPED_VERSION = 2  # for groups with content that a reader of version 1 would 
 _READERS = {
     "model": "read_model",
     "frf": "read_frf",
+    "modes": "read_modes",
     "result": "read_result",
     "uncertainty": "read_uncertainty",
 }

@@ -10,6 +10,8 @@ the convention of the netCDF library). For programs that cannot write this, two 
     coherence, variance *                  with the same dimensions
     node, xyz, trace, face, node_axes *    geometry
     attributes quantity, averages *, source *, decay *, base *, force *
+
+Modes are the dataset of `ModeSet.to_xarray`, of kind "modes", without loss of digits.
 """
 
 from __future__ import annotations
@@ -36,11 +38,21 @@ from updyn.io.rattlesnake import build_rattlesnake_records, is_rattlesnake
 from updyn.io.record_arrays import build_records, refuse_without_values
 from updyn.io.settings import FILE_TEXT
 from updyn.io.variables_proposal import proposing_variables
+from updyn.modal import ModeSet
 from updyn.signals.records import Records
 
 if TYPE_CHECKING:
     import xarray as xr
 
+#: Variables of modes that may be missing.
+_OF_MODES = (
+    "loss_factor",
+    "quality",
+    "std_frequency",
+    "std_loss_factor",
+    "std_shapes",
+    "cov_frequency",
+)
 #: Name of the array returned by `updyn.read_records`.
 _RECORDS = "records"
 
@@ -281,10 +293,40 @@ def _combine_parts(data: xr.Dataset, path: str | Path) -> xr.Dataset:
 
 def write_frf(frf: FRF, path: str | Path) -> None:
     """Write FRFs as a netCDF-4 file."""
+    _write_dataset(frf.to_xarray(), "frf", path)
+
+
+def read_modes(path: str | Path) -> ModeSet:
+    """Read modes written by `write_modes`."""
+    found = load_netcdf(path, "modes", "netCDF-4 file", wanted=("frequency",))
+    check_kind(found.root, path, "modes")
+    data = found.data()
+    for name in ("frequency", "shapes", "scaled"):
+        if name not in data.variables:
+            raise FormatError(f"holds no variable {name!r}; it is not complete", path)
+    values: dict[str, Any] = {str(name): data[name].values for name in data.data_vars}
+    labels = data["dof"].values.tolist() if "dof" in data.variables else []
+    with locate_errors(path):
+        return ModeSet(
+            values.pop("frequency"),
+            values.pop("shapes") if labels else None,
+            labels,
+            scaled=values.pop("scaled"),
+            source=str(data.attrs.get("source", "")),
+            **{name: values[name] for name in _OF_MODES if name in values},
+        )
+
+
+def write_modes(modes: ModeSet, path: str | Path) -> None:
+    """Write modes as a netCDF-4 file, without the diagram, peaks without a mode, and leaning."""
+    _write_dataset(modes.to_xarray(), "modes", path)
+
+
+def _write_dataset(data: xr.Dataset, kind: str, path: str | Path) -> None:
     import h5py
 
     content = io.BytesIO()
-    frf.to_xarray().to_netcdf(content, engine="h5netcdf")
+    data.to_netcdf(content, engine="h5netcdf")
     with h5py.File(content, "r+") as file:
-        put_kind(file, "frf")
+        put_kind(file, kind)
     write_native(content, path)
