@@ -282,6 +282,11 @@ def test_a_missing_library_is_named(tmp_path, monkeypatch, library, reader):
 
 def test_the_command_line_describes_and_uses_them(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
+    write_tdms(tmp_path / "one.tdms", hit(0))
+    assert main(["info", "one.tdms"]) == 0
+    out = capsys.readouterr().out
+    assert out.startswith("Time records: 1, of 8 samples in 2 s (4 a second)\nchannel  unit")
+    assert "Source: one.tdms, started 2026-03-04T05:06:07.250000" in out
     write_tdms(tmp_path / "a.tdms", [*hit(0), *hit(1), *hit(2)])
     assert main(["info", "a.tdms"]) == 2
     assert "3 groups of channels: 'hit 1' (hammer" in capsys.readouterr().err

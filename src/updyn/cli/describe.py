@@ -253,6 +253,8 @@ def describe_records(given: xarray.DataArray) -> str:
         f" ({1.0 / records.step:g} a second)",
         text_table(("channel", "unit", "lowest", "highest"), rows, left=(0, 1)),
     ]
+    if records.source:
+        texts.append(f"Source: {records.source}")
     return "\n".join(texts)
 
 

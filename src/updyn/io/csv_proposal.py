@@ -84,7 +84,8 @@ def propose_columns(path: str | Path, error: FormatError) -> FormatError | None:
         kind = FormatError if table.separator == " " else AbsentError
     out = kind(
         f"{error}\nColumns with their first values: {table.format_columns()}\nIf they are FRFs,"
-        " select them with columns in [test] of a job, or columns= of updyn.read_frf; correct the"
+        " select them with columns in [test] of a job, --test-option of updyn new, or columns= of"
+        " updyn.read_frf; correct the"
         f" labels, and state quantity:\ncolumns = {format_mapping(proposal)}",
         key=error.key,
     )

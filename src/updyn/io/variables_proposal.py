@@ -41,7 +41,8 @@ def proposing_variables(found: Items, path: str | Path) -> Iterator[None]:
         kind = AbsentError if isinstance(error, AbsentError) else FormatError
         out = kind(
             f"{error}\nArrays: {_format_arrays(arrays)}\nIf they are FRFs, select them"
-            " with variables in [test] of a job, or variables= of updyn.read_frf; state labels"
+            " with variables in [test] of a job, --test-option of updyn new, or variables= of"
+            " updyn.read_frf; state labels"
             f" and quantity, too:\nvariables = {format_mapping(proposal)}",
             key=error.key,
         )
