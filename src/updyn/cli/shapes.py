@@ -59,7 +59,7 @@ def shapes(
     source
         File with modes, with FRFs (then give --freq), with a model, or run.nc of a run.
     target
-        File to write; its suffix selects the format: .gif, .mp4 or .unv.
+        File to write; its suffix selects the format: .gif, .mp4, .vtu or .unv.
     structure
         File with the model or the positions of the nodes, unless IN has them.
     mode

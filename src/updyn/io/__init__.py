@@ -414,7 +414,7 @@ def write_shapes(
         Measured modes, computed modes (`updyn.modes`), or FRFs, whose values at some frequencies
         are operating deflection shapes.
     path : path
-        File to write; its suffix selects the format: a universal file (.unv, .uff).
+        File to write; its suffix selects the format: .gif, .mp4, .vtu, .unv or .uff.
     structure : Geometry, Model or UpdateResult, optional
         Positions of the nodes. None: the geometry of the FRF.
     freq : array_like of float, optional

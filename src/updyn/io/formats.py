@@ -127,6 +127,7 @@ _BUILT_IN = (
     Format("mdf", "updyn.io.mdf", (".mf4", ".mdf"), (b"MDF     ", b"UnFinMF "), ("read_records",)),
     Format("mesh", "updyn.io.mesh", _MESH, (_HDF5,), ("read_model",), needs_magic=False),
     Format("exodus", "updyn.io.exodus", _EXODUS, (_HDF5, b"CDF"), ("read_geometry",)),
+    Format("vtu", "updyn.viewer.vtu", (".vtu",), (), ("write_shapes",)),
     Format("animation", "updyn.plots.animation", (".gif", ".mp4"), (), ("write_shapes",)),
 )
 #: All formats, in order of preference for shared suffixes.

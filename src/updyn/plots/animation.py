@@ -21,11 +21,10 @@ from updyn.modal.shapes import Shapes
 from updyn.plots.canvas import Canvas, canvas
 from updyn.report.picture import VIEWS, camera
 from updyn.style import PAPER
-from updyn.viewer.motion import Motion, motion_of
+from updyn.viewer.motion import Motion, check_moves, motion_of
 
 if TYPE_CHECKING:
     from matplotlib.animation import AbstractMovieWriter
-    from matplotlib.axes import Axes
 
 __all__ = ["find_ffmpeg", "write_shapes"]
 
@@ -56,7 +55,9 @@ def write_shapes(
     if make_writer is None:
         raise FormatError(f"animations have the suffix {' or '.join(_WRITERS)}", path)
     _check(view, scale, frames, fps, periods)
-    drawing = _Drawing(shapes, motion_of(shapes), camera(*view), scale)
+    motion = motion_of(shapes)
+    check_moves(shapes, motion)
+    drawing = _Drawing(shapes, motion, camera(*view), scale)
     with canvas(None, {"shape": 1.0}, _SIZE) as made, atomic_path(path) as temporary:
         writer = make_writer(fps)
         with writer.saving(made.figure, str(temporary), dpi=made.figure.dpi):
@@ -170,7 +171,7 @@ class _Drawing:
         axes.set_title("\n")
         made.figure.draw_without_rendering()
         made.figure.set_layout_engine("none")  # the same for every frame
-        self._set_limits(axes, [u for u, _ in sized])
+        self._set_limits(made, [u for u, _ in sized])
         for (u, text), title in zip(sized, self.shapes.titles(), strict=True):
             axes.set_title(f"{title}\n{text}")
             for turn in np.tile(turns, periods).tolist():
@@ -200,7 +201,7 @@ class _Drawing:
             texts.append(f"rotations × {_TURN * body.disc / turned:.3g}")
         return u, "; ".join(texts)
 
-    def _set_limits(self, axes: Axes, drawn: Sequence[ComplexArray]) -> None:
+    def _set_limits(self, made: Canvas, drawn: Sequence[ComplexArray]) -> None:
         """Set limits that contain every frame, in the ratio of the sides of the axes."""
         flat = self.eye[:2].T
         corners = [self.still_lines.reshape(-1, 3) @ flat]
@@ -210,10 +211,10 @@ class _Drawing:
             corners += [xy - reach, xy + reach]
         every = np.concatenate(corners)
         low, high = every.min(axis=0), every.max(axis=0)
-        sides = axes.get_position().size * axes.get_figure(root=True).get_size_inches()
+        sides = made.first.get_position().size * np.array(made.figure.get_size_inches())
         reach = 0.53 * (float(((high - low) / sides).max()) or 1.0) * sides
         middle = 0.5 * (low + high)
-        axes.set(
+        made.first.set(
             xlim=(middle[0] - reach[0], middle[0] + reach[0]),
             ylim=(middle[1] - reach[1], middle[1] + reach[1]),
         )

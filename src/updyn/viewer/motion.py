@@ -13,7 +13,7 @@ from updyn.settings import FIGURES
 from updyn.viewer.bodies import entries_of, model_body, motions, sensor_body
 from updyn.viewer.scene import Body
 
-__all__ = ["Motion", "motion_of"]
+__all__ = ["Motion", "amplitudes", "check_moves", "motion_of", "rotations_of"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,25 +44,35 @@ def amplitudes(u: ComplexArray) -> RealArray:
 
 
 def motion_of(shapes: Shapes) -> Motion:
-    """Return the motion of the structure of some shapes.
-
-    A `DataError` is raised if a shape moves no node that can be drawn.
-    """
+    """Return the motion of the structure of some shapes."""
     model, dofs = shapes.model, shapes.modes.dofs
-    is_whole = model is not None and np.isin(model.dofs.nodes, dofs.nodes).all()
-    body = (
-        model_body(model)
-        if is_whole and model is not None
-        else sensor_body(shapes.geometry, (str(dof) for dof in dofs))
-    )
+    if model is not None and np.isin(model.dofs.nodes, dofs.nodes).all():
+        body = model_body(model)
+    else:
+        body = sensor_body(shapes.geometry, (str(dof) for dof in dofs))
     entries = entries_of(body, shapes.geometry, dofs)
-    found = Motion(body, motions(body, entries, shapes.modes.shapes).astype(np.complex128))
-    size = float(np.linalg.norm(np.ptp(body.xyz, axis=0))) or 1.0
+    return Motion(body, motions(body, entries, shapes.modes.shapes).astype(np.complex128))
+
+
+def rotations_of(shapes: Shapes, body: Body) -> ComplexArray:
+    """Return the rotation vectors of the nodes in global components, shape (s, n, 3)."""
+    dofs, values = shapes.in_global_axes()
+    out = np.zeros((len(shapes), len(body.nodes), 3), dtype=np.complex128)
+    place = {node: at for at, node in enumerate(body.nodes[: body.real].tolist())}
+    for node, axis, row in zip(dofs.nodes.tolist(), dofs.axes.tolist(), values, strict=True):
+        if axis >= 3 and node in place:
+            out[:, place[node], axis - 3] = row
+    return out
+
+
+def check_moves(shapes: Shapes, motion: Motion) -> None:
+    """Raise a `DataError` if a shape moves no node that can be drawn."""
+    rotates = shapes.modes.dofs.axes >= 3
+    size = float(np.linalg.norm(np.ptp(motion.body.xyz, axis=0))) or 1.0
     for number, title in enumerate(shapes.titles()):
-        rotation = np.abs(shapes.modes.shapes[dofs.axes >= 3, number]).max(initial=0.0)
-        if max(found.largest(number)) <= FIGURES.still_share * size * rotation:
+        rotation = np.abs(shapes.modes.shapes[rotates, number]).max(initial=0.0)
+        if max(motion.largest(number)) <= FIGURES.still_share * size * rotation:
             raise DataError(
                 f"{title}: has no translations to draw, only rotations of nodes; leave it out by"
                 " select"
             )
-    return found
