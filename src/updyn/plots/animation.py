@@ -211,10 +211,9 @@ class _Drawing:
             corners += [xy - reach, xy + reach]
         every = np.concatenate(corners)
         low, high = every.min(axis=0), every.max(axis=0)
-        sides = made.first.get_position().size * np.array(made.figure.get_size_inches())
-        reach = 0.53 * (float(((high - low) / sides).max()) or 1.0) * sides
+        box = made.first.get_position()
+        sides = np.array([box.width, box.height]) * made.figure.get_size_inches()
+        half = 0.53 * (float(((high - low) / sides).max()) or 1.0) * sides
         middle = 0.5 * (low + high)
-        made.first.set(
-            xlim=(middle[0] - reach[0], middle[0] + reach[0]),
-            ylim=(middle[1] - reach[1], middle[1] + reach[1]),
-        )
+        made.first.set_xlim(middle[0] - half[0], middle[0] + half[0])
+        made.first.set_ylim(middle[1] - half[1], middle[1] + half[1])
