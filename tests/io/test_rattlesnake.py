@@ -1,4 +1,4 @@
-"""Time records of Rattlesnake (netCDF-4), in the layout that its source code writes (release of January 2025)."""
+"""FRFs and time records of Rattlesnake (netCDF-4), in the layout that its source code writes (release of January 2025)."""
 
 from __future__ import annotations
 
@@ -21,10 +21,12 @@ TABLE = {
     "unit": ["N", "g", "rad/s^2"],
     "channel_type": ["Force", "Acceleration", ""],
 }
+H = RNG.standard_normal((3, 2)) + 1j * RNG.standard_normal((3, 2))
+COHERENCE = RNG.uniform(0.5, 1.0, (3, 2))
 NAMES = ["101:-Z force", "101:-Z", "7:RX"]
 
 
-def write(path: Path, streams=(VALUES,), table=TABLE, frame: int | None = None) -> Path:
+def write(path, streams=(VALUES,), table=TABLE, frame=None, **attributes) -> Path:
     with h5netcdf.File(path, "w") as file:
         file.dimensions = {"response_channels": len(table["unit"]), "num_environments": 1}
         file.attrs["sample_rate"] = np.int64(4)
@@ -47,13 +49,26 @@ def write(path: Path, streams=(VALUES,), table=TABLE, frame: int | None = None) 
         modal = file.create_group("Modal")
         modal.attrs["samples_per_frame"] = np.int64(frame or 512)
         if frame is not None:
-            modal.dimensions = {"fft_lines": 2, "reference_channels": 1}
-            for part in ("real", "imag"):
-                modal.create_variable(
-                    f"frf_data_{part}",
-                    ("fft_lines", "response_channels", "reference_channels"),
-                    data=np.ones((2, 3, 1)),
-                )
+            modal.dimensions = {"fft_lines": 3, "response_channels": 2, "reference_channels": 1}
+            for side, indices in (("reference", [0]), ("response", [1, 2])):
+                name = f"{side}_channel_indices"
+                modal.create_variable(name, (f"{side}_channels",), data=np.array(indices, "i4"))
+            for name, values in (
+                ("frf_data_real", H.real[..., None]),
+                ("frf_data_imag", H.imag[..., None]),
+                ("coherence", COHERENCE),
+            ):
+                names = ("fft_lines", "response_channels", "reference_channels")
+                modal.create_variable(name, names[: values.ndim], data=values)
+            stated = {
+                "averaging_type": "Linear",
+                "num_averages": np.int64(3),
+                "overlap": 0.0,
+                "frf_window": "rectangle",
+                "exponential_window_value_at_frame_end": 0.05,
+            }
+            for name, value in (stated | attributes).items():
+                modal.attrs[name] = value
     return path
 
 
@@ -121,3 +136,56 @@ def test_group_is_only_for_these_files(tmp_path):
     records.to_netcdf(tmp_path / "b.nc", engine="h5netcdf")
     with pytest.raises(OptionError, match="group: only for files of Rattlesnake"):
         updyn.read_records(tmp_path / "b.nc", group="x")
+
+
+# -- FRFs of a modal test ------------------------------------------------------------------------------
+LINEAR = {name: [*texts[:2], texts[1]] for name, texts in TABLE.items()} | {
+    "node_number": ["101", "101", "7"]
+}
+
+
+def test_frfs_of_a_modal_test(tmp_path):
+    """In SI: the responses are in g, the force in N; frequencies are multiples of 4 / 4 Hz."""
+    found = updyn.read_frf(write(tmp_path / "a.nc4", table=LINEAR, frame=4))
+    np.testing.assert_allclose(found.freq, [0.0, 1.0, 2.0], rtol=1e-14)
+    assert (found.responses.labels, found.references.labels) == (["101:-Z", "7:-Z"], ["101:-Z"])
+    np.testing.assert_allclose(found.values[:, :, 0], 9.80665 * H, rtol=1e-14)
+    np.testing.assert_array_equal(found.coherence[:, :, 0], COHERENCE)
+    assert (found.quantity, found.averages, found.decay) == ("accelerance", 3, 0.0)
+
+
+def test_the_decay_of_an_exponential_window(tmp_path):
+    """The window ends a frame of 1 s at 0.05; with overlap, averages are not independent."""
+    path = write(tmp_path / "a.nc4", table=LINEAR, frame=4, frf_window="exponential", overlap=0.5)
+    found = updyn.read_frf(path)
+    assert found.decay == pytest.approx(np.log(20.0), rel=1e-14)
+    assert found.averages is None
+
+
+def test_labels_of_channels_without_a_dof(tmp_path):
+    table = LINEAR | {"node_number": ["tip", "tip", "7"]}
+    path = write(tmp_path / "a.nc4", table=table, frame=4)
+    with pytest.raises(FormatError, match=r"channels tip -Z, 7:-Z: .* state response_labels"):
+        updyn.read_frf(path)
+    labels = {"response_labels": ["3:Z", "7:-Z"], "reference_labels": ["3:-Z"]}
+    found = updyn.read_frf(path, **labels)
+    assert (found.responses.labels, found.references.labels) == tuple(labels.values())
+
+
+@pytest.mark.parametrize(
+    ("table", "options", "message"),
+    [
+        (LINEAR | {"unit": ["V", "g", "g"]}, {}, r"over '101:-Z' in 'V'; expected a motion over a"),
+        (LINEAR | {"unit": ["N", "g", "mm/s"]}, {}, "accelerance of 101:-Z; mobility of 7:-Z"),
+        (LINEAR, {"quantity": "mobility"}, "'mobility' contradicts .* those of accelerance"),
+    ],
+)
+def test_frfs_that_are_refused(tmp_path, table, options, message):
+    path = write(tmp_path / "a.nc4", table=table, frame=4)
+    with pytest.raises(FormatError, match=message):
+        updyn.read_frf(path, **options)
+
+
+def test_a_stream_holds_no_frfs(tmp_path):
+    with pytest.raises(FormatError, match="holds no variable 'frf'"):
+        updyn.read_frf(write(tmp_path / "a.nc4"))

@@ -34,7 +34,12 @@ from updyn.io.hdf5 import Folder, check_kind, put_kind
 from updyn.io.items import check_phase, locate_errors, report_library_errors
 from updyn.io.named import build_frf
 from updyn.io.native import load_native, write_native
-from updyn.io.rattlesnake import build_rattlesnake_records, is_rattlesnake
+from updyn.io.rattlesnake import (
+    build_rattlesnake_frf,
+    build_rattlesnake_records,
+    holds_frf,
+    is_rattlesnake,
+)
 from updyn.io.record_arrays import build_records, refuse_without_values
 from updyn.io.settings import FILE_TEXT
 from updyn.io.variables_proposal import proposing_variables
@@ -60,9 +65,11 @@ __all__ = [
     "NetCDFContent",
     "load_netcdf",
     "read_frf",
+    "read_modes",
     "read_records",
     "read_source",
     "write_frf",
+    "write_modes",
 ]
 
 
@@ -99,11 +106,6 @@ def read_frf(
             order=order,
             real_valued=real_valued,
         )
-    for name, given in of_arrays.items():
-        if given is not None:
-            raise OptionError(
-                f"{name} is only used with variables; state variables, too", key=(name,)
-            )
     if duplicates != "raise":
         raise OptionError(
             f"duplicates={duplicates!r}: this format holds every response and reference once;"
@@ -115,6 +117,21 @@ def read_frf(
                 "a netCDF file of the classic format (version 3); expected netCDF-4 (HDF5)", path
             )
     found = load_netcdf(path, "frf", "netCDF-4 file", wanted=("frf", "frf_real"))
+    if order is None and is_rattlesnake(found.root.members, found.root.attributes):
+        root = load_native("updyn.foreign.hdf5:load", path, what="netCDF-4 file")
+        if holds_frf(root):
+            return build_rattlesnake_frf(
+                root,
+                path,
+                quantity=quantity,
+                response_labels=response_labels,
+                reference_labels=reference_labels,
+            )
+    for name, given in of_arrays.items():
+        if given is not None:
+            raise OptionError(
+                f"{name} is only used with variables; state variables, too", key=(name,)
+            )
     if "updyn_kind" in found.root.attributes:
         check_kind(found.root, path, "frf")
     elif not {"frf", "frf_real"} & set(found.root.members):
