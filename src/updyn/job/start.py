@@ -49,11 +49,17 @@ def start_model(test: PreparedTest, unknowns: ParameterSet | Selection) -> Model
 
 def start_correlation(test: PreparedTest, unknowns: ParameterSet | Selection) -> Correlation:
     """Correlate a model at the start values of its unknowns with all FRFs of a test."""
-    frf, method = test.frf, test.job.method
-    model, tier = start_model(test, unknowns), method.tier
-    if is_reduced(tier, model.n_dofs, len(frf.freq), method.name):
-        tier = "reduced"
-    return correlate(response_like(model, frf, tier=tier, backend=method.backend), frf)
+    frf, model = test.frf, start_model(test, unknowns)
+    backend = test.job.method.backend
+    return correlate(response_like(model, frf, tier=_choose_tier(test), backend=backend), frf)
+
+
+def _choose_tier(test: PreparedTest) -> str | None:
+    """Return how the model of a test with FRFs is solved: as an update would."""
+    method = test.job.method
+    if is_reduced(method.tier, test.model.n_dofs, len(test.frf.freq), method.name):
+        return "reduced"
+    return method.tier
 
 
 def start_figures(test: PreparedTest, found: Correlation) -> dict[str, float]:
@@ -198,7 +204,7 @@ def _make_start(
         validation_responses=responses,
         validation_band=band,
         modes=test.modes,
-        options={"tier": job.method.tier},
+        options={"tier": _choose_tier(test) if isinstance(test.data, FRF) else job.method.tier},
         figures=figures,
     )
 

@@ -10,13 +10,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-import scipy  # loads scipy.stats on use; its import is slow
 
 from updyn.arrays import RealArray
 from updyn.uncertainty.likelihood import Likelihood, Point
 from updyn.uncertainty.progress import WorkCounter
 from updyn.uncertainty.settings import POSTERIOR_SEARCH
 from updyn.updating.fit.answers import exchange_groups
+from updyn.updating.fit.search import draw_latin_hypercube
 from updyn.updating.fit.settings import SEARCH
 from updyn.updating.fit.trust_region import TrustRegion
 from updyn.updating.problem.local import Local
@@ -63,7 +63,7 @@ def _random_starts(
 ) -> Iterator[tuple[RealArray, bool]]:
     lower, upper = likelihood.bounds
     factor = likelihood.problem.coordinates.parameters.is_factor
-    draws = scipy.stats.qmc.LatinHypercube(d=len(x), rng=np.random.default_rng(seed)).random(starts)
+    draws = draw_latin_hypercube(starts, len(x), seed)
     for number, draw in enumerate(draws):
         least_loss = 0.0
         if number % 2 == 0:

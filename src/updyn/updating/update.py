@@ -20,12 +20,12 @@ from updyn.model import Model
 from updyn.progress import RunStage, display_progress
 from updyn.updating.fit.methods import make_method
 from updyn.updating.fit.monitor import JUDGE, Progress
+from updyn.updating.fit.start_problem import build_start_problem
 from updyn.updating.judge.assessment import analyse_start
 from updyn.updating.judge.identifiability import Analysis, Identifiability
 from updyn.updating.problem.data import Test, check_tests
 from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.problem.selection import Selection
-from updyn.updating.problem.tests import build_problem
 from updyn.updating.result import JointResult, UpdateResult
 from updyn.updating.run import run
 from updyn.updating.setup import RunOptions
@@ -331,5 +331,5 @@ def start_analysis(tests: Sequence[Test], parameters: ParameterSet | Selection) 
     chosen = Selection.of(parameters)
     tests = [replace(test, model=chosen.start_of(test.model)) for test in tests]
     check_tests(tests, chosen.parameters)
-    analysis, advice = analyse_start(*build_problem(tests, chosen.parameters))
+    analysis, advice = analyse_start(*build_start_problem(tests, chosen.parameters))
     return replace(analysis, report=replace(analysis.report, advice=advice))

@@ -37,6 +37,7 @@ from updyn.updating.problem.session import RecentCache, Record, Session, Stopped
 
 __all__ = [
     "Search",
+    "draw_latin_hypercube",
     "scatter_points",
     "thin_problem",
 ]
@@ -457,10 +458,21 @@ def _van_der_corput(turn: int) -> float:
 
 def scatter_points(x: RealArray, far: float | RealArray, number: int, seed: int) -> RealArray:
     """Return points of a Latin hypercube of half-width `far` about x, shape (number, n)."""
-    from scipy.stats import qmc  # slow to import and seldom needed
+    return np.asarray(x + far * (2.0 * draw_latin_hypercube(number, len(x), seed) - 1.0))
 
-    draws = qmc.LatinHypercube(d=len(x), rng=seed).random(number)
-    return np.asarray(x + far * (2.0 * draws - 1.0))
+
+def draw_latin_hypercube(number: int, n: int, seed: int) -> RealArray:
+    """Return points of the unit cube, one in each slice of each axis, shape (number, n).
+
+    McKay, Beckman & Conover, Technometrics 21 (1979) 239-245.
+    """
+    # The draws of scipy.stats.qmc.LatinHypercube, without half a second for the import.
+    rng = np.random.default_rng(seed).spawn(1)[0]
+    inside = rng.uniform(size=(number, n))
+    slices = np.tile(np.arange(1.0, number + 1.0), (n, 1))
+    for axis in slices:
+        rng.shuffle(axis)
+    return np.asarray((slices.T - inside) / number)
 
 
 def _try(problem: Problem, item: tuple[Search, RealArray]) -> _Found:

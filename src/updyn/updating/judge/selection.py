@@ -16,13 +16,13 @@ from updyn.frf import FRF
 from updyn.model import Model
 from updyn.text_table import format_count
 from updyn.updating.fit.settings import NULL_SPACE
+from updyn.updating.fit.start_problem import build_start_problem
 from updyn.updating.judge.assessment import linearise_at_start
 from updyn.updating.judge.identifiability import analyse_identifiability
 from updyn.updating.judge.settings import LIST_LENGTHS, SEPARATION
 from updyn.updating.problem.data import Test, check_tests
 from updyn.updating.problem.parameters import Drive, Parameter, ParameterSet
 from updyn.updating.problem.selection import Selection
-from updyn.updating.problem.tests import build_problem
 
 __all__ = [
     "cluster",
@@ -540,7 +540,7 @@ def _whitened_jacobian(tests: Sequence[Test], before: Selection) -> RealArray:
     parameters = before.parameters
     tests = [replace(t, model=before.start_of(t.model)) for t in tests]
     check_tests(tests, parameters)
-    return linearise_at_start(*build_problem(tests, parameters))[0].R
+    return linearise_at_start(*build_start_problem(tests, parameters))[0].R
 
 
 def _cosines(R: RealArray) -> RealArray:

@@ -8,7 +8,13 @@ import pytest
 import updyn
 from updyn.updating.fit.acceptance import Acceptance
 from updyn.updating.fit.monitor import Monitor
-from updyn.updating.fit.search import Search, _select_distinct, _select_some_lines, thin_problem
+from updyn.updating.fit.search import (
+    Search,
+    _select_distinct,
+    _select_some_lines,
+    draw_latin_hypercube,
+    thin_problem,
+)
 from updyn.updating.fit.trust_region import Outcome
 from updyn.updating.problem.local import Local
 from updyn.updating.problem.noise import Estimated, Stated, Variance
@@ -346,3 +352,11 @@ def test_without_a_step_the_start_is_returned(chain12_task, method):
     assert found.status == "max-iterations"
     assert list(found.values.values()) == pytest.approx(list(unknowns.start), rel=1e-12)
     assert found.options["starts"] == 0
+
+
+@pytest.mark.parametrize(("number", "n", "seed"), [(1, 1, 0), (7, 3, 5), (40, 12, 11)])
+def test_a_latin_hypercube_is_that_of_scipy(number, n, seed):
+    from scipy.stats import qmc
+
+    expected = qmc.LatinHypercube(d=n, rng=seed).random(number)
+    assert np.array_equal(draw_latin_hypercube(number, n, seed), expected)

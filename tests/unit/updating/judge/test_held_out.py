@@ -7,7 +7,7 @@ import updyn
 from updyn.updating.judge.held_out import predictive_figures
 from updyn.updating.problem.data import Test
 from updyn.updating.problem.noise import EstimatedByChannel, Stated
-from updyn.updating.problem.tests import build_problem
+from updyn.updating.fit.start_problem import build_start_problem
 
 NOISE = Stated(0.02, 0.01)
 
@@ -24,7 +24,7 @@ def part():
     model = updyn.Model.from_groups(group, ["1:X", "2:X", "3:X"])
     frf = updyn.response(model, np.linspace(5.0, 30.0, 40), ["2:X", "3:X"], ["1:X"], "accelerance")
     unknowns = updyn.parameters(model, stiffness="s*")
-    problem, _ = build_problem([Test(model, frf)], unknowns)
+    problem, _ = build_start_problem([Test(model, frf)], unknowns)
     return problem.parts[0]
 
 
