@@ -45,6 +45,7 @@ from updyn.job.schema import (
     SelectionTable,
     TestTable,
 )
+from updyn.job.shapes import ShapesTable
 from updyn.job.uncertainty import UncertaintyTable
 from updyn.store.result import result_to_json
 from updyn.updating.fit.methods import METHODS, options_of
@@ -94,6 +95,7 @@ TABLES = tables()
         ("[plan]", PlanTable),
         ("[modes]", ModesTable),
         ("[uncertainty]", UncertaintyTable),
+        ("[shapes]", ShapesTable),
         ("[plant]", PlantTable),
         ("[[plant.inputs]]", PortTable),
         ("[plant.sampling]", SamplingTable),

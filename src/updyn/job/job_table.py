@@ -172,6 +172,7 @@ JOB_TABLES: Registry[JobTable] = Registry(
         "plan": "updyn.job.planning:PLAN",
         "modes": "updyn.job.identification:MODES",
         "uncertainty": "updyn.job.uncertainty:UNCERTAINTY",
+        "shapes": "updyn.job.shapes:SHAPES",
         "plant": "updyn.control.job.job_tables:PLANT",
         "servo": "updyn.control.job.job_tables:SERVO",
     },

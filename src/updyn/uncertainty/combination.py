@@ -12,6 +12,7 @@ from scipy.optimize import brentq
 from updyn.arrays import IndexArray, RealArray
 from updyn.correlation.clusters import cluster_modes
 from updyn.errors import DataError
+from updyn.text_table import format_count
 from updyn.uncertainty.settings import EXPANSION
 
 __all__ = ["Combination", "choose_columns", "combine", "order_by_distance"]
@@ -87,8 +88,8 @@ def combine(A: RealArray, shape: RealArray, noise: RealArray, columns: IndexArra
     freedom = len(shape) - len(columns)
     if freedom < 1:
         raise DataError(
-            f"expand_modes: {len(shape)} sensors are too few for a combination of {len(columns)}"
-            " modes; expected more sensors than modes"
+            f"expand_modes: {format_count(len(shape), 'sensor')} for a combination of"
+            f" {format_count(len(columns), 'mode')}; expected more sensors than modes"
         )
 
     def surplus(excess: float) -> float:

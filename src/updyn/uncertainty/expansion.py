@@ -26,6 +26,7 @@ from updyn.uncertainty.mode_prediction import exclude_span
 from updyn.uncertainty.posterior import Posterior, find_update
 from updyn.uncertainty.settings import EXPANSION
 from updyn.uncertainty.updated_modes import UpdatedModes
+from updyn.updating.modes import find_measured_modes
 from updyn.updating.problem.modal import ModalTarget
 from updyn.updating.result import JointResult, UpdateResult, find_result
 
@@ -50,7 +51,8 @@ def expand_modes(
     source : UpdateResult, JointResult or Draws
         An update, or draws of a bootstrap or a sampling.
     modes : ModeSet, optional
-        The measured modes. By default those that were given to the update.
+        The measured modes. By default those that were given to the update, or those that are
+        identified from its FRFs (`updyn.identify_modes`).
     method : {"local", "serep"}
         ``"local"``: each measured shape is a least-squares combination of the mode of the model
         that is paired with it and of its neighbours in frequency, as many as predict the sensors
@@ -71,9 +73,11 @@ def expand_modes(
     Raises
     ------
     DataError
-        If a measured mode has no pair in the model, or the sensors are too few.
+        If no measured mode has a pair in the model, no mode can be identified, or the sensors are
+        too few.
     OptionError
-        If an option is not understood, or the update has no measured modes and none are given.
+        If `source` is neither an update nor draws with their update (`Draws.of`), or an option is
+        not understood.
     DofError
         If a DOF is not in the model.
 
@@ -98,13 +102,21 @@ def expand_modes(
     if method not in METHODS:
         raise OptionError(f"method {method!r}: {suggest(str(method), METHODS)}")
     result = find_result(find_update(source), test)
-    measured = _find_measured(result) if modes is None else modes
+    measured = find_measured_modes(result) if modes is None else modes
     if not isinstance(measured, ModeSet) or not measured.has_shapes:
         raise DataError(f"expand_modes: expected measured modes with shapes, found {measured!r}")
     highest = EXPANSION.reach * float(measured.frequency[-1])
     updated = UpdatedModes.of(result, None, highest, tier)
     target = ModalTarget.of(updated.system, measured)
-    paired = _pair(updated, target)
+    all_paired = _pair(updated, target)
+    is_paired = all_paired >= 0
+    if not is_paired.any():
+        listed = ", ".join(f"{f:.6g}" for f in measured.frequency)
+        raise DataError(
+            f"expand_modes: the updated model has no mode like the measured ones at {listed} Hz"
+        )
+    paired, unpaired = all_paired[is_paired], measured.frequency[~is_paired]
+    measured, target = measured.select(is_paired), target.select(np.flatnonzero(is_paired).tolist())
     labels = updated.model.dofs if dofs is None else DofSet(dofs)
     match = updated.model.dofs.match(labels)
     expander = _Expander(updated, target, Posterior.of(source), match.index)
@@ -140,6 +152,7 @@ def expand_modes(
         tuple(_number_modes(one.columns, n_elastic) for one in found),
         np.array([one.error for one in found]),
         np.sqrt([len(A) * one.excess for one in found]),
+        tuple(unpaired.tolist()),
     )
 
 
@@ -163,6 +176,9 @@ class Expansion:
     model_error : ndarray of float, shape (n,)
         Standard deviation of the residual at the sensors in excess of their noise, relative to the
         rms of the shape.
+    unpaired : tuple of float
+        Frequencies in Hz of the measured modes that are not expanded: the updated model has none
+        like them.
     """
 
     modes: ModeSet
@@ -170,6 +186,7 @@ class Expansion:
     combined: tuple[tuple[int, ...], ...]
     error: RealArray
     model_error: RealArray
+    unpaired: tuple[float, ...] = ()
 
     def __repr__(self) -> str:
         return f"Expansion({len(self.modes)} modes at {len(self.modes.dofs)} DOFs, {self.method})"
@@ -187,10 +204,15 @@ class Expansion:
             for k, frequency in enumerate(self.modes.frequency)
         ]
         header = ["mode", "frequency (Hz)", "combined modes of the model", "error", "model error"]
-        return (
+        texts = [
             f"Measured shapes expanded to {len(self.modes.dofs)} DOFs ({self.method}). Error: of"
-            " each sensor, predicted from all others.\n" + text_table(header, rows)
-        )
+            " each sensor, predicted from all others.",
+            text_table(header, rows),
+        ]
+        if self.unpaired:
+            listed = ", ".join(f"{f:.6g}" for f in self.unpaired)
+            texts.append(f"Not expanded, without a pair in the updated model: {listed} Hz.")
+        return "\n".join(texts)
 
 
 def _number_modes(columns: IndexArray, n_elastic: int) -> tuple[int, ...]:
@@ -198,18 +220,8 @@ def _number_modes(columns: IndexArray, n_elastic: int) -> tuple[int, ...]:
     return tuple(np.where(columns < n_elastic, columns, -1).tolist())
 
 
-def _find_measured(result: UpdateResult) -> ModeSet:
-    """Return the measured modes that were given to an update."""
-    given = result.data if isinstance(result.data, ModeSet) else result.options.get("modes")
-    if isinstance(given, ModeSet):
-        return given
-    raise OptionError(
-        "modes: the update has no measured modes; give modes=updyn.identify_modes(result.frf)"
-    )
-
-
 def _pair(updated: UpdatedModes, target: ModalTarget) -> IndexArray:
-    """Return the mode of the model that is paired with each measured one, shape (m,)."""
+    """Return the mode of the model that is paired with each measured one, (m,); -1: none."""
     shapes = updated.modes.shapes[:, : updated.number]
     A, moving = target.at_sensors(shapes), np.flatnonzero(find_moving(shapes[target.rows], shapes))
     rule = PairingRule(
@@ -220,12 +232,6 @@ def _pair(updated: UpdatedModes, target: ModalTarget) -> IndexArray:
     if len(moving):
         pairs = pair_clusters(A[:, moving], target.shapes, frequencies, rule).pairs
         paired[pairs.second] = moving[pairs.first]
-    if (paired < 0).any():
-        lacking = ", ".join(f"{f:.6g}" for f in target.frequency[paired < 0])
-        raise DataError(
-            f"expand_modes: the updated model has no mode like the measured ones at {lacking} Hz;"
-            " leave them out by modes.select(...)"
-        )
     return paired
 
 

@@ -19,7 +19,13 @@ from updyn.updating.judge.verdict import explain_rejection
 from updyn.updating.judge.worsened import judge_modes
 from updyn.updating.result import UpdateResult, estimated_gains
 
-__all__ = ["compare_start_modes", "identify_modes_for", "judge_by_modes", "modal_table"]
+__all__ = [
+    "compare_start_modes",
+    "find_measured_modes",
+    "identify_modes_for",
+    "judge_by_modes",
+    "modal_table",
+]
 
 
 def modal_table(
@@ -67,13 +73,28 @@ def modal_table(
             f"modal_table: expected the result of one test, found {type(result).__name__}; of"
             " several tests, one of result.results"
         )
-    given = modes or (
-        result.data if isinstance(result.data, ModeSet) else result.options.get("modes")
-    )
+    given = modes or _find_given_modes(result)
     start = result.parameters.at_start(result.start)
-    if isinstance(given, ModeSet):
+    if given is not None:
         return _make_table(start, result.model, given, (), largest)
     return _make_table(start, result.model, *_select_frfs(result), largest)
+
+
+def find_measured_modes(result: UpdateResult) -> ModeSet:
+    """Return the measured modes of an update: those given to it, or identified from its FRFs.
+
+    Raises DataError if no mode can be identified.
+    """
+    given = _find_given_modes(result)
+    if given is not None:
+        return given
+    return identify_modes_for(*hold_base(result.model, _select_frfs(result)[0]))
+
+
+def _find_given_modes(result: UpdateResult) -> ModeSet | None:
+    """Return the measured modes that were given to an update."""
+    given = result.data if isinstance(result.data, ModeSet) else result.options.get("modes")
+    return given if isinstance(given, ModeSet) else None
 
 
 def judge_by_modes(result: UpdateResult, tables: Sequence[ModalTable]) -> UpdateResult:

@@ -8,6 +8,7 @@ from updyn.job.comparison import COMPARISON_FILES
 from updyn.job.identification import MODES_FILES
 from updyn.job.planning import PLAN_FILES
 from updyn.job.schema import OUTPUTS
+from updyn.job.shapes import SHAPES, ShapesTable
 from updyn.job.uncertainty import FILE
 from updyn.outputs.manifest import OUTPUT_NAMES
 
@@ -21,6 +22,16 @@ def test_the_list_holds_what_the_commands_write_and_nothing_else() -> None:
             PlantTable(inputs="1:X", outputs="2:X", files=files, sampling=sampling)
         )
     }
+    shapes = SHAPES.outputs(ShapesTable())
     pages = {"check.html", "correlate.html"}
-    written = {*OUTPUTS, FILE, *MODES_FILES, *PLAN_FILES, *COMPARISON_FILES, *pages, *plant}
+    written = {
+        *OUTPUTS,
+        FILE,
+        *MODES_FILES,
+        *PLAN_FILES,
+        *COMPARISON_FILES,
+        *pages,
+        *plant,
+        *shapes,
+    }
     assert written == OUTPUT_NAMES

@@ -240,9 +240,33 @@ def test_invalid_input_is_named(result, truth) -> None:
         updyn.expand_modes(result, updyn.ModeSet([50.0]))
     many = measure(truth, 0)
     few = updyn.ModeSet(many.frequency, many.shapes[:6], SENSORS[:6])
-    with pytest.raises(DataError, match="6 sensors are too few for a combination of 6 modes"):
+    with pytest.raises(DataError, match="6 sensors for a combination of 6 modes"):
         updyn.expand_modes(result, few, method="serep")
-    with pytest.raises(
-        DataError, match=r"no mode like the measured ones at 400 Hz; leave them out"
-    ):
-        updyn.expand_modes(result, updyn.ModeSet([400.0], np.eye(10)[:, :1], SENSORS))
+    alien = updyn.ModeSet([400.0], np.eye(10)[:, :1], SENSORS)
+    with pytest.raises(DataError, match="no mode like the measured ones at 400 Hz"):
+        updyn.expand_modes(result, alien)
+
+
+def test_modes_without_a_pair_are_listed(result, truth) -> None:
+    known = measure(truth, 0).select([0, 1])
+    three = updyn.ModeSet(
+        [*known.frequency, 400.0], np.column_stack([known.shapes, np.eye(10)[:, 0]]), SENSORS
+    )
+    found = updyn.expand_modes(result, three)
+    assert found.unpaired == (400.0,)
+    assert len(found.modes) == len(found.combined) == 2
+    assert "Not expanded, without a pair in the updated model: 400 Hz." in found.summary()
+
+
+def test_modes_are_identified_from_frfs(truth) -> None:
+    freq, model = np.linspace(30.0, 170.0, 300), free_beam()
+    groups = {
+        name: replace(group, loss_factor=0.01) if group.stiffness is not None else group
+        for name, group in truth.groups.items()
+    }
+    damped = updyn.Model.from_groups(groups, truth.dofs)
+    frf = updyn.response(damped, freq, SENSORS, ["1:Z"], "accelerance")
+    result = updyn.update(damped, frf, updyn.parameters(model, stiffness=["a"]), starts=0)
+    found = updyn.expand_modes(result)
+    assert len(found.modes) == 2
+    assert (found.error < 1e-3).all()
