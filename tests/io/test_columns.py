@@ -285,6 +285,7 @@ def test_hostile_tables(tmp_path, rows, message):
             "not a known motion per force; state unit",
         ),
         ("f,re [m/V],im", {"real": 2, "imaginary": 3}, "not a known motion per force; state unit"),
+        ("f,re [V],im", {"real": 2, "imaginary": 3}, "in 'V', which is not a known motion per f"),
         ("f,re [g/N],im [m/N]", {"real": 2, "imaginary": 3}, "parts in 'g/N' and 'm/N'"),
         ("f,re [g/N],im [g/N]", {"real": 2, "imaginary": 3, "unit": "m/N"}, "contradicts the file"),
         ("f,re [m/N],im [m/N]", {"real": 2, "imaginary": 3}, "quantity 'mobility' contradicts"),

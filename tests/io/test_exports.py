@@ -36,21 +36,24 @@ def check_records(found, channels=("hammer", "3:Z"), units=("N", "g")) -> None:
 
 
 # -- FRFs by a mapping -----------------------------------------------------------------------------
-def pulse_text(values) -> str:
-    """PULSE LabShop 20: a header of names and values, then number, frequency, real and imaginary part."""
+def pulse_text(values, unit="m/s^2/N", kind="Complex") -> str:
+    """PULSE LabShop 20: names and values, rows of number, frequency, real and imaginary part, tags."""
     head = [
-        "Header Size:\t 12\t ",
+        "Header Size:\t 15\t ",
         "Pulse Version:\t 80\t ",
         "Decimal Symbol:\t.\t ",
-        "Data Type:\tComplex\t ",
+        f"Data Type:\t{kind}\t ",
+        "Z-Axis size:\t1\t ",
         "X-Axis type:\tLinear\t ",
         f"X-Axis size:\t{len(FREQ)}\t ",
         "X-Axis unit:\tHz\t ",
+        "X-Axis first value:\t 5.0000000000e-001\t ",
         "\t \t ",
-        "AmplitudeUnit:\tm/s^2/N\t ",
+        f"AmplitudeUnit:\t{unit}\t ",
         "Function:\tFrequency Response H1\t ",
         "Signal:\tSignal 2\t ",
         "\t \t ",
+        "Title:\tFrequency Response H1(Signal 2,Signal 1) - Input\t ",
         "Z-index:\t \t1",
         "Date:\t \t2026/3/4",
         "Time:\t \t05:06:07:250",
@@ -59,21 +62,56 @@ def pulse_text(values) -> str:
     ]
     rows = []
     for number, (f, z) in enumerate(zip(FREQ, values, strict=True), 1):
-        rows.append(f"{number}\t {f:.10e}\t {z.real:.15e}\t {z.imag:.15e}")
-    return "\n".join([*head, *rows]) + "\n"
+        parts = [z.real, z.imag] if kind == "Complex" else [z.real]
+        rows.append(f"{number}\t {f:.10e}\t " + "\t ".join(f"{part:.15e}" for part in parts))
+    tags = ["TagsBegin:\t \t ", "OverLoad:\t \tFalse", "AverageNumber: []\t \t 1.00000e+001"]
+    return "\n".join([*head, *rows, *tags, "TagsEnd:\t \t "]) + "\n"
+
+
+POINT = {"response": "{node}:{axis}", "reference": "1:Z", "real": 3, "imaginary": 4}
 
 
 def test_pulse_text_of_one_file_per_point(tmp_path):
     for node, values in ((3, A), (5, B)):
         (tmp_path / f"H1_{node}Z.txt").write_text(pulse_text(values))
-    columns = {
-        "frequency": 2,
-        "channels": [{"response": "{node}:{axis}", "reference": "1:Z", "real": 3, "imaginary": 4}],
-    }
-    found = updyn.read_frf(
-        tmp_path / "H1_{node}{axis}.txt", quantity="accelerance", columns=columns
-    )
+    columns = {"frequency": 2, "channels": [POINT]}
+    found = updyn.read_frf(tmp_path / "H1_{node}{axis}.txt", columns=columns)
     check_frf(found, ["3:Z", "5:Z"], [A, B])
+    assert found.quantity == "accelerance"
+
+
+def test_pulse_text_of_real_values_in_another_unit(tmp_path):
+    (tmp_path / "a.txt").write_text(pulse_text(A, "V", "Real"))
+    channel = {**LABELS, "real": "real [V]"}
+    columns = {"frequency": "frequency [Hz]", "channels": [channel]}
+    given = {"quantity": "mobility", "real_valued": True}
+    with pytest.raises(FormatError, match="'V'"):
+        updyn.read_frf(tmp_path / "a.txt", columns=columns, **given)
+    found = updyn.read_frf(tmp_path / "a.txt", columns={**columns, "unit": "m/s/N"}, **given)
+    check_frf(found, ["3:Z"], [A.real])
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (
+            "X-Axis size:\t4",
+            "X-Axis size:\t5",
+            r"25: truncated .* states 5 rows of 4 columns; no row 5",
+        ),
+        ("X-Axis size:\t4", "X-Axis size:\t?", r"X-Axis size '\?'; expected a whole number"),
+        ("\n3\t", "\n4\t", "23: truncated .* no row 3"),
+        ("Complex", "Octave", "Data Type 'Octave'; expected Real or Complex"),
+        ("Z-Axis size:\t1", "Z-Axis size:\t2", "several functions along the Z axis"),
+    ],
+)
+def test_damaged_pulse_texts(tmp_path, old, new, message):
+    text = pulse_text(A)
+    assert old in text
+    (tmp_path / "a.txt").write_text(text.replace(old, new))
+    columns = {"frequency": 2, "channels": [{**LABELS, "real": 3, "imaginary": 4}]}
+    with pytest.raises(FormatError, match=message):
+        updyn.read_frf(tmp_path / "a.txt", columns=columns)
 
 
 def test_quickdaq_text(tmp_path):

@@ -23,6 +23,7 @@ from updyn.errors import FormatError, OptionError, suggest
 from updyn.io.channels import Key
 from updyn.io.csv_text import plain_numbers
 from updyn.io.items import format_key
+from updyn.io.pulse_text import isolate_rows
 from updyn.io.settings import FILE_TEXT, MATRIX_FILE
 from updyn.io.text_numbers import parse_real
 from updyn.units import find_ratio, find_unit
@@ -38,6 +39,9 @@ _BRACKET = re.compile(r"(.*?)\s*(?:\[([^\[\]]*)\]|\(([^()]*(?:\([^()]*\)[^()]*)?
 _ENDING = re.compile(r".*\S[ _/](\S+)")
 _PLAIN_UNITS = ("db", "deg", "degree", "degrees", "°", "grad", "rad", "-", "1", "%")
 
+
+#: Units of channels that are not converted, such as a voltage or "engineering units".
+_OTHER_UNITS = ("V", "mV", "EU", "Pa")
 
 @dataclass(frozen=True, slots=True)
 class TextTable:
@@ -144,8 +148,15 @@ class TextTable:
         return f"column {self.header[at]!r}" if self.header else f"column {at + 1}"
 
 
-def find_table(text: str, path: str | Path) -> TextTable | None:
-    """Return the table of a text with line feeds; None if no two lines look like rows."""
+def find_table(
+    text: str, path: str | Path, separator: str | None = None, first_row: int | None = None
+) -> TextTable | None:
+    """Return the table of a text with line feeds; None if no two lines look like rows.
+
+    `separator` is one of `SEPARATORS`, `first_row` the number of the first line with numbers; by
+    default both are found.
+    """
+    text = isolate_rows(text, path)
     lines = [(n, line) for n, line in enumerate(text.split("\n"), 1) if line.strip()]
     plain = [line for line in lines if not _is_comment(line[1])]
     shape = _find_shape([line for _, line in plain[-MATRIX_FILE.sampled_rows :]])
@@ -338,6 +349,8 @@ def _find_label(cell: str) -> str:
     found = _BRACKET.fullmatch(cell)
     if found is not None:
         label = (found[2] or found[3] or "").strip()
+    if label in _OTHER_UNITS:
+        return True
         return label if _names_unit(label) else ""
     if find_unit(cell, "frequency"):
         return cell
