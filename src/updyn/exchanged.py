@@ -7,7 +7,7 @@ matrices are computed only when model errors are sought; bare matrices and store
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Protocol
 
 import scipy.sparse as sp
 
@@ -20,8 +20,8 @@ __all__ = ["AxisExchange", "Recipe", "StiffnessAndMass"]
 class StiffnessAndMass:
     """Stiffness (N/m) and mass (kg) of a group, sparse; None if the group has no such matrix."""
 
-    stiffness: Any | None
-    mass: Any | None
+    stiffness: sp.csr_array | None
+    mass: sp.csr_array | None
 
 
 class Recipe(Protocol):
@@ -43,7 +43,7 @@ class AxisExchange:
     recipe: Recipe
     what: str
     turn: str = ""
-    maps: tuple[Any, ...] = ()
+    maps: tuple[sp.csr_array, ...] = ()
     stiffness: float = 1.0
     mass: float = 1.0
 
@@ -51,7 +51,7 @@ class AxisExchange:
         """Return a copy with further factors on the matrices."""
         return replace(self, stiffness=self.stiffness * stiffness, mass=self.mass * mass)
 
-    def transform(self, T: Any) -> AxisExchange:
+    def transform(self, T: sp.csr_array) -> AxisExchange:
         """Return a copy whose matrices A are T^T A T, T of shape (N, n)."""
         return replace(self, maps=(*self.maps, T))
 
@@ -63,7 +63,7 @@ class AxisExchange:
             self._transform_matrix(computed.mass, self.mass),
         )
 
-    def _transform_matrix(self, matrix: Any | None, factor: float) -> Any | None:
+    def _transform_matrix(self, matrix: sp.csr_array | None, factor: float) -> sp.csr_array | None:
         if matrix is None:
             return None
         for T in self.maps:

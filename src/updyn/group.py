@@ -44,7 +44,7 @@ __all__ = [
 ]
 
 #: A real symmetric `scipy.sparse.csr_array`.
-Matrix: TypeAlias = Any
+Matrix: TypeAlias = sp.csr_array
 
 MATRICES = ("stiffness", "mass", "viscous")
 
@@ -131,10 +131,10 @@ class Group:
 
     def __init__(
         self,
-        stiffness: ArrayLike | Any | None = None,
-        mass: ArrayLike | Any | None = None,
+        stiffness: ArrayLike | Matrix | None = None,
+        mass: ArrayLike | Matrix | None = None,
         loss_factor: float = 0.0,
-        viscous: ArrayLike | Any | None = None,
+        viscous: ArrayLike | Matrix | None = None,
         *,
         mass_damping: float = 0.0,
         stiffness_damping: float = 0.0,
@@ -325,7 +325,9 @@ class Group:
             total = part if total is None else total + part
         return total
 
-    def with_matrices(self, stiffness: Any | None, mass: Any | None, viscous: Any | None) -> Group:
+    def with_matrices(
+        self, stiffness: Matrix | None, mass: Matrix | None, viscous: Matrix | None
+    ) -> Group:
         """Return a group of other matrices with the same damping coefficients.
 
         Parameters
@@ -487,7 +489,7 @@ def read_only(matrix: Matrix) -> Matrix:
     return matrix
 
 
-def _symmetric(given: ArrayLike | Any, name: str) -> Matrix:
+def _symmetric(given: ArrayLike | Matrix, name: str) -> Matrix:
     """Return a read-only canonical CSR array, checked to be real, finite and symmetric."""
     array: Any = given
     if not sp.issparse(given):

@@ -19,13 +19,11 @@ import hashlib
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
-from updyn.arrays import ComplexArray, IndexArray, IntArray, NumberArray, RealArray
+from updyn.arrays import ComplexArray, IndexArray, IntArray, IntegerArray, NumberArray, RealArray
 from updyn.dofs import DofSet
 from updyn.dynamics.settings import AFFINE
 from updyn.group import GROUP_QUANTITIES, MATRICES, LossTable
@@ -59,13 +57,13 @@ class Term:
     group: str
     quantity: str
     rows: IndexArray
-    local: Any
+    local: NumberArray | sp.csr_array
     slots: NumberArray
     data: RealArray
     table: LossTable | None = None
 
     @property
-    def row_index(self) -> Any:
+    def row_index(self) -> IndexArray | slice:
         """The rows as an index; consecutive rows are a slice, which avoids a copy."""
         if not len(self.rows):
             return slice(0, 0)
@@ -108,7 +106,7 @@ class AffineSystem:
     indptr: NumberArray
     indices: NumberArray
     dofs: DofSet
-    columns: Any = None
+    columns: sp.csc_array | None = None
     decay: float = 0.0
     _kinds: tuple[RealArray, RealArray, list[int]] = field(init=False, repr=False)
 
@@ -158,7 +156,7 @@ class AffineSystem:
         """Return the system for data with an exponential window of rate `decay`."""
         return self if decay == self.decay else replace(self, decay=decay)
 
-    def with_springs(self, stiffness: Any) -> AffineSystem:
+    def with_springs(self, stiffness: sp.csr_array) -> AffineSystem:
         """Return the system with a further stiffness, in a term without a group.
 
         Its entries must be in the pattern, as those of the diagonal always are.
@@ -270,7 +268,7 @@ class AffineSystem:
         """Return the row of each entry of the pattern, shape (nnz,)."""
         return np.asarray(np.repeat(np.arange(self.n), np.diff(self.indptr)), dtype=np.intp)
 
-    def coupled_dofs(self, dof: int) -> NDArray[np.integer[Any]]:
+    def coupled_dofs(self, dof: int) -> IntegerArray:
         """Return the DOFs that one is coupled with, itself included, ascending."""
         return np.array(self.indices[self.indptr[dof] : self.indptr[dof + 1]])
 
@@ -290,7 +288,7 @@ def _parts(c: NumberArray) -> RealArray:
     return np.ascontiguousarray(c).view(np.float64)
 
 
-def _combine_terms(terms: tuple[Term, ...], nnz: int) -> Any:
+def _combine_terms(terms: tuple[Term, ...], nnz: int) -> sp.csc_array | None:
     ends = np.cumsum([0, *(len(term.data) for term in terms)])
     if ends[-1] > AFFINE.combined_entries:
         return None
@@ -299,7 +297,7 @@ def _combine_terms(terms: tuple[Term, ...], nnz: int) -> Any:
     return sp.csc_array((entries, slots, ends), shape=(nnz, len(terms)))
 
 
-def _union(matrices: list[Any], n: int) -> Any:
+def _union(matrices: list[sp.csr_array], n: int) -> sp.csr_array:
     """Return the pattern of a sum and of the identity, as a sorted CSR array of booleans."""
     # Adding neighbours in pairs copies each entry once per doubling; booleans never cancel to
     # zero.
@@ -320,11 +318,11 @@ def _union(matrices: list[Any], n: int) -> Any:
     return entries + sp.eye_array(n, dtype=np.bool_, format="csr")
 
 
-def _is_full(matrix: Any) -> bool:
+def _is_full(matrix: sp.csr_array) -> bool:
     return bool(matrix.nnz == (len(matrix.indptr) - 1) ** 2)
 
 
-def _full_positions(matrix: Any) -> IntArray:
+def _full_positions(matrix: sp.csr_array | _Places) -> IntArray:
     """Return the position of each entry of a canonical CSR pattern in the full one, row by row."""
     n = len(matrix.indptr) - 1
     first = np.repeat(n * np.arange(n), np.diff(matrix.indptr))
@@ -347,7 +345,7 @@ class _Places:
     _rows: dict[bytes, IndexArray] = field(default_factory=dict, init=False)
     _sorted: IntArray | None = field(default=None, init=False)
 
-    def term(self, name: str, quantity: str, matrix: Any, table: LossTable | None) -> Term:
+    def term(self, name: str, quantity: str, matrix: sp.csr_array, table: LossTable | None) -> Term:
         # All full patterns are equal.
         key = b"" if _is_full(matrix) else _digest(matrix.indptr, matrix.indices)
         if key not in self._known:
@@ -358,7 +356,7 @@ class _Places:
             return Term(name, quantity, rows, data.reshape(n, n), slots, data, table)
         begin = _compact_indptr(matrix, rows)
         # Sparse rows save time only if the group is large and its matrix mostly empty.
-        local: Any
+        local: RealArray | sp.csr_array
         if n <= AFFINE.dense_group_dofs and matrix.nnz > 0.1 * n**2:
             local = np.zeros((n, n))
             local[np.repeat(np.arange(n), np.diff(begin)), columns] = data
@@ -366,7 +364,7 @@ class _Places:
             local = sp.csr_array((data, columns, begin), shape=(n, n))
         return Term(name, quantity, rows, local, slots, data, table)
 
-    def _of(self, matrix: Any) -> tuple[IndexArray, NumberArray, NumberArray]:
+    def _of(self, matrix: sp.csr_array) -> tuple[IndexArray, NumberArray, NumberArray]:
         """Return the rows of a matrix, the slots of its entries, and their local columns."""
         used = np.diff(matrix.indptr) > 0
         used[matrix.indices] = True
@@ -375,7 +373,7 @@ class _Places:
         number = np.cumsum(used, dtype=matrix.indices.dtype) - 1
         return rows, self._slots(matrix, rows), number[matrix.indices]
 
-    def _slots(self, matrix: Any, rows: IndexArray) -> NumberArray:
+    def _slots(self, matrix: sp.csr_array, rows: IndexArray) -> NumberArray:
         if len(self.indices) <= AFFINE.sorted_entries:
             if self._sorted is None:
                 self._sorted = _full_positions(self)
@@ -398,7 +396,7 @@ class _Places:
         return slots
 
 
-def _compact_indptr(matrix: Any, rows: IndexArray) -> NumberArray:
+def _compact_indptr(matrix: sp.csr_array, rows: IndexArray) -> NumberArray:
     """Return the indptr of a matrix without its empty rows."""
     return np.append(matrix.indptr[rows], matrix.indptr[-1:])
 

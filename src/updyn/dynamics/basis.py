@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
@@ -103,7 +102,7 @@ class Basis:
             return
         if W.strides[1] != W.itemsize:
             W = np.ascontiguousarray(W)
-        rows: Any = None
+        rows: IndexArray | None = None
         for t, term in enumerate(self.system.terms):
             if term.rows is not rows:  # stiffness and mass of a group share the array
                 rows, row_index = term.rows, term.row_index

@@ -6,7 +6,7 @@ It is the difference to a larger basis, the error of that basis by residuals, an
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TypeVar
 
 import numpy as np
 
@@ -20,6 +20,8 @@ from updyn.dynamics.settings import CERTIFICATE
 from updyn.linalg.solver import Factorised
 
 __all__ = ["Certificate", "ErrorEstimate"]
+
+_T = TypeVar("_T")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -146,7 +148,7 @@ class ErrorEstimate:
         )
 
 
-def _columns(rows: list[Any], first: int, last: int) -> Any:
+def _columns(rows: list[tuple[_T, ...]], first: int, last: int) -> list[tuple[_T, ...]]:
     """Return entries `first` to `last` of all rows, by entry."""
     return list(zip(*rows, strict=True))[first:last]
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.linalg as sl
@@ -18,7 +18,11 @@ import scipy.sparse as sp
 from updyn.arrays import IndexArray, NumberArray, RealArray
 from updyn.dynamics.settings import EIGEN
 from updyn.errors import SolverError
+from updyn.group import Matrix
 from updyn.linalg.threads import use_one_thread
+
+if TYPE_CHECKING:
+    from scipy.sparse.linalg import SuperLU
 
 __all__ = [
     "all_dense_pairs",
@@ -35,7 +39,7 @@ Pairs = tuple[NumberArray, NumberArray]
 
 
 @use_one_thread
-def mass_rank(M: Any) -> int:
+def mass_rank(M: Matrix) -> int:
     """Return the number of independent motions with mass: the number of finite eigenvalues.
 
     With more than `EIGEN.dense_dofs` DOFs with mass, their number is returned as an upper limit.
@@ -51,7 +55,7 @@ def mass_rank(M: Any) -> int:
 
 
 @use_one_thread
-def weakest_dof(K: Any, M: Any) -> int:
+def weakest_dof(K: Matrix, M: Matrix) -> int:
     """Return the DOF that moves most in the motion with least stiffness and mass."""
     A = (K + _first_shift(K, M) * M).toarray()
     unit = 1.0 / np.sqrt(np.maximum(np.abs(np.diag(A)), np.finfo(np.float64).tiny))
@@ -60,7 +64,7 @@ def weakest_dof(K: Any, M: Any) -> int:
 
 
 @use_one_thread
-def real_pairs(K: Any, M: Any, n: int) -> Pairs:
+def real_pairs(K: Matrix, M: Matrix, n: int) -> Pairs:
     """Return the n lowest eigenvalues of K phi = lambda M phi (1/s2, ascending), and their vectors.
 
     K and M must be positive semidefinite except for rounding.
@@ -86,7 +90,9 @@ def real_pairs(K: Any, M: Any, n: int) -> Pairs:
         return fine(shift)
 
 
-def all_pairs(K: Any, M: Any, n: int) -> tuple[NumberArray, NumberArray, tuple[Any, Any, Any]]:
+def all_pairs(
+    K: Matrix, M: Matrix, n: int
+) -> tuple[NumberArray, NumberArray, tuple[RealArray, RealArray, RealArray]]:
     """Return the n lowest eigenpairs of a small model, and a basis that diagonalises it.
 
     The basis is (V, diagonal of V^T K V, diagonal of V^T M V), the last 0 for motions without mass.
@@ -97,7 +103,7 @@ def all_pairs(K: Any, M: Any, n: int) -> tuple[NumberArray, NumberArray, tuple[A
 @use_one_thread
 def all_dense_pairs(
     k: RealArray, m: RealArray, n: int
-) -> tuple[NumberArray, NumberArray, tuple[Any, Any, Any]]:
+) -> tuple[NumberArray, NumberArray, tuple[RealArray, RealArray, RealArray]]:
     """Return `all_pairs` of dense matrices."""
     shift, value = _definite(partial(_dense, k, m, n), _first_shift(k, m))
     for s in dict.fromkeys((_second_shift(value, shift, EIGEN.dense_shift), shift)):
@@ -126,7 +132,7 @@ def _definite(solve: Callable[[float], Pairs], shift: float) -> tuple[float, Num
     return shift, solve(shift)[0]
 
 
-def _first_shift(K: Any, M: Any) -> float:
+def _first_shift(K: Matrix | RealArray, M: Matrix | RealArray) -> float:
     k, m = np.abs(K.diagonal()), np.abs(M.diagonal())
     has = (m > 0) & (k > 0)
     if not has.any():
@@ -167,7 +173,7 @@ def _decompose(K: RealArray, M: RealArray, shift: float, first: int) -> Pairs:
     return nu, unit[:, None] * vectors
 
 
-def _few_masses(K: Any, M: Any, heavy: IndexArray, n: int, shift: float) -> Pairs:
+def _few_masses(K: Matrix, M: Matrix, heavy: IndexArray, n: int, shift: float) -> Pairs:
     """Solve a large model with mass on few DOFs exactly, by its flexibility at these DOFs."""
     lu = _factor(K + shift * M)
     weight, axes = np.linalg.eigh(M[heavy][:, heavy].toarray())
@@ -189,7 +195,7 @@ _SINGULAR = (
 )
 
 
-def _factor(A: Any) -> Any:
+def _factor(A: Matrix) -> SuperLU:
     from scipy.sparse.linalg import splu
 
     try:
@@ -204,7 +210,7 @@ def _factor(A: Any) -> Any:
 
 
 def _sparse(
-    K: Any, M: Any, n: int, shift: float, tolerance: float = 0.0, basis: int | None = None
+    K: Matrix, M: Matrix, n: int, shift: float, tolerance: float = 0.0, basis: int | None = None
 ) -> Pairs:
     """Return modes by shift-invert Lanczos, ARPACK mode 3 (Grimes, Lewis & Simon, SIMAX 1994)."""
     from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
@@ -226,7 +232,7 @@ def _sparse(
     return value[order], vectors[:, order]
 
 
-def _solve_counted(K: Any, M: Any, n: int, shift: float) -> Pairs:
+def _solve_counted(K: Matrix, M: Matrix, n: int, shift: float) -> Pairs:
     """Compute modes and prove by Sylvester's law of inertia that none below the last was missed."""
     basis = None
     below: tuple[int, int] | None = None
@@ -239,7 +245,7 @@ def _solve_counted(K: Any, M: Any, n: int, shift: float) -> Pairs:
     raise SolverError(f"the eigenvalue solver found too few modes: (there are, found) = {below}")
 
 
-def _count_below(K: Any, M: Any, value: RealArray, n: int) -> tuple[int, int] | None:
+def _count_below(K: Matrix, M: Matrix, value: RealArray, n: int) -> tuple[int, int] | None:
     """Return the number of eigenvalues below a gap after the n-th, and the number found there.
 
     None if there is no gap, or if pivots off the diagonal make the signs of the factors invalid.
@@ -256,7 +262,7 @@ def _count_below(K: Any, M: Any, value: RealArray, n: int) -> tuple[int, int] | 
 
 
 @use_one_thread
-def complex_pairs(K: Any, M: Any, n: int, omega: float) -> Pairs:
+def complex_pairs(K: Matrix, M: Matrix, n: int, omega: float) -> Pairs:
     """Return at least n eigenpairs of complex symmetric K phi = lambda M phi near zero, in 1/s2.
 
     Massless motions are omitted; `omega` in rad/s, the highest wanted frequency, is a scale.
@@ -290,7 +296,7 @@ def complex_pairs(K: Any, M: Any, n: int, omega: float) -> Pairs:
 
 
 @use_one_thread
-def state_space_pairs(K: Any, C: Any, M: Any, omega: float) -> Pairs:
+def state_space_pairs(K: Matrix, C: Matrix, M: Matrix, omega: float) -> Pairs:
     """Return lambda = -s^2 and vectors of s^2 M + s C + K for the roots s above the real axis."""
     # Only these are valid, because structural damping (complex K) is defined for positive
     # frequencies. First companion linearisation (Tisseur & Meerbergen, SIAM Review 43 (2001) 235,

@@ -17,13 +17,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
-from updyn.arrays import ComplexArray, IndexArray, RealArray
+from updyn.arrays import ComplexArray, IndexArray, IntegerArray, RealArray
 from updyn.dofs import Dof, DofSet
 from updyn.dynamics.affine import AffineSystem, State
 from updyn.dynamics.fields import EXACT_TIERS, FieldSolver
@@ -267,7 +265,7 @@ class DrivenSolver:
         """Return readable DOFs except `excluded`."""
         return self.inner.other_dofs(excluded)
 
-    def coupled_dofs(self, dof: int) -> NDArray[np.integer[Any]]:
+    def coupled_dofs(self, dof: int) -> IntegerArray:
         """Return the DOFs coupled with a DOF in the model, itself included."""
         return self.inner.coupled_dofs(dof)
 

@@ -11,9 +11,8 @@ from typing import Any, Protocol, cast
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
-from updyn.arrays import ComplexArray, IndexArray, NumberArray, RealArray
+from updyn.arrays import ComplexArray, IndexArray, IntegerArray, NumberArray, RealArray
 from updyn.dynamics.affine import AffineSystem, State
 from updyn.dynamics.pencil import Pencil, PencilCache, StateWeights
 from updyn.dynamics.settings import LINE_SOLVER, PENCIL
@@ -114,7 +113,7 @@ class FieldSolver(Protocol):
     def other_dofs(self, excluded: IndexArray) -> IndexArray:
         """Return readable DOFs except `excluded`."""
 
-    def coupled_dofs(self, dof: int) -> NDArray[np.integer[Any]]:
+    def coupled_dofs(self, dof: int) -> IntegerArray:
         """Return the DOFs coupled with a DOF in the model, itself included."""
 
 
@@ -175,7 +174,7 @@ class LineSolver:
         """Return the DOFs except `excluded`."""
         return np.setdiff1d(np.arange(self.system.n), excluded)
 
-    def coupled_dofs(self, dof: int) -> NDArray[np.integer[Any]]:
+    def coupled_dofs(self, dof: int) -> IntegerArray:
         """Return the DOFs coupled with a DOF, itself included."""
         return self.system.coupled_dofs(dof)
 
@@ -318,14 +317,14 @@ class LineSolver:
                 Z_red[i] -= block.T @ X
         return Z_red, T.transpose(2, 0, 1)
 
-    def _whole(self) -> tuple[SparseSolver, Any]:
+    def _whole(self) -> tuple[SparseSolver, sp.csc_array]:
         """Return the solver for all of Z and a matrix to write its values into; both are kept."""
         if b"" not in self._kept:
             self._kept[b""] = (
                 SparseSolver(self.backend),
                 make_empty_matrix(self.system.indptr, self.system.indices),
             )
-        return cast("tuple[SparseSolver, Any]", self._kept[b""])
+        return cast("tuple[SparseSolver, sp.csc_array]", self._kept[b""])
 
     def _partition(self, retained: IndexArray) -> tuple[Partition, SparseSolver]:
         """Return the blocks for some retained DOFs and the solver for Z_ss; both are kept."""
@@ -459,9 +458,9 @@ class Partition:
 
     retained: IndexArray
     eliminated: IndexArray
-    nn: Any
-    sn: Any
-    ss: Any
+    nn: sp.csr_array
+    sn: sp.csr_array
+    ss: sp.csc_array
     ss_places: NumberArray
 
     @classmethod
@@ -484,13 +483,13 @@ class Partition:
             ss.data,
         )
 
-    def blocks(self, values: ComplexArray) -> tuple[ComplexArray, ComplexArray, Any]:
+    def blocks(self, values: ComplexArray) -> tuple[ComplexArray, ComplexArray, sp.csc_array]:
         """Return Z_nn and Z_sn dense, and Z_ss sparse (CSC), from the values of Z, shape (nnz,)."""
         np.take(values, self.ss_places, out=self.ss.data, mode="clip")
         return _dense_block(self.nn, values), _dense_block(self.sn, values), self.ss
 
 
-def make_empty_matrix(indptr: NumberArray, indices: NumberArray) -> Any:
+def make_empty_matrix(indptr: NumberArray, indices: NumberArray) -> sp.csc_array:
     """Return a complex CSC array of zeros of a symmetric CSR pattern (its CSC arrays are equal)."""
     n = len(indptr) - 1
     return sp.csc_array(
@@ -498,7 +497,7 @@ def make_empty_matrix(indptr: NumberArray, indices: NumberArray) -> Any:
     )
 
 
-def _dense_block(places: Any, values: ComplexArray) -> ComplexArray:
+def _dense_block(places: sp.csr_array, values: ComplexArray) -> ComplexArray:
     block = sp.csr_array((values[places.data], places.indices, places.indptr), shape=places.shape)
     return np.asarray(block.toarray())
 

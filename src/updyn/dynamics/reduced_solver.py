@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from updyn.arrays import ComplexArray, IndexArray, NumberArray, RealArray
+from updyn.arrays import ComplexArray, IndexArray, IntegerArray, NumberArray, RealArray
 from updyn.dynamics.affine import AffineSystem, State, Term
 from updyn.dynamics.basis import Basis
 from updyn.dynamics.fields import solve_dense, solve_lines
@@ -54,7 +53,7 @@ class ReducedSolver:
     observed: IndexArray
     rows: RealArray
     stack: RealArray
-    coupling: Mapping[int, NDArray[np.integer[Any]]]
+    coupling: Mapping[int, IntegerArray]
     backend: str
     label: str = "reduced"
     _pencils: PencilCache = field(
@@ -181,7 +180,7 @@ class ReducedSolver:
         """Return readable DOFs except `excluded`."""
         return np.setdiff1d(self.observed, excluded)
 
-    def coupled_dofs(self, dof: int) -> NDArray[np.integer[Any]]:
+    def coupled_dofs(self, dof: int) -> IntegerArray:
         """Return the DOFs coupled with a DOF in the full model, itself included."""
         return self.coupling[dof]
 

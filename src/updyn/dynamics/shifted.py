@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -58,7 +57,7 @@ class Shifted:
         weights = {"stiffness": 1.0, "mass": -shift}
         return np.array([weights.get(t.quantity, 0.0) for t in self.system.terms]) * state.factor
 
-    def matrix(self, state: State, shift: float) -> Any:
+    def matrix(self, state: State, shift: float) -> sp.csc_array:
         """Return K - s M."""
         values = self.system.real_values(self.weights(state, shift))
         # The matrix is symmetric, so its CSR arrays are also the CSC arrays for factorisations.

@@ -12,8 +12,8 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
+from types import ModuleType, SimpleNamespace
+from typing import TYPE_CHECKING, Any
 from weakref import finalize
 
 import numpy as np
@@ -23,6 +23,9 @@ from updyn.arrays import NumberArray, RealArray
 from updyn.linalg.settings import SPARSE_SOLVER
 from updyn.linalg.solver import unit_scale
 from updyn.linalg.triangle import upper_triangle
+
+if TYPE_CHECKING:
+    from scipy.sparse import csc_array
 
 __all__ = ["Cudss"]
 
@@ -60,8 +63,8 @@ class Cudss:
         """Return whether the bindings, cuDSS and a card are available."""
         return _libraries() is not None
 
-    def __init__(self, pattern: Any, *, real: bool = False) -> None:
-        self._kind: np.dtype[Any] = np.dtype(np.float64 if real else np.complex128)
+    def __init__(self, pattern: csc_array, *, real: bool = False) -> None:
+        self._kind: np.dtype[np.inexact] = np.dtype(np.float64 if real else np.complex128)
         self._upper, begin = upper_triangle(pattern.indptr, pattern.indices)
         self._column = pattern.indices[self._upper].astype(np.int32)
         self._lengths = np.diff(begin)
@@ -83,7 +86,7 @@ class Cudss:
         """Largest memory on the card with the factor; estimated before `factor`."""
         return int(self._card.query("MEMORY_ESTIMATES", np.int64, 16)[1])
 
-    def factor(self, A: Any) -> _CudssFactors:
+    def factor(self, A: csc_array) -> _CudssFactors:
         """Return the factors of a matrix; those of an earlier call become invalid.
 
         Raises RuntimeError also for a perturbed pivot, MemoryError if the card has too little
@@ -114,7 +117,7 @@ class _CudssFactors:
     card: _Card
     matrix: int
     scale: RealArray
-    kind: np.dtype[Any]
+    kind: np.dtype[np.inexact]
     negative: int | None
 
     def __call__(self, B: NumberArray) -> NumberArray:
@@ -135,8 +138,8 @@ class _CudssFactors:
 class _Card:
     """A session of cuDSS, whose objects live as long as the given exit stack."""
 
-    cudss: Any
-    cuda: Any
+    cudss: ModuleType
+    cuda: ModuleType
     handle: int
     config: int
     data: int
@@ -196,7 +199,7 @@ class _Card:
         begin: NDArray[np.int32],
         column: NDArray[np.int32],
         values: int,
-        kind: np.dtype[Any],
+        kind: np.dtype[np.inexact],
     ) -> int:
         """Return an upper triangle, shape (n, n), with values on the card."""
         places = [self.room(stack, array.nbytes) for array in (begin, column)]
@@ -236,7 +239,7 @@ class _Card:
         if error:
             raise RuntimeError(f"cuDSS error {error} in phase {phase}")
 
-    def _value_type(self, kind: np.dtype[Any]) -> Any:
+    def _value_type(self, kind: np.dtype[np.inexact]) -> Any:
         types = self.cudss.DataType
         if kind == np.float64:
             return types.R_64F
@@ -253,7 +256,7 @@ class _Card:
 
 
 @contextmanager
-def _convert_errors(cudss: Any, phase: str = "") -> Iterator[None]:
+def _convert_errors(cudss: ModuleType, phase: str = "") -> Iterator[None]:
     """Convert errors of the library to the types of the protocol."""
     try:
         yield

@@ -45,7 +45,7 @@ class Mumps:
         """Return whether python-mumps is installed and can be loaded."""
         return _package() is not None
 
-    def __init__(self, pattern: Any, *, real: bool = False) -> None:
+    def __init__(self, pattern: sp.csc_array, *, real: bool = False) -> None:
         column = np.repeat(np.arange(pattern.shape[0], dtype=np.int32), np.diff(pattern.indptr))
         self._upper = pattern.indices <= column
         values = np.ones(int(self._upper.sum()), dtype=np.float64 if real else np.complex128)
@@ -67,7 +67,7 @@ class Mumps:
             megabytes = self._context.factor_stats.memory
         return int(megabytes) * 10**6
 
-    def factor(self, A: Any) -> _MumpsFactors:
+    def factor(self, A: sp.csc_array) -> _MumpsFactors:
         """Return the factors of a matrix; those of an earlier call become invalid."""
         np.compress(self._upper, A.data, out=self._context.data)  # read by the library
         self._run(self._context.factor, reuse_analysis=True)

@@ -12,7 +12,7 @@ import sys
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from weakref import finalize
 
 import numpy as np
@@ -22,11 +22,14 @@ from updyn.linalg.settings import SPARSE_SOLVER
 from updyn.linalg.single import round_to_single, solve_scaled
 from updyn.linalg.triangle import upper_triangle
 
+if TYPE_CHECKING:
+    from scipy.sparse import csc_array
+
 __all__ = ["Pardiso", "library"]
 
 _NAMES = ("libmkl_rt.so.3", "libmkl_rt.so.2", "mkl_rt.3.dll", "mkl_rt.2.dll")
 _COMPLEX_SYMMETRIC, _REAL_SYMMETRIC_INDEFINITE = 6, -2
-_TYPES: Any = {(False, False): np.complex128, (True, False): np.float64, (True, True): np.float32}
+_TYPES = {(False, False): np.complex128, (True, False): np.float64, (True, True): np.float32}
 _ANALYSE, _FACTOR, _SOLVE, _RELEASE = 11, 22, 33, -1
 _NOT_ENOUGH_MEMORY = -2
 #: Number of entries above which a matrix needs 64-bit indices (oneMKL reference of pardiso_64).
@@ -60,7 +63,7 @@ class Pardiso:
         """Return whether the ``mkl`` wheel is installed and can be loaded."""
         return library() is not None
 
-    def __init__(self, pattern: Any, *, real: bool = False, single: bool = False) -> None:
+    def __init__(self, pattern: csc_array, *, real: bool = False, single: bool = False) -> None:
         if not pattern.has_canonical_format:
             # It would overwrite other memory.
             raise ValueError("PARDISO needs sorted and unique row indices")
@@ -73,10 +76,8 @@ class Pardiso:
             self._kind = _REAL_SYMMETRIC_INDEFINITE
         # A factor may have more entries than 32-bit indices can count (one with 2,150,435,714 was
         # used); A may not.
-        integer: Any = np.int64
-        if len(ja) < _MOST_ENTRIES:
-            integer = np.int32
-        a = np.ones(len(ja), dtype=_TYPES[real, single])
+        integer = np.dtype(np.int32 if len(ja) < _MOST_ENTRIES else np.int64)
+        a: NumberArray = np.ones(len(ja), dtype=_TYPES[real, single])
         iparm = np.zeros(64, dtype=integer)
         iparm[0] = 1  # no defaults: every parameter is set here
         iparm[1] = 2  # nested dissection (METIS)
@@ -99,7 +100,7 @@ class Pardiso:
         """Largest memory of the library with the factor; estimated before `factor`."""
         return self._session.peak_bytes()
 
-    def factor(self, A: Any) -> _PardisoFactors:
+    def factor(self, A: csc_array) -> _PardisoFactors:
         """Return the factors of a matrix; those of an earlier call become invalid.
 
         Raises RuntimeError also for a perturbed pivot or a value beyond the range of the precision.
@@ -162,7 +163,7 @@ class _Session:
         return self.a.dtype == np.float32
 
     def call(self, phase: int, b: NumberArray | None = None, x: NumberArray | None = None) -> None:
-        integer: Any = ctypes.c_int32
+        integer: type[ctypes.c_int32 | ctypes.c_int64] = ctypes.c_int32
         run = library().pardiso
         if self.iparm.dtype == np.int64:
             integer = ctypes.c_int64
@@ -171,7 +172,7 @@ class _Session:
         def number(value: int) -> Any:
             return ctypes.byref(integer(value))
 
-        def place(array: NumberArray | None) -> Any:
+        def place(array: NumberArray | None) -> ctypes.c_void_p | None:
             if array is None:
                 return None
             return ctypes.c_void_p(array.ctypes.data)

@@ -13,7 +13,7 @@ import weakref
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -21,6 +21,9 @@ from updyn.arrays import ComplexArray, NumberArray, RealArray
 from updyn.errors import OptionError, SolverError, key_path
 from updyn.linalg.settings import SPARSE_SOLVER
 from updyn.registry import Registry
+
+if TYPE_CHECKING:
+    from scipy.sparse import csc_array
 
 __all__ = [
     "BACKENDS",
@@ -67,7 +70,7 @@ class Backend(Protocol):
     def peak_bytes(self) -> int | None:
         """Largest memory of the library, estimated before `factor`; None if unknown."""
 
-    def factor(self, A: Any) -> Factors:
+    def factor(self, A: csc_array) -> Factors:
         """Factorise a matrix of the pattern. Raises RuntimeError and MemoryError."""
 
     def release(self) -> None:
@@ -142,7 +145,7 @@ class SparseSolver:
 
     def factorise(
         self,
-        A: Any,
+        A: csc_array,
         freq: float,
         held: str = "",
         *,
@@ -210,7 +213,7 @@ class SparseSolver:
         if failed is not None:
             failed.release()
 
-    def _release_other_pattern(self, A: Any) -> None:
+    def _release_other_pattern(self, A: csc_array) -> None:
         known = self._pattern
         same = known is not None and (
             (known[0] is A.indptr and known[1] is A.indices)
@@ -263,7 +266,7 @@ class Factorised:
     def __init__(
         self,
         solver: SparseSolver,
-        A: Any,
+        A: csc_array,
         line: tuple[float, str],
         error: float,
         choices: Iterator[_BackendChoice],
@@ -459,7 +462,7 @@ def probe_load(scale: RealArray) -> ComplexArray:
 
 
 def accuracy(
-    A: Any,
+    A: csc_array,
     scale: RealArray,
     X: NumberArray,
     B: NumberArray,

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from updyn.arrays import NumberArray
 from updyn.linalg.single import round_to_single, solve_scaled
+
+if TYPE_CHECKING:
+    from scipy.sparse import csc_array
+    from scipy.sparse.linalg import SuperLU as Decomposition
 
 __all__ = ["SuperLU"]
 
@@ -32,7 +36,7 @@ class SuperLU:
     def peak_bytes(self) -> None:
         """None, as SuperLU does not report it."""
 
-    def factor(self, A: Any) -> _LU:
+    def factor(self, A: csc_array) -> _LU:
         """Return the factors of a matrix.
 
         Raises RuntimeError if A is exactly singular or a value is beyond the range of the
@@ -62,7 +66,7 @@ class SuperLU:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _LU:
-    lu: Any
+    lu: Decomposition
     is_single: bool
 
     @property

@@ -5,9 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextvars import ContextVar
 from functools import cache, wraps
-from typing import Any, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, ParamSpec, TypeVar
 
 from updyn.linalg.pardiso import library
+
+if TYPE_CHECKING:
+    from threadpoolctl import ThreadpoolController
 
 __all__ = ["limit", "use_one_thread"]
 
@@ -38,7 +41,7 @@ def use_one_thread(function: Callable[P, R]) -> Callable[P, R]:
 
 
 @cache
-def _openblas() -> Any:
+def _openblas() -> ThreadpoolController:
     import scipy.linalg  # noqa: F401  (loads its OpenBLAS, which must be loaded to be found)
     from threadpoolctl import ThreadpoolController
 

@@ -13,18 +13,18 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
-from updyn.arrays import IndexArray, RealArray
+from updyn.arrays import IndexArray, IntegerArray, RealArray
 from updyn.dynamics import eigen
 from updyn.dynamics.affine import AffineSystem, State
 from updyn.dynamics.settings import EIGEN
 from updyn.errors import SolverError
+from updyn.group import Matrix
 from updyn.modal.settings import MODE_DERIVATIVE
 from updyn.sensitivity import Unknowns
 
@@ -56,7 +56,7 @@ class CompleteBasis:
     stiffness: RealArray
     mass: RealArray
 
-    def expand(self, rows: Any, amplitudes: RealArray) -> RealArray:
+    def expand(self, rows: IntegerArray | slice | None, amplitudes: RealArray) -> RealArray:
         """Return the motion at some DOFs, shape (k, ...), of modal amplitudes, shape (r, ...)."""
         turned = amplitudes if self.rotation is None else self.rotation @ amplitudes
         V = self.blocks[0][rows]
@@ -64,7 +64,7 @@ class CompleteBasis:
             V = np.hstack([block[rows] for block in self.blocks])
         return np.asarray(V @ turned)
 
-    def project(self, rows: Any, forces: RealArray) -> RealArray:
+    def project(self, rows: IndexArray | slice, forces: RealArray) -> RealArray:
         """Return the modal forces, shape (r, ...), of forces at some DOFs, shape (k, ...)."""
         projected = np.concatenate([block[rows].T @ forces for block in self.blocks])
         return projected if self.rotation is None else np.asarray(self.rotation.T @ projected)
@@ -80,8 +80,8 @@ class RealModes:
     model, are all its modes.
     """
 
-    K: Any
-    M: Any
+    K: Matrix
+    M: Matrix
     value: RealArray
     shapes: RealArray
     rigid: RealArray
@@ -128,7 +128,7 @@ class RealModes:
         return np.flatnonzero(np.abs(self.value - self.value[which]) <= reach)
 
 
-def _energy_rounding(K: Any, shapes: RealArray) -> RealArray:
+def _energy_rounding(K: Matrix, shapes: RealArray) -> RealArray:
     """Return a bound of the rounding errors of phi^T K phi."""
     roundings = MODE_DERIVATIVE.zero_energy_roundings * np.finfo(np.float64).eps
     sizes = np.abs(shapes)
@@ -320,7 +320,7 @@ def separate_repeated_modes(
 
 def derivative_forces(
     system: AffineSystem, unknowns: Unknowns, values: RealArray, shapes: RealArray
-) -> Iterator[tuple[int, Any, RealArray, bool]]:
+) -> Iterator[tuple[int, IndexArray | slice, RealArray, bool]]:
     """Yield unknown, DOFs, derivative times shapes, and whether it is of mass, by drive."""
     state = unknowns.state(system, values)
     drives = zip(unknowns.owner, unknowns.at, unknowns.power, unknowns.scales, strict=True)
@@ -369,7 +369,7 @@ def _rotate_towards_measured(shapes_at_sensors: RealArray, measured: RealArray) 
     return np.asarray(np.linalg.qr(np.hstack([share[:, order], np.eye(len(share))]))[0])
 
 
-def assemble(system: AffineSystem, state: State, quantity: str) -> Any:
+def assemble(system: AffineSystem, state: State, quantity: str) -> Matrix:
     """Return the sparse stiffness or mass of a compiled model at a state."""
     weights = np.where([t.quantity == quantity for t in system.terms], state.factor, 0.0)
     entries = system.real_values(weights), system.indices.copy(), system.indptr.copy()
@@ -410,9 +410,9 @@ def _solve_with_pivots(
     return np.asarray(scale[:, None] * X)
 
 
-def _scaled_full(modes: RealModes, value: float, scale: RealArray, pivots: IndexArray) -> Any:
+def _scaled_full(modes: RealModes, value: float, scale: RealArray, pivots: IndexArray) -> RealArray:
     """Return the scaled dense matrix with 1 on the diagonal at the pivots."""
-    A = modes.K.toarray()
+    A: RealArray = modes.K.toarray()
     A -= value * modes.M.toarray()
     A *= scale
     A *= scale[:, None]
@@ -420,7 +420,9 @@ def _scaled_full(modes: RealModes, value: float, scale: RealArray, pivots: Index
     return A
 
 
-def _scaled_sparse(modes: RealModes, value: float, scale: RealArray, pivots: IndexArray) -> Any:
+def _scaled_sparse(
+    modes: RealModes, value: float, scale: RealArray, pivots: IndexArray
+) -> sp.csc_array:
     """Return the scaled sparse matrix with 1 on the diagonal at the pivots."""
     one = sp.csc_array((np.ones(len(pivots)), (pivots, pivots)), shape=modes.K.shape)
     by = sp.diags_array(scale)
