@@ -56,6 +56,9 @@ def test_from_a_dropped_file_of_any_layout_to_a_checked_job(tmp_path):
 
         # the proposal is drawn before the labels are known, and nothing can be used yet
         page.locator(".js-plotly-plot").wait_for()
+        assert page.locator(".js-plotly-plot").bounding_box()["height"] == 260
+        preview = page.locator(".q-card", has_text="As they are read").locator("tbody tr")
+        assert preview.count() == 5
         page.get_by_text("To fill in: measured quantity, response, reference.").wait_for()
         use = page.get_by_role("button", name="Use these columns")
         assert use.is_disabled()

@@ -482,3 +482,41 @@ def test_the_command_line_from_a_refused_table_to_the_check_of_a_job(tmp_path, c
     error = capsys.readouterr().err
     assert "chain.txt: no column '2:X/12:X Mug (dB)'; did you mean '2:X/12:X Mag (dB)'" in error
     assert f"{job}:" in error
+
+
+@pytest.mark.parametrize(
+    ("stated", "expected"),
+    [
+        ({"first_row": 2}, [4 + 5j, 6 + 7j]),
+        ({"first_row": 2, "separator": ","}, [4 + 5j, 6 + 7j]),
+        ({}, [2 + 3j, 4 + 5j, 6 + 7j]),
+    ],
+)
+def test_separator_and_first_row_are_stated_for_names_that_are_numbers(tmp_path, stated, expected):
+    path = put(tmp_path, ["0,2,3", "1,4,5", "2,6,7"])
+    channel = {"response": "1:X", "reference": "1:X", "real": 2, "imaginary": 3}
+    mapping = {"frequency": 1, **stated, "channels": [channel]}
+    frf = updyn.read_frf(path, quantity="mobility", columns=mapping)
+    np.testing.assert_array_equal(frf.values[:, 0, 0], expected)
+
+
+@pytest.mark.parametrize(
+    ("stated", "key", "message"),
+    [
+        ({"separator": "tab"}, "separator", "expected ';', a tab, ',' or a blank"),
+        ({"separator": ";"}, "separator", "no table by columns.separator"),
+        ({"first_row": 0}, "first_row", "expected the number of a line"),
+        ({"first_row": True}, "first_row", "expected the number of a line"),
+        ({"first_row": 3}, "first_row", "no table by columns.first_row"),
+        ({"first_row": 4}, "first_row", "no table by columns.first_row"),
+    ],
+)
+def test_a_wrong_separator_or_first_row_is_refused(tmp_path, stated, key, message):
+    rows = ["0,2,3", "1,4,5", "2,6,7"]
+    if stated == {"first_row": 4}:
+        rows += ["end", "3,8,9", "4,8,9"]
+    path = put(tmp_path, rows)
+    channel = {"response": "1:X", "reference": "1:X", "real": 2, "imaginary": 3}
+    with pytest.raises((FormatError, OptionError), match=message) as caught:
+        updyn.read_frf(path, columns={"frequency": 1, **stated, "channels": [channel]})
+    assert caught.value.key == ("columns", key)

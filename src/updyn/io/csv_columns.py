@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 
 from updyn.arrays import RealArray
-from updyn.errors import FormatError
+from updyn.errors import FormatError, OptionError
 from updyn.frf import FRF
 from updyn.io.channels import check_keys, read_channels, read_frequency
-from updyn.io.csv_table import Line, TextTable, find_table
+from updyn.io.csv_table import SEPARATORS, Line, TextTable, find_table
 from updyn.io.csv_text import (
     EXCITATION,
     Comments,
@@ -30,9 +30,9 @@ from updyn.io.items import read_windows_text, require_file
 from updyn.io.named import build_frf
 from updyn.io.text_numbers import check_last_line
 
-__all__ = ["read_columns"]
+__all__ = ["find_stated_table", "read_columns"]
 
-_KEYS = ("frequency", "frequency_unit", "unit", "channels")
+_KEYS = ("frequency", "frequency_unit", "unit", "separator", "first_row", "channels")
 _COMMENTS = ("quantity", "averages", "decay", "source", *EXCITATION)
 
 
@@ -44,9 +44,7 @@ def read_columns(
     check_keys(columns, _KEYS, ("frequency", "channels"), key)
     text = read_windows_text(require_file(path))
     check_last_line(text, path)
-    table = find_table(text, path)
-    if table is None:
-        raise FormatError("no table: expected at least two lines with the same columns", path)
+    table = find_stated_table(text, path, columns)
     freq = read_frequency(
         table,
         columns["frequency"],
@@ -77,6 +75,31 @@ def read_columns(
     items |= {"decay": decay} if averages is None else {"decay": decay, "averages": averages}
     items |= read_excitation(comments, path)
     return build_frf(items, path, quantity=quantity, real_valued=real_valued)
+
+
+def find_stated_table(text: str, path: str | Path, columns: Mapping[str, Any]) -> TextTable:
+    """Return the table of a text, with the separator and the first row of a mapping if stated."""
+    separator, first_row = columns.get("separator"), columns.get("first_row")
+    if separator not in (None, *SEPARATORS):
+        raise OptionError(
+            f"columns.separator = {separator!r}: expected ';', a tab, ',' or a blank",
+            key=("columns", "separator"),
+        )
+    if first_row is not None and (type(first_row) is not int or first_row < 1):
+        raise OptionError(
+            f"columns.first_row = {first_row!r}: expected the number of a line, from 1",
+            key=("columns", "first_row"),
+        )
+    table = find_table(text, path, separator, first_row)
+    if table is None:
+        stated = next((key for key in ("separator", "first_row") if key in columns), "")
+        where = f" by columns.{stated}" if stated else ""
+        raise FormatError(
+            f"no table{where}: expected at least two lines with the same columns",
+            path,
+            key=("columns", stated) if stated else (),
+        )
+    return table
 
 
 def _check_order(freq: RealArray, table: TextTable) -> None:

@@ -3,7 +3,7 @@
 The columns are separated by semicolons, tabs, commas or blanks. The separator and the number of
 columns are those of most lines at the end of the file; the rows begin at the first line like these.
 The line above is the header if it has as many cells; between both may be a line of units. A header
-may be a comment (``#`` or ``%``).
+may be a comment (``#`` or ``%``). Separator and first row may be stated.
 """
 
 from __future__ import annotations
@@ -28,20 +28,21 @@ from updyn.io.settings import FILE_TEXT, MATRIX_FILE
 from updyn.io.text_numbers import parse_real
 from updyn.units import find_ratio, find_unit
 
-__all__ = ["Line", "TextTable", "find_table", "format_cell"]
+__all__ = ["SEPARATORS", "Line", "TextTable", "find_table", "format_cell"]
 
 #: A line of a text: its number from 1 and its content.
 Line = tuple[int, str]
 
-_SEPARATORS = (";", "\t", ",", " ")
+#: The separators and their names.
+SEPARATORS = {";": "semicolons", "\t": "tabs", ",": "commas", " ": "blanks"}
 _COMPLEX = re.compile(r"(.*[0-9.])\s*([+-])\s*([^+-]*(?:[eEdD][+-]?[0-9]+)?)\s*\*?\s*[ij]")
 _BRACKET = re.compile(r"(.*?)\s*(?:\[([^\[\]]*)\]|\(([^()]*(?:\([^()]*\)[^()]*)?)\))\s*")
 _ENDING = re.compile(r".*\S[ _/](\S+)")
 _PLAIN_UNITS = ("db", "deg", "degree", "degrees", "°", "grad", "rad", "-", "1", "%")
 
-
 #: Units of channels that are not converted, such as a voltage or "engineering units".
 _OTHER_UNITS = ("V", "mV", "EU", "Pa")
+
 
 @dataclass(frozen=True, slots=True)
 class TextTable:
@@ -158,10 +159,14 @@ def find_table(
     """
     text = isolate_rows(text, path)
     lines = [(n, line) for n, line in enumerate(text.split("\n"), 1) if line.strip()]
-    plain = [line for line in lines if not _is_comment(line[1])]
-    shape = _find_shape([line for _, line in plain[-MATRIX_FILE.sampled_rows :]])
+    plain = [line for line in lines if not _is_comment(line[1]) and line[0] >= (first_row or 1)]
+    separators = tuple(SEPARATORS) if separator is None else (separator,)
+    shape = _find_shape([line for _, line in plain[-MATRIX_FILE.sampled_rows :]], separators)
     if shape is None:
         return None
+    if first_row is not None:
+        is_row = shape.fits(plain[0][1])
+        return _build_table(lines, plain, shape.separator, path, is_stated=True) if is_row else None
     for i, (_, line) in enumerate(plain):
         if shape.fits(line):
             return _build_table(lines, plain[i:], shape.separator, path)
@@ -185,10 +190,10 @@ class _Shape:
         return numbers == self.n_numbers or (numbers >= 2 and _is_number(cells[0]))
 
 
-def _find_shape(lines: Sequence[str]) -> _Shape | None:
+def _find_shape(lines: Sequence[str], separators: Sequence[str]) -> _Shape | None:
     """Return the shape of most lines, with the separator that gives the most numbers per cell."""
     found: list[_Shape] = []
-    for separator in _SEPARATORS:
+    for separator in separators:
         shapes: Counter[tuple[int, int]] = Counter()
         for line in lines:
             cells = _split_numbers(line, separator)
@@ -262,9 +267,14 @@ def _parse_complex(cell: str) -> complex:
 
 
 def _build_table(
-    lines: Sequence[Line], body: Sequence[Line], separator: str, path: str | Path
+    lines: Sequence[Line],
+    body: Sequence[Line],
+    separator: str,
+    path: str | Path,
+    *,
+    is_stated: bool = False,
 ) -> TextTable:
-    """Return the table whose rows are `body`."""
+    """Return the table whose rows are `body`; `is_stated`: the user states the first row."""
     numbers = plain_numbers("\n".join(line for _, line in body), separator).split("\n")
     rows = tuple(
         (number, _split(row, separator)) for (number, _), row in zip(body, numbers, strict=True)
@@ -284,7 +294,8 @@ def _build_table(
             above.pop()
             cells = _cells_of(above[-1][1], separator, width)
         over = _cells_of(above[-2][1], separator, width) if len(above) > 1 else ()
-        _refuse_row(above[-1], separator, width, bool(over), path)
+        if not is_stated:
+            _refuse_row(above[-1], separator, width, bool(over), path)
         if cells:
             header = cells
             above.pop()
@@ -338,6 +349,8 @@ def _is_unit(cell: str) -> bool:
 def _names_unit(label: str) -> bool:
     if label.casefold() in _PLAIN_UNITS or "db" in label.casefold().split():
         return True
+    if label in _OTHER_UNITS:
+        return True
     if find_ratio(label) or find_unit(label) or find_unit(label, "frequency", "time", "length"):
         return True
     # Units of other quantities, such as (m/s^2)/V, but not pairs such as 3/1 or 3:Z/1:Z
@@ -349,8 +362,6 @@ def _find_label(cell: str) -> str:
     found = _BRACKET.fullmatch(cell)
     if found is not None:
         label = (found[2] or found[3] or "").strip()
-    if label in _OTHER_UNITS:
-        return True
         return label if _names_unit(label) else ""
     if find_unit(cell, "frequency"):
         return cell

@@ -10,8 +10,9 @@ from typing import Any
 from updyn.arrays import NumberArray
 from updyn.errors import FormatError
 from updyn.io.channels import Name
+from updyn.io.csv_columns import find_stated_table
 from updyn.io.csv_proposal import guess_columns
-from updyn.io.csv_table import TextTable, find_table, format_cell
+from updyn.io.csv_table import SEPARATORS, TextTable, format_cell
 from updyn.io.formats import find_format, load
 from updyn.io.frf_variables import VariableSource
 from updyn.io.items import read_windows_text, require_file
@@ -20,8 +21,6 @@ from updyn.io.settings import FILE_TEXT
 from updyn.io.variables_proposal import flatten, guess_variables
 
 __all__ = ["Inventory", "Item", "list_items"]
-
-_SEPARATORS = {";": "semicolons", "\t": "tabs", ",": "commas", " ": "blanks"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,20 +42,22 @@ class Item:
 class Inventory:
     """The items of a file; `option` is the option of `updyn.read_frf` that selects from them.
 
-    `layout` describes the file in a sentence. `proposal` is the mapping by the names of the items,
-    empty if unknown; ``"?"`` replaces unknown labels.
+    `layout` describes the file in a sentence; `head` has the first lines of a text. `proposal` is
+    the mapping by the names of the items, empty if unknown; ``"?"`` replaces unknown labels.
     """
 
     option: str
     layout: str
     items: tuple[Item, ...]
     proposal: Mapping[str, Any]
+    head: tuple[str, ...] = ()
 
 
-def list_items(path: str | Path) -> Inventory:
+def list_items(path: str | Path, columns: Mapping[str, Any] | None = None) -> Inventory:
     """Return the columns of a text table, or the variables of an npz, mat or HDF5 file.
 
-    For a file name with fields, it is the first file. A `FormatError` is raised if the file cannot
+    For a file name with fields, it is the first file. Of `columns`, ``separator`` and ``first_row``
+    are used. A `FormatError` is raised if the file cannot
     be read, or has neither.
     """
     if has_fields(path):
@@ -66,14 +67,13 @@ def list_items(path: str | Path) -> Inventory:
     try:
         chosen = find_format(path, "read_source")
     except FormatError:
-        return _list_columns(path)
+        return _list_columns(path, columns or {})
     return _list_variables(load(chosen).read_source(path))
 
 
-def _list_columns(path: str | Path) -> Inventory:
-    table = find_table(read_windows_text(path), path)
-    if table is None:
-        raise FormatError("no table: expected at least two lines with the same columns", path)
+def _list_columns(path: str | Path, columns: Mapping[str, Any]) -> Inventory:
+    text = read_windows_text(path)
+    table = find_stated_table(text, path, columns)
     numbers = range(1, table.n_columns + 1)
     items = tuple(
         Item(_select(table, at), table.title(at), table.unit(at), _first_cells(table, at - 1))
@@ -82,9 +82,10 @@ def _list_columns(path: str | Path) -> Inventory:
     names = "with names" if table.header else "without names"
     layout = (
         f"{len(table.rows)} rows from line {table.line(0)} in {table.n_columns} columns {names},"
-        f" separated by {_SEPARATORS[table.separator]}"
+        f" separated by {SEPARATORS[table.separator]}"
     )
-    return Inventory("columns", layout, items, guess_columns(table) or {})
+    head = tuple(text.split("\n", FILE_TEXT.first_lines)[: FILE_TEXT.first_lines])
+    return Inventory("columns", layout, items, guess_columns(table) or {}, head)
 
 
 def _select(table: TextTable, number: int) -> Name:

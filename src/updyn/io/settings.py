@@ -166,6 +166,8 @@ class FileTextSettings:
     #: [values] First values of a column or an array that a form shows. Why: enough to tell a
     #: frequency from a magnitude; they fit a line.
     first_values: int = 3
+    #: [lines] First lines of a text that a form shows. Why: the preambles of most exports.
+    first_lines: int = 15
     #: [bytes] Largest HDF5 file of which a message lists the arrays. Why: for the list it is read a
     #: second time.
     listed_bytes: int = 2**26

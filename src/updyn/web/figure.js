@@ -1,7 +1,8 @@
 // A figure in the format of the report, in the colours of the page. It emits "pick" with the ends of a dragged band, or
-// with a clicked frequency twice.
+// with a clicked frequency twice. It has a smallest width, because plotly cannot place titles in the few px that a page
+// without its styles gives it.
 export default {
-  template: "<div><div ref='place'></div></div>",
+  template: "<div style='min-width: 240px'><div ref='place'></div></div>",
   props: { figure: Object },
   mounted() {
     const place = this.$refs.place;

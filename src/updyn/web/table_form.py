@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import permutations
 from typing import Any, Literal
 
@@ -13,11 +13,12 @@ from updyn.errors import DofError
 from updyn.frf import QUANTITIES, TRANSMISSIBILITY
 from updyn.io.channels import FORMS, Name
 from updyn.io.csv_proposal import UNKNOWN
+from updyn.io.csv_table import SEPARATORS
 from updyn.io.inventory import Inventory
 from updyn.io.point_files import has_fields
 from updyn.units import find_ratio
 
-__all__ = ["FORM_NAMES", "FREQUENCY_UNITS", "VALUE_UNITS", "Entry", "Key", "TableForm"]
+__all__ = ["FORM_NAMES", "Entry", "Key", "TableForm"]
 
 #: Path of an entry within the options.
 Key = tuple[str | int, ...]
@@ -31,9 +32,10 @@ FORM_NAMES = {
     ("magnitude_dB", "phase_rad"): "decibels and phase in radians",
     ("complex",): "one complex value",
 }
-#: Units that a form offers; others can be typed.
-FREQUENCY_UNITS = ("Hz", "kHz", "rad/s", "rpm")
-VALUE_UNITS = ("m/s^2/N", "g/N", "mm/s/N", "m/s/N", "mm/N", "m/N")
+#: Units that a form offers, of which others can be typed, and quantities.
+_FREQUENCIES = {unit: unit for unit in ("Hz", "kHz", "rad/s", "rpm")}
+_VALUES = {unit: unit for unit in ("m/s^2/N", "g/N", "m/s/N", "mm/s/N", "m/N", "mm/N")}
+_QUANTITIES = {name: name for name in (*QUANTITIES, TRANSMISSIBILITY)}
 #: Names of the entries; ``H`` is that of the complex values of an array.
 _NAMES = {
     "frequency": "frequency",
@@ -50,9 +52,12 @@ _NAMES = {
     "response": "response",
     "reference": "reference",
 }
-#: Axes of arrays of all channels, as the option ``order`` names them.
-_AXES = ("freq", "response", "reference")
-_REQUIRED = "required"
+#: Axes of arrays of all channels, as the option ``order`` names them, and their orders.
+_AXES = {"freq": "lines", "response": "responses", "reference": "references"}
+_ORDERS = {
+    ", ".join(order): " x ".join(_AXES[axis] for axis in order) for order in permutations(_AXES)
+}
+_REQUIRED, _FOUND = "required", "found, if empty"
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,15 +65,16 @@ class Entry:
     """An entry of the form: its place in the options, its name for the page, and its kind.
 
     An ``"item"`` is a column or variable; a ``"unit"`` is chosen or typed; ``"texts"`` are
-    separated by commas.
+    separated by commas. `relists` states whether the columns depend on the entry.
     """
 
     key: Key
     label: str
-    kind: Literal["item", "unit", "choice", "text", "texts"]
-    choices: tuple[str, ...] = ()
+    kind: Literal["item", "unit", "choice", "text", "texts", "whole"]
+    choices: Mapping[str, str] = field(default_factory=dict)
     required: bool = False
     example: str = ""
+    relists: bool = False
 
 
 class TableForm:
@@ -114,7 +120,7 @@ class TableForm:
         place: Any = self.options
         for name in key[:-1]:
             place = place[name]
-        if isinstance(value, str):
+        if isinstance(value, str) and key[-1] != "separator":
             value = value.strip()
         if value in ("", None):
             place.pop(key[-1], None)
@@ -130,22 +136,27 @@ class TableForm:
             found += [self._item((root, name), required=True) for name in self._value_names()]
             found.append(self._item((root, "coherence")))
         found += [
-            Entry((root, "frequency_unit"), "unit of the frequency", "unit", FREQUENCY_UNITS),
-            Entry((root, "unit"), "unit of the values", "unit", VALUE_UNITS),
+            Entry((root, "frequency_unit"), "unit of the frequency", "unit", _FREQUENCIES),
+            Entry((root, "unit"), "unit of the values", "unit", _VALUES),
             Entry(
                 ("quantity",),
                 "measured quantity",
                 "choice",
-                (*QUANTITIES, TRANSMISSIBILITY),
+                _QUANTITIES,
                 not self._states_quantity(),
             ),
         ]
+        if root == "columns":
+            separator, first_row = (root, "separator"), (root, "first_row")
+            found += [
+                Entry(separator, "columns separated by", "choice", SEPARATORS, relists=True),
+                Entry(first_row, "first row of numbers in line", "whole", relists=True),
+            ]
         if self.is_array:
-            orders = tuple(", ".join(order) for order in permutations(_AXES))
             found += [
                 Entry(("response_labels",), "responses", "texts", example="3:Z, 5:Z"),
                 Entry(("reference_labels",), "references", "texts", example="1:Z"),
-                Entry(("order",), "axes of the arrays", "choice", orders),
+                Entry(("order",), "axes of the arrays", "choice", _ORDERS),
             ]
         return found
 
@@ -214,17 +225,20 @@ class TableForm:
             self.set((self.root, "channels", number, "reference"), reference)
 
     def hints(self) -> dict[Key, str]:
-        """Return the units that are used if none is given."""
+        """Return what is used for entries that are not filled."""
         units = {item.select: item.unit for item in self.inventory.items}
         frequency = self.entries()[0].key
         places = [self.options[self.root]] if self.is_array else self.channels
         of_values = units.get(places[0].get(self._value_names()[0], ""), "")
         stated = {"frequency_unit": units.get(self.get(frequency), ""), "unit": of_values}
         usual = {"frequency_unit": "Hz", "unit": "SI"}
-        return {
+        found: dict[Key, str] = {
             (self.root, key): f"{unit}, by the file" if unit else f"{usual[key]}, if empty"
             for key, unit in stated.items()
         }
+        if self.root == "columns":
+            found |= {(self.root, key): _FOUND for key in ("separator", "first_row")}
+        return found
 
     def uses(self) -> dict[Name, list[str]]:
         """Return the uses of each item, in words."""
@@ -252,6 +266,8 @@ class TableForm:
             text = self.get(entry.key)
             if entry.required and text == "":
                 found[entry.key] = _REQUIRED
+            elif entry.kind == "whole" and text != "" and not isinstance(text, int):
+                found[entry.key] = f"{text!r}; expected a whole number"
             elif entry.kind == "text" and "{" not in text:
                 message = _check_label(text)
                 if message:

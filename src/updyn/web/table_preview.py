@@ -91,10 +91,13 @@ def view_measurement(path: Path, options: Mapping[str, Any]) -> MeasurementView:
     return MeasurementView("", error, _has_items(path))
 
 
-def view_table(path: Path) -> TableView:
-    """Return the columns or variables of a file; raise an `InputError` if it has none."""
+def view_table(path: Path, columns: Mapping[str, Any]) -> TableView:
+    """Return the columns or variables of a file, by the separator and first row in `columns`.
+
+    An `InputError` is raised if it has none.
+    """
     try:
-        inventory = list_items(path)
+        inventory = list_items(path, columns)
     except InputError as error:
         raise InputError(_without_path(error, path)) from error
     pattern = path if has_fields(path) else propose_pattern(path)

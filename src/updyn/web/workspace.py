@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 from typing import Any, TypeVar
@@ -329,16 +330,25 @@ class Workspace:
     def open_new_table(self) -> None:
         """Open the form for the measurement of the new job; `InputError` if it is no table."""
         job = self.new_job
-        view = self.ask_file(view_table, job.measurement)
+        view = self.ask_file(view_table, job.measurement, job.reading.get("columns", {}))
         self.table = OpenTable(TableForm(job.measurement, view.inventory, job.options), view)
 
     def open_table(self, number: int) -> None:
         """Open the form for a test of the open job; `InputError` if its file is no table."""
         test = self._tests()[number]
         file = self.project.name_of(self.open_document.path.parent / test["file"])
-        view = self.ask_file(view_table, file)
+        view = self.ask_file(view_table, file, test.get("columns", {}))
         given = {key: test[key] for key in (*_READING, *_MAPPINGS) if key in test}
         self.table = OpenTable(TableForm(file, view.inventory, given), view, number)
+
+    def relist_table(self) -> None:
+        """List the columns again, by the separator and the first row in the open form.
+
+        If there is no such table, the reader reports it at the entry.
+        """
+        form = self._open_form
+        with suppress(InputError):
+            form.inventory = self.ask_file(view_table, form.file, form.options[form.root]).inventory
 
     def preview_table(self) -> FRFPreview | None:
         """Return the FRFs that the open form selects; None if it lacks the entries for this."""

@@ -130,6 +130,8 @@ def test_units_of_the_file_are_stated_and_define_the_quantity(tmp_path: Path) ->
     assert form.hints() == {
         ("columns", "frequency_unit"): "kHz, by the file",
         ("columns", "unit"): "g/N, by the file",
+        ("columns", "separator"): "found, if empty",
+        ("columns", "first_row"): "found, if empty",
     }
     assert ("quantity",) not in form.faults()
 
@@ -159,7 +161,7 @@ def test_arrays_of_all_channels(tmp_path: Path) -> None:
 
 
 def test_files_of_points_take_labels_from_their_names(folder: Path) -> None:
-    view = view_table(folder / "hit_5X.csv")
+    view = view_table(folder / "hit_5X.csv", {})
     assert (view.first_file, view.pattern, view.n_files) == (
         "hit_5X.csv", "hit_{node}{axis}.csv", 5,
     )  # fmt: skip
@@ -182,6 +184,37 @@ def test_a_file_that_is_not_understood_may_have_columns(
     assert (view.summary, view.has_items) == ("", has_items)
     assert message in view.error
     assert str(tmp_path) not in view.error
+
+
+def test_separator_and_first_row_are_stated_if_they_are_not_found(chain_project: Path) -> None:
+    """Names that are numbers look like a row; the columns are listed by the stated first row."""
+    (chain_project / "a.csv").write_text("0,2,3\n1,4,5\n2,6,7\n")
+    workspace = Workspace(chain_project)
+    workspace.new_job.measurement = "a.csv"
+    workspace.open_new_table()
+    assert workspace.table is not None
+    form = workspace.table.form
+    assert form.inventory.layout.startswith("3 rows from line 1")
+    fill(form, {
+        ("columns", "frequency"): 1, (*CHANNEL, "real"): 2, (*CHANNEL, "imaginary"): 3,
+        ("columns", "first_row"): 2,
+    })  # fmt: skip
+    workspace.relist_table()
+    assert (
+        form.inventory.layout == "2 rows from line 2 in 3 columns with names, separated by commas"
+    )
+    assert [item.select for item in form.inventory.items] == ["0", "2", "3"]
+    found = workspace.preview_table()
+    assert found is not None
+    np.testing.assert_array_equal(found.values[:, 0], [4 + 5j, 6 + 7j])
+    form.set(("columns", "separator"), ";")
+    workspace.relist_table()
+    found = workspace.preview_table()
+    assert found is not None
+    assert set(found.errors) == {("columns", "separator")}
+    form.set(("columns", "first_row"), "two")
+    assert "expected a whole number" in form.faults()["columns", "first_row"]
+    workspace.close()
 
 
 # -- within the window

@@ -47,7 +47,6 @@ class _TablePage:
         self._workspace, self._table = workspace, table
         self._shown: dict[Key, Any] = {}
         self._turn = 0
-        self._channel = 0
         self._page = 1
 
     @property
@@ -58,7 +57,7 @@ class _TablePage:
         """Build the page."""
         what = self._form.root
         ui.label(f"Select the FRFs in {self._table.view.first_file}").classes("text-xl")
-        ui.label(f"{self._form.inventory.layout}.").classes("opacity-70")
+        self._layout = ui.label().classes("opacity-70")
         with ui.row().classes("w-full items-center sm:flex-nowrap"):
             self._icon = ui.icon("hourglass_empty", size="sm")
             self._status = ui.label().classes("flex-1 min-w-48 whitespace-pre-wrap").mark("status")
@@ -71,7 +70,7 @@ class _TablePage:
                 self._draw_form()
             with ui.card().classes("w-full lg:w-5/12"):
                 ui.label("As they are read").classes("text-lg")
-                self._preview_place = ui.column().classes("w-full")
+                self._preview = _Preview()
         with ui.card().classes("w-full"):
             ui.label(f"{what.capitalize()} in the file").classes("text-lg")
             columns = _ITEMS if what == "variables" else [c for c in _ITEMS if c["name"] != "size"]
@@ -79,6 +78,11 @@ class _TablePage:
             self._items.props("flat dense wrap-cells").classes("w-full")
             if len(self._form.inventory.items) <= 20:
                 self._items.props("hide-bottom")
+            if self._form.inventory.head:
+                with ui.expansion("First lines of the file").classes("w-full"):
+                    rows = enumerate(self._form.inventory.head, 1)
+                    text = "\n".join(f"{number:>3}  {row}" for number, row in rows)
+                    ui.label(text).classes("whitespace-pre font-mono text-sm overflow-auto")
         await self._update()
 
     # -- form --------------------------------------------------------------------------------------
@@ -146,11 +150,15 @@ class _TablePage:
         elif entry.kind == "item":
             shown = ui.select(self._item_names(value), value=value or None, label=label)
             shown.props("" if entry.required else "clearable")
+        elif entry.kind == "whole":
+            shown = ui.number(label, value=value or None, min=1, precision=0)
+            shown.props("clearable debounce=800")
         else:
-            choices = list(dict.fromkeys([*entry.choices, *([value] if value else [])]))
+            choices = {**entry.choices, **({} if value in entry.choices else {value: value})}
+            choices.pop("", None)
             is_unit = entry.kind == "unit"
             shown = ui.select(
-                choices,
+                list(choices) if is_unit else choices,
                 value=value or None,
                 label=label,
                 with_input=is_unit,
@@ -160,8 +168,13 @@ class _TablePage:
         self._shown[entry.key] = shown
 
         async def store(event: events.ValueChangeEventArguments[Any]) -> None:
-            self._form.set(entry.key, event.value)
-            await self._update()
+            value = event.value
+            is_whole = isinstance(value, float) and value.is_integer()
+            self._form.set(entry.key, int(value) if is_whole else value)
+            if entry.relists:
+                await self._relist()
+            else:
+                await self._update()
 
         shown.on_value_change(store)
 
@@ -169,6 +182,13 @@ class _TablePage:
         """Return the columns or variables by their value in the mapping."""
         names = {item.select: _name_item(item) for item in self._form.inventory.items}
         return names if value in ("", *names) else {**names, value: f"{value} (not in the file)"}
+
+    async def _relist(self) -> None:
+        try:
+            await run.io_bound(self._workspace.relist_table)
+        except UpdynError as error:
+            complain(str(error))
+        await self._redraw()
 
     # -- changes of the form -----------------------------------------------------------------------
     async def _redraw(self) -> None:
@@ -233,12 +253,14 @@ class _TablePage:
         errors = dict(found.errors) if found is not None else {}
         placed = {self._find_entry(key): message for key, message in errors.items()}
         self._show_faults({**placed, **faults})
-        self._show_preview(found, faults)
+        self._preview.show(found, labelled=not faults)
         if not faults and found is not None and not errors:
+            self._status.set_text(f"{found.summary}, {found.quantity}.")
             self._use.enable()
 
     def _list_items(self) -> None:
         uses = self._form.uses()
+        self._layout.set_text(f"{self._form.inventory.layout}.")
         self._items.rows = [
             {
                 "key": str(item.select),
@@ -284,56 +306,62 @@ class _TablePage:
         shown = self._shown.get(key)
         return str(key[-1]) if shown is None else str(shown._props["label"]).removesuffix(" *")
 
-    def _show_preview(self, found: FRFPreview | None, faults: Mapping[Key, str]) -> None:
-        self._preview_place.clear()
-        with self._preview_place:
-            if found is None or found.errors:
-                ui.label("Shown once the frequency and the values can be read.")
-                return
-            if not faults:
-                self._status.set_text(f"{found.summary}, {found.quantity}.")
-            _Preview(found, labelled=not faults).show()
-
 
 class _Preview:
-    """A figure and the first rows of a channel."""
+    """A figure and the first rows of a channel, both kept while their content changes."""
 
-    def __init__(self, found: FRFPreview, *, labelled: bool) -> None:
-        self._found = found
+    def __init__(self) -> None:
+        self._found = FRFPreview()
+        self._names: dict[int, str] = {}
+        self._quantity = ""
+        self._figure: FigureView | None = None
+        self._empty = ui.label("Shown once the frequency and the values can be read.")
+        self._body = ui.column().classes("w-full")
+        with self._body:
+            self._notes = ui.label().classes("opacity-80 whitespace-pre-wrap")
+            self._channel = ui.select({}, label="channel").classes("min-w-48")
+            self._channel.on_value_change(self._draw)
+            self._place = ui.column().classes("w-full")
+            self._rows = ui.table(rows=[]).props("flat dense").classes("max-w-full")
+        self.show(None, labelled=False)
+
+    def show(self, found: FRFPreview | None, *, labelled: bool) -> None:
+        """Show FRFs, with numbers in place of their labels unless `labelled`; None for none."""
+        can_show = found is not None and not found.errors
+        self._empty.set_visibility(not can_show)
+        self._body.set_visibility(can_show)
+        if found is None or not can_show:
+            return
+        self._found, self._quantity = found, found.quantity if labelled else "H"
         self._names = {
             number: f"{i} / {j}" if labelled else f"channel {number + 1}"
             for number, (i, j) in enumerate(found.channels)
         }
-        self._quantity = found.quantity if labelled else "H"
+        self._notes.set_text("\n".join(found.notes))
+        self._channel.set_visibility(len(self._names) > 1)
+        known = self._channel.value in self._names
+        self._channel.set_options(self._names, value=self._channel.value if known else 0)
+        if known:  # otherwise it is drawn, as the channel has changed
+            self._draw()
 
-    def show(self) -> None:
-        """Show the first channel, with a choice of the others."""
-        for note in self._found.notes:
-            ui.label(note).classes("opacity-80")
-        if len(self._names) > 1:
-            channel = ui.select(self._names, value=0, label="channel (response / reference)")
-            channel.classes("min-w-48").on_value_change(lambda e: self._draw.refresh(e.value))
-        self._draw(0)
-
-    @ui.refreshable_method
-    def _draw(self, channel: int) -> None:
-        found = self._found
+    def _draw(self) -> None:
+        found, channel = self._found, self._channel.value
         values = found.values[:, channel]
-        coherence = None if found.coherence is None else found.coherence[:, channel]
         figure = frf_chart(self._quantity, {self._names[channel]: (found.freq, values)})
         figure["height"] = WEB_PAGE.preview_height
-        FigureView(figure).classes("w-full")
-        columns = _ROWS if coherence is not None else _ROWS[:-1]
+        if self._figure is None:
+            with self._place:
+                self._figure = FigureView(figure).classes("w-full")
+        else:
+            self._figure.draw(figure)
         numbers = [found.freq, values.real, values.imag, np.abs(values), np.angle(values, deg=True)]
-        numbers += [] if coherence is None else [coherence]
-        rows = [
+        numbers += [] if found.coherence is None else [found.coherence[:, channel]]
+        columns = _ROWS[: len(numbers)]
+        self._rows.columns = [{"name": name, "label": name, "field": name} for name in columns]
+        self._rows.rows = [
             {name: f"{column[line]:.5g}" for name, column in zip(columns, numbers, strict=True)}
             for line in range(min(WEB_PAGE.preview_rows, len(found.freq)))
         ]
-        heads = [{"name": name, "label": name, "field": name} for name in columns]
-        ui.table(rows=rows, columns=heads, row_key=columns[0]).props("flat dense").classes(
-            "max-w-full"
-        )
 
 
 def _name_item(item: Item) -> str:
