@@ -271,8 +271,8 @@ def test_other_functions_are_left_out_with_a_warning_that_counts_them(path):
 
 
 def test_datasets_of_other_numbers_are_named_in_the_source(path):
-    found = read(path, uff.text(151, "model"), uff.text(2412, "x"), uff.text(2412, "y"), GOOD)
-    assert found.source == "case.uff, case; ignored: dataset 151, dataset 2412 (2 times)"
+    found = read(path, uff.text(151, "model"), uff.text(2467, "x"), uff.text(2467, "y"), GOOD)
+    assert found.source == "case.uff, case; ignored: dataset 151, dataset 2467 (2 times)"
 
 
 # -- the matrix ----------------------------------------------------------------------------------------------

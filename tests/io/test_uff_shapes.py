@@ -122,13 +122,6 @@ def test_deviations_along_local_directions_are_lost_with_a_warning(tmp_path):
         updyn.write_shapes(given, tmp_path / "a.unv", geometry([TILT] * 3))
 
 
-def test_faces_are_lost_with_a_warning(tmp_path):
-    placed = geometry()
-    faced = updyn.Geometry(placed.nodes, placed.xyz, faces=[[3, 11, 2, 2]])
-    with pytest.warns(UpdynWarning, match="cannot hold faces"):
-        updyn.write_shapes(modes(), tmp_path / "a.unv", faced)
-
-
 def test_computed_modes_and_their_selection(tmp_path):
     path = tmp_path / "modes.unv"
     group = updyn.Group(np.array([[2e4, -1e4], [-1e4, 1e4]]), np.eye(2), loss_factor=0.03)

@@ -89,10 +89,6 @@ def test_directions_of_nodes_are_written_as_systems(path):
 def test_what_has_no_place_is_said(path):
     with pytest.warns(UpdynWarning, match="cannot hold variance and averages; written"):
         updyn.write_frf(frf(with_geometry=False), path)
-    place = updyn.Geometry([1, 2, 3, 7], np.eye(4)[:, :3], faces=[[1, 2, 3, 3]])
-    shell = replace(frf(with_geometry=False), variance=None, averages=None, geometry=place)
-    with pytest.warns(UpdynWarning, match="cannot hold faces; written"):
-        updyn.write_frf(shell, path)
 
 
 @pytest.mark.parametrize(

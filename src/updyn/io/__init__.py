@@ -198,8 +198,8 @@ def read_geometry(path: str | Path, *, format: str | None = None, **options: Any
     Parameters
     ----------
     path : path
-        A universal file (datasets 15, 2411, 2420, 82), a Nastran deck, an OUTPUT2 file of Nastran,
-        an Exodus II mesh, or a table ``node,x,y,z``.
+        A universal file (datasets 15, 2411, 2412, 2420, 82), a Nastran deck, an OUTPUT2 file of
+        Nastran, an Exodus II mesh, or a table ``node,x,y,z``.
     format : str, optional
         Format name, to force it: "uff", "nastran", "op2", "exodus" or "csv".
     **options

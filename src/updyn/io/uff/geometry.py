@@ -1,7 +1,7 @@
-"""Nodes, coordinate systems, trace lines and units of universal files.
+"""Nodes, coordinate systems, trace lines, elements and units of universal files.
 
 Datasets 15 (nodes), 2411 (nodes, double precision), 18 and 2420 (coordinate systems), 82 (trace
-lines), 164 (units); layouts by SDRC. Ambiguities are resolved as in I-DEAS:
+lines), 2412 (elements), 164 (units); layouts by SDRC. Ambiguities are resolved as in I-DEAS:
 
 - Systems 0 and 1 are the global Cartesian system unless the file defines them.
 - Rows 1 to 3 of a 2420 matrix are the axes of the system in the global one, row 4 is its origin.
@@ -30,11 +30,12 @@ from updyn.io.uff.datasets import (
     read_integer_field,
     read_integer_fields,
 )
+from updyn.io.uff.elements import Elements, read_elements
 
 __all__ = ["NUMBERS", "GeometryCollector", "Units"]
 
 #: Datasets that a `GeometryCollector` reads.
-NUMBERS = (15, 18, 82, 164, 2411, 2420)
+NUMBERS = (15, 18, 82, 164, 2411, 2412, 2420)
 _GLOBAL = (0, 1)
 #: Length and force of one SI unit in the units of each code of dataset 164.
 _UNITS = {
@@ -135,6 +136,7 @@ class GeometryCollector:
     nodes: dict[int, _Node] = field(default_factory=dict)
     systems: dict[int, _UFFSystem] = field(default_factory=dict)
     traces: list[tuple[int, list[tuple[int, int]]]] = field(default_factory=list)
+    elements: list[Elements] = field(default_factory=list)
 
     def take(self, dataset: Dataset) -> None:
         """Read a dataset whose number is in `NUMBERS`."""
@@ -149,6 +151,7 @@ class GeometryCollector:
             82: self._82,
             164: self._164,
             2411: self._2411,
+            2412: self._2412,
             2420: self._2420,
         }
         readers[dataset.number](lines)
@@ -284,6 +287,9 @@ class GeometryCollector:
         pairs = [(a, b) for a, b in pairwise(path[:count]) if a and b]
         self.traces.append((line, pairs))
 
+    def _2412(self, lines: Sequence[tuple[int, str]]) -> None:
+        self.elements += read_elements(lines, self.path)
+
     def _164(self, lines: Sequence[tuple[int, str]]) -> None:
         line, text = lines[0]
         code = read_integer_field(text, 0, 10, "dataset 164, units code", self.path, line)
@@ -339,12 +345,28 @@ class GeometryCollector:
                         self.path,
                         line,
                     )
+        self._check_elements()
         # All numbers so far are in the unit of the file; dataset 164 may follow any dataset.
         turned = np.abs(np.array(axes) - np.eye(3)).max() > 0
         with locate_errors(self.path):
             return Geometry(
                 list(self.nodes),
                 np.array(xyz) / self.units.length,
-                drawn,
+                drawn or Elements.edges(self.elements),
                 axes if turned else None,
+                Elements.faces(self.elements),
             )
+
+    def _check_elements(self) -> None:
+        """Refuse elements at nodes without a position."""
+        known = list(self.nodes)
+        for elements in self.elements:
+            missing = ~np.isin(elements.corners, known)
+            if missing.any():
+                row = int(np.flatnonzero(missing.any(axis=1))[0])
+                raise FormatError(
+                    f"dataset 2412: node {elements.corners[missing][0]} of the element has no"
+                    " position",
+                    self.path,
+                    elements.lines[row],
+                )

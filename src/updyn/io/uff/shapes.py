@@ -72,13 +72,7 @@ def write_modes(
 
 
 def write_shapes(shapes: Shapes, path: str | Path, *, dataset: int = 55) -> None:
-    """Write mode shapes or operating shapes with nodes, coordinate systems and lines."""
-    if len(shapes.geometry.faces):
-        warnings.warn(
-            f"{path}: universal files cannot hold faces; written without",
-            UpdynWarning,
-            stacklevel=3,
-        )
+    """Write mode shapes or operating shapes with their geometry."""
     dofs, values = shapes.in_global_axes()
     columns = _Columns(shapes.modes, dofs, values, shapes.quantity, shapes.reference)
     _write(columns, shapes.geometry, path, dataset)

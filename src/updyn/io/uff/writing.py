@@ -15,6 +15,7 @@ from updyn.errors import FormatError, UpdynWarning
 from updyn.frf import FRF, TRANSMISSIBILITY
 from updyn.geometry import Geometry
 from updyn.io.atomic import atomic_path
+from updyn.io.uff.elements import element_lines
 
 __all__ = [
     "MOTIONS",
@@ -58,8 +59,6 @@ def write_frf(frf: FRF, path: str | Path) -> None:
         )
     optional = ("variance", "averages", "base", "force")
     lacking = [name for name in optional if getattr(frf, name) is not None]
-    if frf.geometry is not None and len(frf.geometry.faces):
-        lacking.append("faces")
     if lacking:
         warnings.warn(
             f"{path}: universal files cannot hold {' and '.join(lacking)}; written without",
@@ -106,7 +105,7 @@ def text_dataset(number: int, lines: Sequence[str]) -> bytes:
 
 # -- geometry -----------------------------------------------------------------------------------
 def geometry_chunks(geometry: Geometry, path: str | Path) -> Iterator[bytes]:
-    """Yield the datasets of coordinate systems, nodes and trace lines."""
+    """Yield the datasets of coordinate systems, nodes, trace lines and faces."""
     systems = np.zeros(len(geometry.nodes), dtype=np.int64)
     if geometry.axes is not None:
         distinct, which = np.unique(geometry.axes.reshape(-1, 9), axis=0, return_inverse=True)
@@ -137,6 +136,8 @@ def geometry_chunks(geometry: Geometry, path: str | Path) -> Iterator[bytes]:
         for i in range(0, len(entries), 8):
             lines.append(whole_row(*entries[i : i + 8]))
         yield text_dataset(82, lines)
+    if len(geometry.faces):
+        yield text_dataset(2412, list(element_lines(geometry.faces)))
 
 
 def whole_row(*numbers: int) -> str:
