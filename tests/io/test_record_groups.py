@@ -261,7 +261,7 @@ def test_texts_of_an_mdf_file_are_left_out_by_name(tmp_path):
 
 def test_mdf_files_that_are_not_read(tmp_path):
     path = write_mdf(tmp_path / "a.mdf", ("g", signals()), version="3.30")
-    with pytest.raises(FormatError, match=r"MDF of version 3\.30; expected version 4"):
+    with pytest.raises(FormatError, match=r"MDF of version '3\.30'; expected version 4"):
         updyn.read_records(path)
     raw = write_mdf(tmp_path / "a.mf4", ("g", signals())).read_bytes()
     (tmp_path / "b.mf4").write_bytes(b"UnFinMF " + raw[8:])

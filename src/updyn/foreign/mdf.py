@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from updyn.errors import FormatError, OptionError
+from updyn.arrays import NumberArray
+from updyn.errors import OptionError
 from updyn.foreign.limits import limits_of
 from updyn.foreign.plain import Other, to_native
 
@@ -27,7 +28,7 @@ _MASTERS = (2, 3)
 _TIME = 1
 
 
-def load(path: str, wanted: Sequence[str] | None) -> list[dict[str, Any]]:
+def load(path: str, wanted: Sequence[str] | None) -> list[dict[str, object]]:
     """Load the groups of a file, with the values of the `wanted` ones, by default of the only one.
 
     The step of other groups is that of their first two samples.
@@ -35,18 +36,12 @@ def load(path: str, wanted: Sequence[str] | None) -> list[dict[str, Any]]:
     limits = limits_of(path)
     mdf: Any = MDF(path, process_bus_logging=False)
     with mdf as found:
-        if not str(found.version).startswith("4"):
-            raise FormatError(
-                f"MDF of version {found.version}; expected version 4; convert it, in Python by"
-                " asammdf.MDF(file).convert('4.10').save('new.mf4')",
-                path,
-            )
         names = _name_groups(found)
         filled = [at for at, group in enumerate(found.groups) if group.channel_group.cycles_nr]
         if wanted is None:
             wanted = [names[at] for at in filled] if len(filled) == 1 else []
         start = found.header.start_time.isoformat()
-        loaded = []
+        loaded: list[dict[str, Any]] = []
         n_values = 0
         for at in filled:
             group = found.groups[at]
@@ -79,7 +74,7 @@ def load(path: str, wanted: Sequence[str] | None) -> list[dict[str, Any]]:
         return loaded
 
 
-def _name_groups(found: Any) -> list[str]:
+def _name_groups(found: MDF) -> list[str]:
     """Return a unique name of each group: the stated one, or its number from 1."""
     stated = [str(group.channel_group.acq_name or "").strip() for group in found.groups]
     counts = Counter(stated)
@@ -100,7 +95,7 @@ def _abscissa(group: Any) -> str:
     return "s"
 
 
-def _times(found: Any, at: int, count: int | None) -> Any:
+def _times(found: MDF, at: int, count: int | None) -> NumberArray | None:
     """Return the first `count` times of a group; None if it has none."""
     if not any(channel.channel_type in _MASTERS for channel in found.groups[at].channels):
         return None
@@ -108,7 +103,7 @@ def _times(found: Any, at: int, count: int | None) -> Any:
     return to_native(np.asarray(times, dtype=np.float64))
 
 
-def _values(found: Any, at: int, index: int) -> Any:
+def _values(found: MDF, at: int, index: int) -> NumberArray | Other:
     """Return the samples of a channel in its unit; invalid ones are NaN."""
     signal = found.get(group=at, index=index, ignore_invalidation_bits=True)
     samples = np.asarray(signal.samples)

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
+from updyn.arrays import NumberArray
 from updyn.errors import OptionError
 from updyn.foreign.limits import limits_of
 from updyn.foreign.plain import Other, to_native
 
 try:
-    from nptdms import TdmsFile
+    from nptdms import TdmsChannel, TdmsFile
 except ImportError as error:
     raise OptionError(
         f"TDMS files are read by npTDMS, which cannot be loaded ({error}): pip install"
@@ -23,18 +24,18 @@ except ImportError as error:
 __all__ = ["load"]
 
 
-def load(path: str, wanted: Sequence[str] | None) -> list[dict[str, Any]]:
+def load(path: str, wanted: Sequence[str] | None) -> list[dict[str, object]]:
     """Load the groups of a file, with the values of the `wanted` ones, by default of the only one.
 
     Steps and offsets of the first sample are in the unit of the abscissa; None if not stated.
     """
     limits = limits_of(path)
     # An open file, because npTDMS would trust an index file of the same name.
-    with Path(path).open("rb") as file, TdmsFile.open(file) as found:
+    with Path(path).open("rb") as file, _open(file) as found:
         groups = [group for group in found.groups() if group.channels()]
         if wanted is None:
             wanted = [group.name for group in groups] if len(groups) == 1 else []
-        loaded = []
+        loaded: list[dict[str, Any]] = []
         n_values = 0
         for group in groups:
             channels = []
@@ -49,7 +50,12 @@ def load(path: str, wanted: Sequence[str] | None) -> list[dict[str, Any]]:
         return loaded
 
 
-def _describe(channel: Any) -> dict[str, Any]:
+def _open(file: BinaryIO) -> TdmsFile:
+    """Return an open file of which only the description was read."""
+    return TdmsFile(file, read_metadata_only=True, keep_open=True)
+
+
+def _describe(channel: TdmsChannel) -> dict[str, object]:
     """Return name, unit, length and timing of a channel."""
     stated = channel.properties
     return {
@@ -67,6 +73,6 @@ def _number(stated: Any) -> float | None:
     return None if stated is None else float(stated)
 
 
-def _values(channel: Any) -> Any:
+def _values(channel: TdmsChannel) -> NumberArray | Other:
     values = np.asarray(channel[:])
     return to_native(values) if values.dtype.kind in "biuf" else Other(str(values.dtype))

@@ -15,10 +15,12 @@ from updyn.io.items import require_file, unreadable_error
 from updyn.io.record_groups import build_group_records
 from updyn.signals.records import Records
 
-__all__ = ["UNFINISHED", "read_records"]
+__all__ = ["read_records"]
 
 #: First bytes of a file that its recorder did not finalise.
-UNFINISHED = b"UnFinMF "
+_UNFINISHED = b"UnFinMF "
+#: Length of the identification block.
+_HEAD_BYTES = 64
 
 
 def read_records(
@@ -29,7 +31,7 @@ def read_records(
     rate: float | None = None,
 ) -> Records:
     """Read time records, one per channel group, with converted values in the units of the file."""
-    _check_finished(require_file(path))
+    _check_head(require_file(path))
     wanted = [group] if isinstance(group, str) else group
     stored = box.load(
         "updyn.foreign.mdf:load",
@@ -41,15 +43,25 @@ def read_records(
     return build_group_records(stored, path, group=group, channels=channels, time=None, rate=rate)
 
 
-def _check_finished(path: Path) -> None:
+def _check_head(path: Path) -> None:
+    """Refuse a file of another version, or that its recorder did not finalise."""
     try:
         with path.open("rb") as file:
-            start = file.read(len(UNFINISHED))
+            head = file.read(_HEAD_BYTES)
     except OSError as error:
         raise unreadable_error(path, error) from error
-    if start == UNFINISHED:
+    if head.startswith(_UNFINISHED):
         raise FormatError(
             "was not finalised by its recorder, and may lack samples; finalise it, in Python by"
             " asammdf.MDF(file).save('new.mf4')",
+            path,
+        )
+    if len(head) < _HEAD_BYTES:
+        raise FormatError("truncated or damaged: no complete identification block", path)
+    version = head[8:16].decode("latin-1").strip("\0 ")
+    if not version.startswith("4."):
+        raise FormatError(
+            f"MDF of version {version!r}; expected version 4; convert it, in Python by"
+            " asammdf.MDF(file).convert('4.10').save('new.mf4')",
             path,
         )
