@@ -18,6 +18,7 @@ from typing import Any, TypeVar, cast
 from updyn.engines.interrupts import block_interrupts
 from updyn.errors import InputError, UpdynError, UpdynWarning
 from updyn.foreign.confinement import confine
+from updyn.web.project import hide_folder
 from updyn.web.settings import WEB_TASK
 
 __all__ = ["Desk"]
@@ -67,7 +68,7 @@ class Desk:
                     " file or too little memory can do"
                 ) from error
         if kind == "error":
-            raise content
+            raise InputError(hide_folder(content, self._folder))
         return cast(T, content)
 
     def close(self) -> None:
@@ -122,9 +123,9 @@ def _answer(function: Callable[..., Any], arguments: tuple[Any, ...]) -> tuple[s
         try:
             return "result", function(*arguments)
         except UpdynError as error:
-            return "error", InputError(str(error))
+            return "error", str(error)
         except MemoryError:
-            return "error", InputError("not enough memory for this")
+            return "error", "not enough memory for this"
 
 
 def _limit_memory(memory: int) -> None:

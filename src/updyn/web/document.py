@@ -62,7 +62,7 @@ class JobDocument:
         try:
             document = tomlkit.parse(self.text)
         except (TOMLKitError, RecursionError) as error:
-            raise JobError(f"not TOML: {error}; mend the text first", self.path) from error
+            raise JobError(f"not TOML: {error}; mend the text first", self.path.name) from error
         change(document)
         return tomlkit.dumps(document)
 
@@ -108,15 +108,15 @@ class JobDocument:
         """
         if self.path.exists() and _read_text(self.path) != self._saved:
             raise InputError(
-                f"{self.path}: another program has changed this file since it was opened; open it"
-                " again, or save under another name"
+                f"{self.path.name}: another program has changed this file since it was opened; open"
+                " it again, or save under another name"
             )
         self._write(self.path)
 
     def save_as(self, path: Path) -> None:
         """Write the text to another file of the same folder; `InputError` if that exists."""
         if os.path.lexists(path):
-            raise InputError(f"{path}: exists already; choose another name")
+            raise InputError(f"{path.name}: exists already; choose another name")
         self._write(path)
         self.path = path
         self.version += 1
@@ -125,7 +125,7 @@ class JobDocument:
         try:
             content = self.text.encode()
         except UnicodeEncodeError as error:
-            raise InputError(f"{path}: cannot be written as UTF-8: {error.reason}") from error
+            raise InputError(f"{path.name}: cannot be written as UTF-8: {error.reason}") from error
         write_bytes(path, content)
         self._saved = self.text
 
@@ -140,6 +140,6 @@ def _read_text(path: Path) -> str:
     try:
         return path.read_bytes().decode("utf-8-sig")
     except OSError as error:
-        raise JobError(f"cannot be read: {error.strerror or error}", path) from error
+        raise JobError(f"cannot be read: {error.strerror or error}", path.name) from error
     except UnicodeDecodeError as error:
-        raise JobError("is not UTF-8; TOML is", path) from error
+        raise JobError("is not UTF-8; TOML is", path.name) from error

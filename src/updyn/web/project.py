@@ -19,7 +19,7 @@ from updyn.job.folder import HEADER, JOB_FILE, is_run_job
 from updyn.outputs.manifest import MANIFEST, Manifest, is_output
 from updyn.web.settings import WEB_LIMIT
 
-__all__ = ["Project", "RunFolder"]
+__all__ = ["Project", "RunFolder", "hide_folder"]
 
 _NAME = re.compile(r"[^\W.][\w.+ -]*")
 _RESULT = "result.json"
@@ -187,6 +187,11 @@ class Project:
             deep = len(path.relative_to(self.folder).parts) >= WEB_LIMIT.folder_depth
             folders[:] = [] if deep else sorted(filter(_is_listed, folders))
             yield path, sorted(filter(_is_listed, names))
+
+
+def hide_folder(text: str, folder: Path) -> str:
+    """Return a message with the paths in a folder relative to it."""
+    return text.replace(f"{folder}{os.sep}", "")
 
 
 def _find_results(folder: Path, names: list[str]) -> set[Path]:

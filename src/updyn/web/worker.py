@@ -14,6 +14,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from updyn.web.project import hide_folder
 from updyn.web.settings import WEB_TASK
 from updyn.web.tasks import TASKS
 
@@ -131,7 +132,7 @@ class Worker:
 
     def _handle_event(self, event: Mapping[str, Any]) -> None:
         """Take one line."""
-        kind = event["kind"]
+        kind, text = event["kind"], hide_folder(event.get("text", ""), self._folder)
         self.values = event.get("values") or self.values
         if kind == "progress":
             is_step = event["cost"] is not None and event["iteration"] != self.now.get("iteration")
@@ -139,11 +140,11 @@ class Worker:
                 self.steps.append(event)
             self.now = event
         elif kind == "stage":
-            self.stages.append(event["text"])
+            self.stages.append(text)
         elif kind == "note":
-            self.notes.append(event["text"])
+            self.notes.append(text)
         else:
-            self.message = event["text"]
+            self.message = text
             self.status = event.get("status", "")
         self.version += 1
 

@@ -6,7 +6,7 @@ import os
 import re
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePosixPath
 from typing import Any, TypeVar
 
@@ -22,7 +22,7 @@ from updyn.web.document import JobDocument
 from updyn.web.faults import new_faults
 from updyn.web.form import Form
 from updyn.web.looking import JobView, propose_job, read_view
-from updyn.web.project import Project
+from updyn.web.project import Project, hide_folder
 from updyn.web.settings import WEB_LIMIT, WEB_TASK
 from updyn.web.table_form import TableForm
 from updyn.web.table_preview import (
@@ -276,6 +276,8 @@ class Workspace:
             return cached[2]
         path, text = document.path, document.text
         view = self.ask(read_view)
+        hidden = {k: hide_folder(text, self.project.folder) for k, text in view.errors.items()}
+        view = replace(view, errors=hidden)
         self._cached_view = path, text, view
         return view
 

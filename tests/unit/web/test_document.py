@@ -222,7 +222,7 @@ def test_not_utf8(path: Path) -> None:
     path.write_bytes(b'title = "gr\xf6\xdfe"\n')
     with pytest.raises(JobError) as caught:
         JobDocument(path)
-    assert str(caught.value) == f"{path}: is not UTF-8; TOML is"
+    assert str(caught.value) == "job.toml: is not UTF-8; TOML is"
 
 
 def test_no_such_file_and_a_folder(tmp_path: Path) -> None:
