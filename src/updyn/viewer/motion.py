@@ -11,9 +11,16 @@ from updyn.errors import DataError
 from updyn.modal.shapes import Shapes
 from updyn.settings import FIGURES
 from updyn.viewer.bodies import entries_of, model_body, motions, sensor_body
-from updyn.viewer.scene import Body
+from updyn.viewer.scene import Body, Entries
 
-__all__ = ["Motion", "amplitudes", "check_moves", "motion_of", "rotations_of"]
+__all__ = [
+    "Motion",
+    "amplitudes",
+    "check_moves",
+    "deviations_of",
+    "motion_of",
+    "rotations_of",
+]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,6 +70,19 @@ def rotations_of(shapes: Shapes, body: Body) -> ComplexArray:
         if axis >= 3 and node in place:
             out[:, place[node], axis - 3] = row
     return out
+
+
+def deviations_of(shapes: Shapes, body: Body) -> RealArray | None:
+    """Return standard deviations of displacements, shape (s, n, 3); None if unknown.
+
+    Those of oblique directions are combined as if they were independent.
+    """
+    std = shapes.modes.std_shapes
+    if std is None:
+        return None
+    entries = entries_of(body, shapes.geometry, shapes.modes.dofs)
+    squares = Entries(entries.dof, entries.node, entries.vector**2)
+    return np.asarray(np.sqrt(motions(body, squares, std**2)))
 
 
 def check_moves(shapes: Shapes, motion: Motion) -> None:

@@ -21,7 +21,7 @@ from updyn.io.atomic import write_bytes
 from updyn.modal.shapes import Shapes
 from updyn.model import Model
 from updyn.updating.result import UpdateResult
-from updyn.viewer.motion import Motion, motion_of, rotations_of
+from updyn.viewer.motion import Motion, deviations_of, motion_of, rotations_of
 from updyn.viewer.scene import Body
 
 __all__ = ["group_changes", "write_shapes"]
@@ -140,7 +140,7 @@ def _cells(body: Body) -> list[tuple[int, NDArray[np.intp], NDArray[np.intp]]]:
 
 
 def _point_data(shapes: Shapes, motion: Motion) -> Iterator[str]:
-    """Yield real and imaginary parts of displacements, and of rotations if the shapes have any."""
+    """Yield displacements, rotations if the shapes have any, and known standard deviations."""
     vectors: Mapping[str, NDArray[np.complex128]] = {"": motion.shapes}
     turned = rotations_of(shapes, motion.body)
     if turned.any():
@@ -150,6 +150,10 @@ def _point_data(shapes: Shapes, motion: Motion) -> Iterator[str]:
             yield _array(f"{title}{what} real", shape.real)
             if shape.imag.any():
                 yield _array(f"{title}{what} imaginary", shape.imag)
+    deviations = deviations_of(shapes, motion.body)
+    if deviations is not None:
+        for title, std in zip(shapes.titles(), deviations, strict=True):
+            yield _array(f"{title} std", std)
 
 
 def _array(name: str, values: NDArray[np.generic]) -> str:

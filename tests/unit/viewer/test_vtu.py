@@ -94,6 +94,20 @@ def test_rotations_are_vectors(tmp_path):
     np.testing.assert_array_equal(turned[:2], [[-0.5, 0, 0], [0, 0.25, 0]])
 
 
+def test_deviations_of_shapes(tmp_path):
+    """Along a tilted axis: the components of the vector; without a direction there is none."""
+    tilt = np.array([[0.6, 0.8, 0.0], [-0.8, 0.6, 0.0], [0.0, 0.0, 1.0]])
+    axes = [tilt, np.eye(3), np.eye(3), np.eye(3)]
+    placed = bar().geometry
+    geometry = updyn.Geometry(placed.nodes, placed.xyz, axes=axes)
+    std = [[0.5, np.nan], [0.25, np.nan], [0.125, np.nan]]
+    modes = updyn.ModeSet([4.0, 5.0], np.ones((3, 2)), ["1:X", "2:Z", "2:RX"], std_shapes=std)
+    mesh = read(modes, tmp_path / "modes.vtu", geometry)
+    found = mesh.point_data["Mode 1, 4 Hz std"]
+    np.testing.assert_allclose(found[:2], [[0.3, 0.4, 0.0], [0.0, 0.0, 0.25]])
+    assert np.isnan(mesh.point_data["Mode 2, 5 Hz std"][0]).all()
+
+
 def test_drive_trains_have_discs(tmp_path):
     model = shaft()
     mesh = read(updyn.modes(model, 2), tmp_path / "shaft.vtu", model)
