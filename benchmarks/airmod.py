@@ -1,10 +1,12 @@
 """Update of the AIRMOD aircraft model of DLR to natural frequencies of its repeated tests.
 
     OMP_NUM_THREADS=1 python benchmarks/airmod.py FOLDER
+    python benchmarks/airmod.py FOLDER --score ESTIMATE.csv
 
 The folder has the Nastran deck ``AIRMOD_MODAL.DAT`` with ``PARAM.DAT``, ``msc_frequencies.csv``,
 its natural frequencies by MSC Nastran in Hz (one a line), and ``test_frequencies.csv``, those of
-the tests (one test a line, one mode a column, nan for modes not identified). Deck and tests:
+the tests (one test a line, one mode a column, nan for modes not identified). The figures of
+docs/airmod.md are printed as Markdown. Deck and tests:
 github.com/cossan-working-group/BayesianModelUpdating. Unknowns and modes: E. Patelli, Y. Govers, M.
 Broggi, H. M. Gomes, M. Link & J. E. Mottershead, Arch. Appl. Mech. 87 (2017) 905-925.
 """
@@ -12,15 +14,17 @@ Broggi, H. M. Gomes, M. Link & J. E. Mottershead, Arch. Appl. Mech. 87 (2017) 90
 from __future__ import annotations
 
 import argparse
+import csv
 import time
 import warnings
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 
 import updyn
 from updyn.errors import UpdynWarning
-from updyn.modal import ModeSet
+from updyn.modal import ModeSet, RepeatedTests
 from updyn.model import Model
 from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.update import identifiability
@@ -32,6 +36,8 @@ STIFFNESS = ["PROD 16", "PROD 17"] + [
     f"PELAS {number}" for number in (160, 171, 172, 1, 3, 4, 5, 6, 10, 11)
 ]
 MASS = [f"PMASS {number}" for number in (103, 1041, 1042, 105, 106, 107)]
+#: Standard deviation of the prior on each factor, with which all unknowns are determined.
+PRIOR_STD = 0.5
 
 
 def read(folder: Path) -> Model:
@@ -42,14 +48,21 @@ def read(folder: Path) -> Model:
         return updyn.read_model(deck, spc=2, massless=["PROD 16", "PROD 17"])
 
 
+def tests(folder: Path) -> RepeatedTests:
+    """Return the frequencies of 14 modes in all tests, some of which found none."""
+    table = np.loadtxt(folder / "test_frequencies.csv", delimiter=",")
+    return RepeatedTests(table[:, np.array(MODES) - 1])
+
+
 def tested(folder: Path) -> ModeSet:
-    """Return the means of 14 frequencies over the tests, with their standard deviations."""
+    """Return the means of 14 frequencies over the tests, with their covariance."""
     return updyn.read_modes(folder / "test_frequencies.csv", modes=MODES)
 
 
-def unknowns(model: Model) -> ParameterSet:
-    """Return the 18 unknowns of the publications."""
-    return updyn.parameters(model, stiffness=STIFFNESS, mass=MASS)
+def unknowns(model: Model, prior_std: float | None = None) -> ParameterSet:
+    """Return the 18 unknowns of the publications, with a prior about the start if it is stated."""
+    prior = None if prior_std is None else {"*": prior_std}
+    return updyn.parameters(model, stiffness=STIFFNESS, mass=MASS, prior_std=prior)
 
 
 def errors(model: Model, data: ModeSet) -> np.ndarray:
@@ -62,38 +75,131 @@ def errors(model: Model, data: ModeSet) -> np.ndarray:
     return 100.0 * (found[np.array(MODES) - 1] / data.frequency - 1.0)
 
 
-def main(folder: Path) -> None:
-    """Print the figures."""
+def print_model(folder: Path) -> Model:
+    """Print the size of the model and its error against MSC Nastran; return it."""
     clock = time.process_time()
     model = read(folder)
-    print(f"{model.n_dofs} DOFs, read in {time.process_time() - clock:.1f} s")
+    took = time.process_time() - clock
     msc = np.loadtxt(folder / "msc_frequencies.csv")
     own = updyn.modes(model, len(msc)).frequency
     far = np.abs(own[1:] / msc[1:] - 1.0).max()  # the first is a rigid-body mode
+    print(f"{model.n_dofs} DOFs, read in {took:.1f} s")
     print(f"{len(msc) - 1} frequencies as by MSC Nastran within {100 * far:.3f} %")
-    data, sought = tested(folder), unknowns(model)
+    return model
+
+
+def print_tests(found: RepeatedTests) -> None:
+    """Print means, deviations and missing modes of the tests, and their correlation."""
+    is_found = np.isfinite(found.frequency)
+    used = int(is_found.any(axis=1).sum())
+    complete = int(is_found.all(axis=1).sum())
+    print(f"{len(found)} tests, {used} found one of the modes, {complete} all")
+    print("| mode | missing in | mean, Hz | deviation, Hz | deviation | of the mean |")
+    print("|---|---|---|---|---|---|")
+    share = 100.0 * found.std / found.mean
+    rows = zip(MODES, found.count, found.mean, found.std, share, strict=True)
+    for mode, count, mean, std, percent in rows:
+        of_mean = percent / np.sqrt(count)
+        missing = used - count
+        print(
+            f"| {mode} | {missing} | {mean:.3f} | {std:.4f} | {percent:.2f} % | {of_mean:.3f} % |"
+        )
+    print(f"shrinkage {found.shrinkage:.3f}")
+    eigenvalues = np.linalg.eigvalsh(found.correlation)
+    print(f"eigenvalues of the correlation {eigenvalues[0]:.2f} to {eigenvalues[-1]:.2f}")
+    print("| |", " | ".join(map(str, MODES)), "|")
+    print("|---" * (len(MODES) + 1) + "|")
+    for i, mode in enumerate(MODES):
+        cells = [f"{r:.2f}" for r in found.correlation[i, :i]] + ["1"]
+        print(f"| {mode} |", " | ".join(cells + [""] * (len(MODES) - len(cells))), "|")
+
+
+def print_rank(model: Model, data: ModeSet, sought: ParameterSet) -> None:
+    """Print rank and undetermined combinations before the run, by the error of the frequencies."""
     for error in (1e-2, 1e-3, 1e-4):
         before = identifiability(model, data, sought, noise={"frequency": error})
         print(
             f"before the run: rank {before.rank} of {before.n_parameters} unknowns, if frequencies"
             f" are known to {100 * error:g} %"
         )
+    print("undetermined combinations:")
     for direction in before.null_directions:
-        terms = sorted(direction.items(), key=lambda term: -abs(term[1]))
-        print("  undetermined:", ", ".join(f"{share:+.2f} {name}" for name, share in terms[:5]))
+        print(f"- {combination(direction)}")
+
+
+def combination(direction: Mapping[str, float], most: int = 5) -> str:
+    """Return a combination of unknowns by its largest weights."""
+    terms = sorted(direction.items(), key=lambda term: -abs(term[1]))
+    more = ", ..." if len(terms) > most else ""
+    return ", ".join(f"{share:+.2f} `{name}`" for name, share in terms[:most]) + more
+
+
+def print_update(model: Model, data: ModeSet, sought: ParameterSet) -> None:
+    """Print the update to the means."""
     clock, watch = time.process_time(), time.perf_counter()
     result = updyn.update(model, data, sought)
     took = time.process_time() - clock, time.perf_counter() - watch
     print(f"update: {took[0]:.0f} s of processor time, {took[1]:.0f} s elapsed; {result.status}")
     used = ("tier", "basis", "factorisations", "frequency error")
     print("  " + ", ".join(f"{key} {result.options[key]}" for key in used))
-    print("mode   test, Hz   start, %   updated, %")
+    print(f"rank {result.identifiability.rank} of {len(sought)}; undetermined combinations:")
+    for direction in result.identifiability.null_directions:
+        print(f"- {combination(direction)}")
+    print("| mode | test, Hz | start | updated |")
+    print("|---|---|---|---|")
     rows = zip(MODES, data.frequency, errors(model, data), errors(result.model, data), strict=True)
     for mode, frequency, start, updated in rows:
-        print(f"{mode:4d} {frequency:10.3f} {start:+10.2f} {updated:+12.5f}")
+        print(f"| {mode} | {frequency:.3f} | {start:+.2f} % | {updated:+.5f} % |")
+
+
+def print_prior(model: Model, found: RepeatedTests) -> None:
+    """Print the standard deviations of the unknowns with a prior, by what is known of the data."""
+    sought = unknowns(model, PRIOR_STD)
+    data = {
+        "mean": found.mean_modes(),
+        "mean, independent": ModeSet(found.mean, std_frequency=found.std / np.sqrt(found.count)),
+        "single test": ModeSet(found.mean, cov_frequency=found.covariance),
+    }
+    results = {}
+    for name, modes in data.items():
+        results[name] = updyn.update(model, modes, sought, starts=0)
+        print(f"{name}: {results[name].status}")
+        print(f"  largest error {np.abs(errors(results[name].model, modes)).max():.3f} %")
+    print("| unknown | value |", " | ".join(data), "|")
+    print("|---" * (2 + len(data)) + "|")
+    for name, value in results["mean"].values.items():
+        std = " | ".join(f"{result.std[name]:.4f}" for result in results.values())
+        print(f"| `{name}` | {value:.3f} | {std} |")
+
+
+def main(folder: Path) -> None:
+    """Print the figures."""
+    model, data = print_model(folder), tested(folder)
+    print_tests(tests(folder))
+    sought = unknowns(model)
+    print_rank(model, data, sought)
+    print_update(model, data, sought)
+    print_prior(model, tests(folder))
+
+
+def score(folder: Path, estimate: Path) -> float:
+    """Return the largest error in percent of an estimate, a file with ``name,value`` in each line.
+
+    Unknowns that the file omits keep their start.
+    """
+    model = read(folder)
+    with estimate.open(encoding="utf-8", newline="") as file:
+        values = {row[0]: float(row[1]) for row in csv.reader(file) if row}
+    updated = unknowns(model).with_start(values).at_start(model)
+    return float(np.abs(errors(updated, tested(folder))).max())
 
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path)
-    main(parser.parse_args().folder)
+    parser.add_argument("--score", type=Path, help="estimate of any program to score")
+    given = parser.parse_args()
+    if given.score is None:
+        main(given.folder)
+    else:
+        print(f"largest frequency error {score(given.folder, given.score):.4f} %")

@@ -69,13 +69,13 @@ def lattice(cells: Sequence[int], size: Sequence[float]) -> tuple[np.ndarray, np
     return xyz.reshape(-1, len(size)), number
 
 
-def corners(number: np.ndarray, step: int = 1) -> np.ndarray:
+def corners(number: np.ndarray) -> np.ndarray:
     """Elements of a lattice of two or three axes by their corners, in the order of VTK."""
     square = [(0, 0), (1, 0), (1, 1), (0, 1)]
     if number.ndim == 2:
-        return _take(number, np.array(square) * step, step)
+        return _take(number, np.array(square), 1)
     cube = [(*ij, k) for k in (0, 1) for ij in square]
-    return _take(number, np.array(cube) * step, step)
+    return _take(number, np.array(cube), 1)
 
 
 def with_midsides(number: np.ndarray) -> np.ndarray:
