@@ -5,13 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy.optimize
 
 from updyn.arrays import ComplexArray, RealArray
 from updyn.frf import FRF
+from updyn.updating.fit.trust_region import TrustRegion
 from updyn.updating.judge.causes.evidence import Evidence, compute_spread
 from updyn.updating.judge.causes.misfit import compute_log_misfit
 from updyn.updating.judge.causes.settings import CAUSE_MISFIT, MISSING_MODE
+from updyn.updating.problem.local import Local, reduce_blocks
 from updyn.updating.problem.problem import FRFPart
 
 __all__ = ["Pole", "fit_pole"]
@@ -58,7 +59,6 @@ class _PoleProblem:
         e = self._misfit(x, pole)[0]
         unit = float(np.sqrt(np.mean(np.abs(e) ** 2))) + CAUSE_MISFIT.perfect_rms
         self.prior_weight = unit / compute_spread(part)
-        self._last_evaluation: tuple[RealArray, RealArray, RealArray] | None = None
 
     def pack_variables(self, x: RealArray, pole: Pole) -> RealArray:
         """Return the variables of a point, with a in units of its largest entry."""
@@ -79,12 +79,6 @@ class _PoleProblem:
         moves = np.array([MISSING_MODE.frequency_move, MISSING_MODE.loss_move])
         return np.concatenate([lower, -moves, -free]), np.concatenate([upper, moves, free])
 
-    def residual(self, z: RealArray) -> RealArray:
-        return self._evaluate(z)[1]
-
-    def slopes(self, z: RealArray) -> RealArray:
-        return self._evaluate(z)[2]
-
     def _misfit(self, x: RealArray, pole: Pole) -> tuple[ComplexArray, RealArray, Evidence]:
         evidence = Evidence(self.part, x)
         frf = self.part.frf
@@ -92,25 +86,21 @@ class _PoleProblem:
             evidence.model_response(frf) + pole.contribution(frf), frf
         ), evidence
 
-    def _evaluate(self, z: RealArray) -> tuple[RealArray, RealArray, RealArray]:
-        if self._last_evaluation is not None and np.array_equal(self._last_evaluation[0], z):
-            return self._last_evaluation
+    def local(self, z: RealArray) -> Local:
+        """Return the reduced least-squares problem at a point."""
         x, pole = self.unpack_variables(z)
         e, weight, evidence = self._misfit(x, pole)
         frf = self.part.frf
-        H, T = evidence.model_response(frf), pole.contribution(frf)
-        total = H + T
-        e, weight = self.line_weight * e, self.line_weight * weight
-        share = weight / np.where(total == 0, 1.0, total)
-        columns = [share * dH for dH in evidence.model_slopes(frf)]
-        columns += [share * one for one in self._derive_by_pole(pole, frf, T)]
-        J = -np.array(columns).reshape(len(columns), -1)
-        off = self.prior_weight * (x - self.part.coordinates.start)
-        residual = np.concatenate([e.real.ravel(), e.imag.ravel(), off])
-        priors = np.zeros((self.n, len(z)))
+        T = pole.contribution(frf)
+        total = evidence.model_response(frf) + T
+        share = self.line_weight * weight / np.where(total == 0, 1.0, total)
+        slopes = [*evidence.model_slopes(frf), *self._derive_by_pole(pole, frf, T)]
+        columns = [-(share * one).ravel() for one in slopes]
+        rows = np.array([*columns, (self.line_weight * e).ravel()]).view(np.float64).T
+        priors = np.zeros((self.n, len(z) + 1))
         priors[:, : self.n] = np.diag(self.prior_weight)
-        self._last_evaluation = z.copy(), residual, np.vstack([J.real.T, J.imag.T, priors])
-        return self._last_evaluation
+        priors[:, -1] = self.prior_weight * (x - self.part.coordinates.start)
+        return reduce_blocks([rows, priors], len(z))
 
     def _derive_by_pole(self, pole: Pole, frf: FRF, T: ComplexArray) -> list[ComplexArray]:
         """Return the derivatives of the pole's contribution by its own variables."""
@@ -138,10 +128,10 @@ def fit_pole(part: FRFPart, x: RealArray, pole: Pole) -> Pole:
     count = _count_represented_lines(freq, pole)
     few = count > 0.0
     if few.all():
-        return _fit_from(part, x, pole, MISSING_MODE.most_evaluations, count)[1].normalise()
+        return _fit_from(part, x, pole, MISSING_MODE.most_steps, count)[1].normalise()
     fewer = part.with_data(part.frf.select(lines=freq[few]))
-    x, pole = _fit_from(fewer, x, pole, MISSING_MODE.most_evaluations, count[few])
-    last = MISSING_MODE.last_evaluations
+    x, pole = _fit_from(fewer, x, pole, MISSING_MODE.most_steps, count[few])
+    last = MISSING_MODE.last_steps
     return _fit_from(part, x, pole, last, np.ones(len(freq)))[1].normalise()
 
 
@@ -159,19 +149,9 @@ def _count_represented_lines(freq: RealArray, pole: Pole) -> RealArray:
 def _fit_from(
     part: FRFPart, x: RealArray, pole: Pole, most: int, count: RealArray
 ) -> tuple[RealArray, Pole]:
-    """Return the end of a fit of model and pole after at most `most` evaluations."""
+    """Return the end of a fit of model and pole after at most `most` steps."""
     problem = _PoleProblem(part, x, pole, count)
-    bounds = problem.bounds()
-    start = np.clip(problem.pack_variables(x, pole), *bounds)
-    found = scipy.optimize.least_squares(
-        problem.residual,
-        start,
-        problem.slopes,
-        bounds=bounds,
-        x_scale="jac",
-        ftol=MISSING_MODE.least_decrease,
-        xtol=1e-10,
-        gtol=1e-12,
-        max_nfev=most,
-    )
-    return problem.unpack_variables(found.x)
+    lower, upper = problem.bounds()
+    start = np.clip(problem.pack_variables(x, pole), lower, upper)
+    region = TrustRegion(most, min_relative_decrease=MISSING_MODE.least_decrease)
+    return problem.unpack_variables(region.minimise(problem.local, start, lower, upper).x)

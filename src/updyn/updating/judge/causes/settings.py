@@ -382,10 +382,10 @@ class MissingModeSettings:
     dominant_ratio: float = 3.0
     #: [entries] Entries of a shape that a remedy prints. Why: length of a sentence.
     named_entries: int = 12
-    #: [evaluations] Evaluations of the fit of a pole with all unknowns. Why: limit of effort.
-    most_evaluations: int = 30
-    #: [evaluations] Evaluations on all lines, if they are many. Why: the fit starts at its end.
-    last_evaluations: int = 3
+    #: [steps] Steps of the fit of a pole with all unknowns. Why: limit of effort.
+    most_steps: int = 30
+    #: [steps] Steps on all lines, if they are many. Why: the fit starts at its end.
+    last_steps: int = 2
     #: [1] Relative decrease of the misfit that ends the fit. Why: changes the pole far less than
     #: its deviation.
     least_decrease: float = 1e-6
