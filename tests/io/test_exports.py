@@ -10,6 +10,7 @@ import pytest
 import scipy.io
 
 import updyn
+from updyn.cli import main
 from updyn.errors import FormatError, OptionError
 
 FREQ = np.array([0.5, 1.0, 1.5, 2.0])
@@ -114,29 +115,47 @@ def test_damaged_pulse_texts(tmp_path, old, new, message):
         updyn.read_frf(tmp_path / "a.txt", columns=columns)
 
 
-def test_quickdaq_text(tmp_path):
+def quickdaq_text(unit="m/s^2/N") -> str:
     head = [
         "QuickDAQ,2.5",
         "Measurement Type,FRF,,Coherence",
         "Channel Name,Ain 1,,Ain 1",
         "X Axis Units,Hz,,Hz",
-        "Y Axis Units,m/s^2/N,,",
+        f"Y Axis Units,{unit},,",
         "Frequency,Magnitude,Phase,Magnitude",
     ]
-    rows = [
-        f"{f!r},{abs(z)!r},{np.angle(z, deg=True)!r},{c!r}"
-        for f, z, c in zip(FREQ.tolist(), A, COH.tolist(), strict=True)
-    ]
-    text = "\n".join([*head, *rows]).replace("np.float64(", "").replace(")", "") + "\n"
-    (tmp_path / "a.csv").write_text(text)
-    channel = {**LABELS, "magnitude": 2, "phase_deg": 3, "coherence": 4}
-    columns = {"frequency": 1, "channels": [channel]}
-    found = updyn.read_frf(tmp_path / "a.csv", quantity="accelerance", columns=columns)
+    columns = (FREQ, np.abs(A), np.angle(A, deg=True), COH)
+    rows = [",".join(f"{x:.15e}" for x in row) for row in zip(*columns, strict=True)]
+    return "\n".join([*head, *rows]) + "\n"
+
+
+def test_quickdaq_text(tmp_path, capsys):
+    channel = {
+        **LABELS,
+        "magnitude": "FRF Magnitude",
+        "phase_deg": "FRF Phase",
+        "coherence": "Coherence Magnitude",
+    }
+    columns = {"frequency": "Frequency", "channels": [channel]}
+    (tmp_path / "a.csv").write_text(quickdaq_text())
+    found = updyn.read_frf(tmp_path / "a.csv", columns=columns)
     check_frf(found, ["3:Z"], [A])
     np.testing.assert_array_equal(found.coherence[:, 0, 0], COH)
+    assert found.quantity == "accelerance"
+    (tmp_path / "b.csv").write_text(quickdaq_text("(mm/s)/N"))
+    found = updyn.read_frf(tmp_path / "b.csv", columns=columns)
+    check_frf(found, ["3:Z"], [A], 1e-3)
+    (tmp_path / "c.csv").write_text(quickdaq_text("m/s^2/V"))
+    with pytest.raises(FormatError, match="'m/s\\^2/V', which is not a known motion per force"):
+        updyn.read_frf(tmp_path / "c.csv", columns=columns, quantity="accelerance")
+    assert main(["info", str(tmp_path / "a.csv")]) == 2
+    proposed = (
+        'magnitude = "FRF Magnitude", phase_deg = "FRF Phase", coherence = "Coherence Magnitude"'
+    )
+    assert proposed in capsys.readouterr().err
 
 
-def test_signalcalc_text(tmp_path):
+def test_signalcalc_text(tmp_path, capsys):
     head = [
         "Data written for Project 1, Test 2, Run 3",
         "",
@@ -154,16 +173,17 @@ def test_signalcalc_text(tmp_path):
     ]
     (tmp_path / "H.txt").write_text("\n".join([*head, *rows]) + "\n")
     columns = {
-        "frequency": 1,
-        "frequency_unit": "Hz",
-        "unit": "m/s^2/N",
+        "frequency": "Frequency",
         "channels": [
-            {**LABELS, "real": 2, "imaginary": 3},
-            {**LABELS, "response": "5:Z", "real": 4, "imaginary": 5},
+            {**LABELS, "real": "H1,2 Real", "imaginary": "H1,2 Imag"},
+            {**LABELS, "response": "5:Z", "real": "H1,3 Real", "imaginary": "H1,3 Imag"},
         ],
     }
     found = updyn.read_frf(tmp_path / "H.txt", columns=columns)
     check_frf(found, ["3:Z", "5:Z"], [A, B])
+    assert found.quantity == "accelerance"
+    assert main(["info", str(tmp_path / "H.txt")]) == 2
+    assert 'real = "H1,3 Real", imaginary = "H1,3 Imag"' in capsys.readouterr().err
 
 
 def shdf(kind: str, unit: str, axis, data) -> dict:

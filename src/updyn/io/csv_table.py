@@ -2,8 +2,9 @@
 
 The columns are separated by semicolons, tabs, commas or blanks. The separator and the number of
 columns are those of most lines at the end of the file; the rows begin at the first line like these.
-The line above is the header if it has as many cells; between both may be a line of units. A header
-may be a comment (``#`` or ``%``). Separator and first row may be stated.
+The line above is the header if it has as many cells; between both may be a line of units. Names
+that repeat get those of a line above them. A header may be a comment (``#`` or ``%``). Separator
+and first row may be stated.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from updyn.io.items import format_key
 from updyn.io.pulse_text import isolate_rows
 from updyn.io.settings import FILE_TEXT, MATRIX_FILE
 from updyn.io.text_numbers import parse_real
-from updyn.units import find_ratio, find_unit
+from updyn.units import find_ratio, find_unit, strip_brackets
 
 __all__ = ["SEPARATORS", "Line", "TextTable", "find_table", "format_cell"]
 
@@ -120,7 +121,7 @@ class TextTable:
         """Return the unit of a column in the line of units or the header, or an empty text."""
         at = self.column(name, ())
         if self.units and self.units[at]:
-            return self.units[at].strip("[]() ")
+            return strip_brackets(self.units[at])
         return _find_label(self.header[at]) if self.header else ""
 
     def is_complex(self, at: int) -> bool:
@@ -292,14 +293,48 @@ def _build_table(
         if len(above) > 1 and cells and all(map(_is_unit, cells)):
             units = cells
             above.pop()
+            if len(above) > 1 and above[-1][1].strip().endswith(":"):  # the title of the units
+                above.pop()
             cells = _cells_of(above[-1][1], separator, width)
         over = _cells_of(above[-2][1], separator, width) if len(above) > 1 else ()
         if not is_stated:
             _refuse_row(above[-1], separator, width, bool(over), path)
         if cells:
-            header = cells
             above.pop()
+            higher = [found for _, line in above if (found := _cells_of(line, separator, width))]
+            header = _qualify_names(cells, higher)
+            units = units or _find_axis_units(higher)
     return TextTable(path, separator, header, units, rows, tuple(above))
+
+
+def _qualify_names(names: tuple[str, ...], above: Sequence[tuple[str, ...]]) -> tuple[str, ...]:
+    """Return names that repeat with those of a line above, such as ``FRF`` before ``Magnitude``.
+
+    A name above holds for the following columns up to the next one. Names are unchanged if no line
+    makes them unique.
+    """
+    if len(set(names)) == len(names):
+        return names
+    for over in reversed(above):
+        if any(map(_is_number, over)):
+            continue
+        qualified = [names[0]]
+        last = ""
+        for cell, name in zip(over[1:], names[1:], strict=True):
+            last = cell or last
+            qualified.append(f"{last} {name}".strip())
+        if len(set(qualified)) == len(qualified):
+            return tuple(qualified)
+    return names
+
+
+def _find_axis_units(above: Sequence[tuple[str, ...]]) -> tuple[str, ...]:
+    """Return the units by column of lines that are called axis units, as in text of QuickDAQ."""
+    axes = {cells[0].casefold(): cells[1:] for cells in above}
+    if "y axis units" not in axes:
+        return ()
+    abscissa = {cell for cell in axes.get("x axis units", ()) if cell}
+    return (abscissa.pop() if len(abscissa) == 1 else "", *axes["y axis units"])
 
 
 def _replace_decimal_commas(
@@ -342,7 +377,7 @@ def _refuse_row(line: Line, separator: str, width: int, has_header: bool, path: 
 
 def _is_unit(cell: str) -> bool:
     """Return whether a cell of a line of units is empty or a unit."""
-    label = cell.strip("[]() ")
+    label = strip_brackets(cell)
     return not label or _names_unit(label)
 
 
