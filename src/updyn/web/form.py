@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import tomlkit
 from tomlkit.exceptions import TOMLKitError
 
-from updyn.errors import UpdynError
+from updyn.errors import InputError, UpdynError
 from updyn.web.document import JobDocument
 from updyn.web.edits import as_value, set_keys
 from updyn.web.faults import new_faults
 from updyn.web.tasks import Field
 
-__all__ = ["Form", "written_table"]
+__all__ = ["REQUIRED", "Form", "written_table"]
+
+#: Fault of an entry that is missing.
+REQUIRED = "required"
 
 
 class Form:
@@ -40,8 +44,24 @@ class Form:
             self.pending.pop(key, None)
         else:
             self.pending[key] = entry
-        if not self.pending:
-            self.reason = ""
+        self.reason = ""
+
+    def faults(self, text: str) -> dict[str, str]:
+        """Return a message for each entry that is missing or cannot be written, by key."""
+        entries = self.entries(text)
+        found = {
+            key: REQUIRED
+            for key, field in self._fields.items()
+            if field.required and not entries[key].strip()
+        }
+        for key, entry in self.pending.items():
+            try:
+                as_value(self._fields[key].kind, entry, self._fields[key].label)
+            except InputError as error:
+                found[key] = str(error)
+            if re.search(rf"\b{self._table}\.{key}\b", self.reason):
+                found[key] = self.reason
+        return found
 
     def commit(self, document: JobDocument) -> None:
         """Write the entries into the job as one edit, unless that adds a fault to it."""

@@ -17,6 +17,7 @@ from updyn.io.csv_table import SEPARATORS
 from updyn.io.inventory import Inventory
 from updyn.io.point_files import has_fields
 from updyn.units import find_ratio
+from updyn.web.form import REQUIRED
 
 __all__ = ["FORM_NAMES", "Entry", "Key", "TableForm"]
 
@@ -57,7 +58,7 @@ _AXES = {"freq": "lines", "response": "responses", "reference": "references"}
 _ORDERS = {
     ", ".join(order): " x ".join(_AXES[axis] for axis in order) for order in permutations(_AXES)
 }
-_REQUIRED, _FOUND = "required", "found, if empty"
+_FOUND = "found, if empty"
 
 
 @dataclass(frozen=True, slots=True)
@@ -265,7 +266,7 @@ class TableForm:
         for entry in self._all_entries():
             text = self.get(entry.key)
             if entry.required and text == "":
-                found[entry.key] = _REQUIRED
+                found[entry.key] = REQUIRED
             elif entry.kind == "whole" and text != "" and not isinstance(text, int):
                 found[entry.key] = f"{text!r}; expected a whole number"
             elif entry.kind == "text" and "{" not in text:

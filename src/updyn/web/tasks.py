@@ -63,12 +63,15 @@ class Field:
         Kind of value: ``"numbers"``, ``"band"`` (two frequencies) and ``"texts"`` are arrays.
     choices : sequence of str
         For ``"choice"``; the first is the default of a missing key.
+    required : bool
+        Whether the table needs the key.
     """
 
     key: str
     label: str
     kind: Literal["number", "whole", "numbers", "band", "text", "texts", "choice"]
     choices: Sequence[str] = ()
+    required: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,9 +147,9 @@ PLAN = JobTask(
     "-plan",
     "plan",
     (
-        Field("n_sensors", "sensors", "whole"),
+        Field("n_sensors", "sensors", "whole", required=True),
         Field("n_references", "forces", "whole"),
-        Field("band", "band, from and to (Hz)", "band"),
+        Field("band", "band, from and to (Hz)", "band", required=True),
         Field("quantity", "quantity", "choice", ("accelerance", "mobility", "receptance")),
         Field("criterion", "criterion", "choice", ("d-optimal", "a-optimal")),
         Field("candidates", "candidates (none: all)", "texts"),

@@ -225,6 +225,10 @@ class Workspace:
         """Return the text of each entry of the form of a task, by key."""
         return self.form(task).entries(self.open_document.text)
 
+    def faults(self, task: str) -> dict[str, str]:
+        """Return a message for each entry of the form of a task that prevents it, by key."""
+        return self.form(task).faults(self.open_document.text)
+
     def note(self, task: str, key: str, entry: str) -> None:
         """Store a typed entry of a form; the next `enter` writes it into the job."""
         self.form(task).note(key, entry, self.open_document.text)

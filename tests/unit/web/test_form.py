@@ -48,6 +48,20 @@ def test_nothing_is_written_before_the_table_is_complete(workspace: Workspace) -
     assert workspace.open_document.text == before
 
 
+def test_faults_are_named_by_entry(workspace: Workspace) -> None:
+    assert workspace.faults("plan") == {"n_sensors": "required", "band": "required"}
+    assert workspace.faults("run") == workspace.faults("modes") == {}
+    workspace.enter("plan", "n_sensors", "three")
+    assert workspace.faults("plan")["n_sensors"].endswith("'three'; expected a whole number")
+    workspace.note("plan", "band", "5, 40")
+    workspace.enter("plan", "n_sensors", "0")  # the fault is found in the job
+    assert workspace.faults("plan") == {
+        "n_sensors": "plan.n_sensors = 0: expected a number of at least 1"
+    }
+    workspace.note("plan", "n_sensors", "3")  # not tried yet
+    assert workspace.faults("plan") == {}
+
+
 def test_a_complete_table_stays_complete(workspace: Workspace) -> None:
     for key, text in (("n_sensors", "3"), ("band", "5, 40")):
         workspace.enter("plan", key, text)

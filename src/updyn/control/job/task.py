@@ -31,8 +31,8 @@ PLANT = JobTask(
     "-plant",
     "plant",
     (
-        Field("inputs", "inputs (labels)", "texts"),
-        Field("outputs", "outputs (labels)", "texts"),
+        Field("inputs", "inputs (labels)", "texts", required=True),
+        Field("outputs", "outputs (labels)", "texts", required=True),
         Field("band", "band, from and to (Hz)", "band"),
         Field("tolerance", "tolerance (1)", "number"),
         Field("error", "error", "choice", ("relative", "peak")),

@@ -11,11 +11,20 @@ from nicegui import run, ui
 from updyn.errors import UpdynError
 from updyn.style import LOOKS, PAPER
 from updyn.web.document import JobDocument
+from updyn.web.form import REQUIRED
 from updyn.web.look import HEAD, THEMES
 from updyn.web.settings import WEB_PAGE
 from updyn.web.workspace import Workspace
 
-__all__ = ["add_frame", "complain", "embed_page", "run_slow", "show_errors", "watch"]
+__all__ = [
+    "add_frame",
+    "complain",
+    "embed_page",
+    "run_slow",
+    "show_errors",
+    "show_fault",
+    "watch",
+]
 
 T = TypeVar("T")
 
@@ -146,6 +155,13 @@ def show_errors(action: Callable[..., Any]) -> Callable[..., None]:
             complain(str(error))
 
     return run_safely
+
+
+def show_fault(entry: ui.input | ui.select | ui.number, fault: str, hint: str = "") -> None:
+    """Show the fault of an entry below it; in place of the hint, and quietly, if it is missing."""
+    is_missing = fault == REQUIRED
+    entry.error = fault if fault and not is_missing else None
+    entry.props["hint"] = fault if is_missing else hint
 
 
 def complain(text: str) -> None:

@@ -12,7 +12,8 @@ from updyn.errors import UpdynError
 from updyn.io.inventory import Item
 from updyn.web.charts import frf_chart
 from updyn.web.figure import FigureView
-from updyn.web.pages.frame import complain
+from updyn.web.form import REQUIRED
+from updyn.web.pages.frame import complain, show_fault
 from updyn.web.settings import WEB_PAGE
 from updyn.web.table_form import FORM_NAMES, Entry, Key, TableForm
 from updyn.web.table_preview import FRFPreview
@@ -277,13 +278,9 @@ class _TablePage:
         """Show each fault at its entry, others in the status."""
         hints = self._form.hints()
         for key, shown in self._shown.items():
-            message = faults.get(key, "")
-            is_missing = message == "required"
-            shown.error = message if message and not is_missing else None
-            shown._props["hint"] = message if is_missing else hints.get(key, "")
-            shown.update()
-        missing = [key for key, message in faults.items() if message == "required"]
-        others = [text for key, text in faults.items() if text != "required"]
+            show_fault(shown, faults.get(key, ""), hints.get(key, ""))
+        missing = [key for key, message in faults.items() if message == REQUIRED]
+        others = [text for key, text in faults.items() if text != REQUIRED]
         icon, colour, text = "check_circle", "positive", ""
         if others:
             icon, colour, text = "error", "negative", "\n".join(others)

@@ -12,7 +12,7 @@ from nicegui import events, ui
 from updyn.group import is_number
 from updyn.web import edits
 from updyn.web.form import written_table
-from updyn.web.pages.frame import embed_page, show_errors, watch
+from updyn.web.pages.frame import embed_page, show_errors, show_fault, watch
 from updyn.web.pages.job import has_no_job
 from updyn.web.pages.picks import listen_for_picks
 from updyn.web.tasks import TASKS, Field
@@ -36,10 +36,10 @@ def show_controls(workspace: Workspace, task: str, *, begin: str) -> None:
         folder = ui.input("Folder for the results", value=workspace.proposed_folder(task))
         folder.classes("w-80")
         start = show_errors(lambda: workspace.begin(task, folder.value))
-        ui.button(begin, on_click=start).props("no-caps")
+        buttons = [ui.button(begin, on_click=start).props("no-caps")]
         if TASKS.find(task).resumes:
             resume = show_errors(lambda: workspace.begin(task, folder.value, resume=True))
-            ui.button("Resume", on_click=resume).props("outline no-caps")
+            buttons.append(ui.button("Resume", on_click=resume).props("outline no-caps"))
 
         def stop() -> None:
             worker = workspace.workers.get(task)
@@ -47,6 +47,13 @@ def show_controls(workspace: Workspace, task: str, *, begin: str) -> None:
                 worker.stop()
 
         ui.button("Stop", on_click=stop).props("outline no-caps")
+
+    def update() -> None:
+        for button in buttons:
+            button.set_enabled(workspace.document is not None and not workspace.faults(task))
+
+    update()
+    watch(lambda: (workspace.version, _state_of_form(workspace, task)), update)
 
 
 def show_worker(worker: Worker, workspace: Workspace) -> None:
@@ -162,7 +169,9 @@ def _show_form(workspace: Workspace, task: str) -> None:
             if isinstance(entry, ui.select) and text not in entry.options:
                 entry.set_options([*entry.options, text])
             entry.set_value(text)
-        form = workspace.form(task)
+        form, faults = workspace.form(task), workspace.faults(task)
+        for key, entry in shown.items():
+            show_fault(entry, faults.get(key, ""))
         error_row.set_visibility(bool(form.reason))
         reason.set_text(f"Not in the job yet: {form.reason}")
 
@@ -179,6 +188,7 @@ def _state_of_form(workspace: Workspace, task: str) -> object:
 def _show_entry(workspace: Workspace, task: str, field: Field) -> Any:
     """Show an entry for one key."""
     text = workspace.entries(task)[field.key]
+    label = f"{field.label} *" if field.required else field.label
 
     if field.kind == "choice":
 
@@ -186,7 +196,7 @@ def _show_entry(workspace: Workspace, task: str, field: Field) -> Any:
             show_errors(workspace.enter)(task, field.key, str(event.value or ""))
 
         choices = list(dict.fromkeys([*field.choices, text]))
-        select = ui.select(choices, value=text, label=field.label, on_change=commit_choice)
+        select = ui.select(choices, value=text, label=label, on_change=commit_choice)
         return select.classes("min-w-40")
 
     def store_entry(event: events.ValueChangeEventArguments[Any]) -> None:
@@ -195,7 +205,7 @@ def _show_entry(workspace: Workspace, task: str, field: Field) -> Any:
     def commit_entry() -> None:
         show_errors(workspace.enter)(task, field.key, str(entry.value or ""))
 
-    entry = ui.input(field.label, value=text, on_change=store_entry).classes("min-w-56")
+    entry = ui.input(label, value=text, on_change=store_entry).classes("min-w-56")
     return entry.on("blur", commit_entry).on("keydown.enter", commit_entry)
 
 
