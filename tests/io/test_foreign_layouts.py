@@ -258,8 +258,27 @@ def test_a_mapping_is_guessed_if_the_names_hold_all_labels(tmp_path, monkeypatch
     assert "columns: guessed from their names; check them" in capsys.readouterr().out
     text = Path("job.toml").read_text(encoding="utf-8")
     assert "# columns: guessed from their names; check them.\ncolumns = { frequency = " in text
-    unlabelled = (tmp_path / name).read_text().replace("1:Z/2:Z", "first")
-    (tmp_path / "b.csv").write_text(unlabelled)
-    assert main(["new", "model.npz", "b.csv", "--out", "b.toml", *given]) == 2
-    assert 'response = "?", reference = "?", real = "Real first"' in capsys.readouterr().err
-    assert not (tmp_path / "b.toml").exists()
+
+
+def test_labels_on_the_command_line_complete_a_guess(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    updyn.write_model(chain(), "model.npz")
+    name, given = labelled_names(tmp_path)
+    text = (tmp_path / name).read_text()
+    for number, label in enumerate(RESPONSES):
+        text = text.replace(f"{label}/2:Z", f"point {'abc'[number]}")
+    (tmp_path / "b.csv").write_text(text)
+    assert main(["new", "model.npz", "b.csv", *given]) == 2
+    assert 'response = "?", reference = "?", real = "Real point a"' in capsys.readouterr().err
+    assert not (tmp_path / "job.toml").exists()
+    np.savez(tmp_path / "c.npz", f=FREQ, frf=H)
+    for file in ("b.csv", "c.npz"):
+        job = f"job_{file[0]}.toml"
+        assert main(["new", "model.npz", file, "--out", job, *given, *options(**LABELS)]) == 0
+        assert main(["check", job]) == 0
+    assert (
+        main(
+            ["new", "model.npz", "b.csv", *given, *options(**LABELS | {"response_labels": ["1:Z"]})]
+        )
+        == 2
+    )

@@ -40,6 +40,8 @@ from updyn.updating.judge.counterparts import Counterparts, find_counterparts
 __all__ = ["Inputs", "describe_inputs", "job_text", "read_inputs"]
 
 _WIDTH = 100
+#: Options of readers for labels that a file does not hold.
+_LABELS = ("response_labels", "reference_labels")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -204,11 +206,11 @@ def _read_frf(path: Path, options: dict[str, Any]) -> _ReadFRF:
     """Read a measurement, with a guessed mapping if the file has no known layout."""
     try:
         return _read_any_quantity(path, options)
-    except FormatError:
-        mapping = {} if {"columns", "variables"} & set(options) else _guess_mapping(path)
-        if not mapping:
+    except InputError:
+        guessed = None if {"columns", "variables"} & set(options) else _guess_options(path, options)
+        if guessed is None:
             raise
-        return _read_any_quantity(path, options | mapping)
+        return _read_any_quantity(path, guessed)
 
 
 def _read_any_quantity(path: Path, options: dict[str, Any]) -> _ReadFRF:
@@ -227,15 +229,33 @@ def _read_any_quantity(path: Path, options: dict[str, Any]) -> _ReadFRF:
         return _ReadFRF(frf, options, False)
 
 
-def _guess_mapping(path: Path) -> dict[str, Any]:
-    """Return the option of `read_frf` that selects columns or variables; empty if unknown."""
+def _guess_options(path: Path, options: dict[str, Any]) -> dict[str, Any] | None:
+    """Return the options with a guessed mapping of columns or variables; None if incomplete.
+
+    Labels in the options replace those that the names do not hold.
+    """
     try:
         found = list_items(path)
     except InputError:
-        return {}
-    channels = found.proposal.get("channels", ())
-    is_complete = all(UNKNOWN not in channel.values() for channel in channels)
-    return {found.option: dict(found.proposal)} if channels and is_complete else {}
+        return None
+    mapping = dict(found.proposal)
+    if not mapping:
+        return None
+    labels = [options.get(name) for name in _LABELS]
+    if "channels" not in mapping:  # one array of all values
+        return {**options, found.option: mapping} if all(labels) else None
+    channels = [dict(channel) for channel in mapping["channels"]]
+    unknown = [channel for channel in channels if UNKNOWN in channel.values()]
+    if unknown:
+        responses, references = labels
+        if not (isinstance(responses, list) and isinstance(references, list)):
+            return None
+        if len(responses) != len(unknown) or len(references) != 1:
+            return None
+        for channel, response in zip(unknown, responses, strict=True):
+            channel |= {"response": response, "reference": references[0]}
+    others = {name: value for name, value in options.items() if name not in _LABELS}
+    return {**others, found.option: {**mapping, "channels": channels}}
 
 
 def describe_inputs(inputs: Inputs) -> str:
