@@ -209,7 +209,9 @@ def linearise_at_start(problem: Problem, noises: Sequence[NoiseModel]) -> tuple[
         variance = noise.variance(H, part.frf)
         errors.append(OutputError(np.sqrt(2.0 / variance)))
         shares.append((np.sqrt(variance) / np.maximum(np.abs(H), np.finfo(float).tiny)).ravel())
-    modal = tuple(ModalError(part.noise) for part in problem.modal)
+    modal = tuple(
+        ModalError(part.noise.without_assumptions(part.rows(x))) for part in problem.modal
+    )
     local = OutputErrorSet(tuple(errors), modal).local(problem, x)
     if local is None:
         raise SolverError("the model cannot be solved at its start")

@@ -10,9 +10,11 @@ import updyn
 from updyn.errors import DataError, OptionError
 from updyn.modal import ModeSet
 from updyn.model import Group, Model
+from updyn.updating.judge.assessment import linearise_at_start
 from updyn.updating.problem.modal import ModalError, ModalPart
 from updyn.updating.problem.modal_rows import KINDS, ModalRows
 from updyn.updating.problem.noise.modes import ASSUMED_OF_MODES, ModalNoise, choose_modal_noise
+from updyn.updating.problem.problem import Problem
 
 
 def shaft(parts: int = 3, loss: float = 0.03) -> Model:
@@ -280,3 +282,17 @@ def test_correlated_frequencies_are_weighted_by_the_inverse_of_their_covariance(
     # A stated size replaces the covariance of the data.
     stated = ModalError(ModalNoise({"frequency": 1e-2}, frozenset({"frequency"})))
     assert 2.0 * stated.local(part, x).cost == pytest.approx(1e4 * plain.r @ plain.r, rel=1e-10)
+
+
+def test_before_a_fit_the_standard_deviations_of_the_data_hold_alone() -> None:
+    """The assumed size of a frequency, 1 %, is added only where the data state none."""
+    model = shaft()
+    f = modes_of(model, 2).frequency
+    covariance = 1e-6 * np.array([[4.0, 1.5], [1.5, 1.0]]) * np.outer(f, f)
+    stated = {"cov_frequency": covariance}
+    for known, shares in ((stated, covariance / np.outer(f, f)), ({}, 1e-4 * np.eye(2))):
+        part = part_of(model, ModeSet(f, **known))
+        plain = part.rows(part.coordinates.start)
+        R = linearise_at_start(Problem.of((), [part]), ())[0].R
+        expected = plain.J.T @ np.linalg.solve(shares, plain.J)
+        np.testing.assert_allclose(R.T @ R, expected, rtol=1e-6, atol=1e-6)

@@ -72,6 +72,12 @@ class ModalNoise:
                 variance[is_kind] = data_variance + self.added[kind] ** 2
         return np.asarray(np.sqrt(variance))
 
+    def without_assumptions(self, rows: ModalRows) -> ModalNoise:
+        """Return the noise with no added size where the data state all standard deviations."""
+        known = [kind for kind in self._estimated_kinds(rows) if rows.std[rows.of(kind)].all()]
+        least = dict.fromkeys(known, NOISE_LIMITS.least_modal_noise)
+        return replace(self, added={**self.added, **least})
+
     def estimate_for_weights(self, rows: ModalRows) -> ModalNoise:
         """Return the noise with sizes that weight residuals in a fit; itself if all are stated."""
         number = {kind: float(rows.freedom(kind)) for kind in self._estimated_kinds(rows)}
