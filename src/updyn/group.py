@@ -17,7 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, TypeGuard
 
 import numpy as np
 import scipy.sparse as sp
@@ -459,14 +459,14 @@ class Group:
         return Group._build_unchecked(stiffness, mass, viscous, damping, exchanged, self.origin)
 
 
-def is_number(value: object) -> bool:
+def is_number(value: object) -> TypeGuard[float]:
     """Return whether a value is a real number; False for booleans and too large integers."""
     if isinstance(value, int) and not isinstance(value, bool):
         return abs(value) < _LARGEST
     return isinstance(value, float | np.floating | np.integer)
 
 
-def _check_damping(name: str, value: Any) -> float:
+def _check_damping(name: str, value: object) -> float:
     if not is_number(value):
         raise ModelError(f"{name} {value!r}: expected a number")
     if not (math.isfinite(value) and value >= 0):

@@ -402,7 +402,7 @@ def info(
     with suppress(InputError, OSError):  # each file is complete, independent of the others
         recover(file.parent)
     of_unit = {"unit": unit}
-    stated = {
+    stated: dict[str, Mapping[str, object]] = {
         "contents": of_unit,
         "frf": _join_options({"quantity": quantity}, test_option, "--test-option"),
         "model": _join_options(of_unit, model_option, "--model-option"),

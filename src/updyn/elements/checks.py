@@ -44,19 +44,23 @@ _T = TypeVar("_T")
 
 
 # -- numbers
-def check_number(what: str, name: str, value: Any) -> float:
+def check_number(what: str, name: str, value: object) -> float:
     """Return a finite number; raise `ModelError` for other values."""
-    real = isinstance(value, int | float | np.floating | np.integer) and not isinstance(value, bool)
-    if not (real and abs(value) <= sys.float_info.max):  # integers may be of any size
+    if (
+        not isinstance(value, int | float | np.floating | np.integer)
+        or isinstance(value, bool)
+        or not -sys.float_info.max <= value <= sys.float_info.max  # integers may be of any size
+    ):
         raise ModelError(f"{what}: {name} {value!r}; expected a finite number", key=(name,))
     return float(value)
 
 
-def check_positive(what: str, name: str, value: Any) -> float:
+def check_positive(what: str, name: str, value: object) -> float:
     """Return a number above 0; raise `ModelError` for other values."""
-    if not check_number(what, name, value) > 0:
+    number = check_number(what, name, value)
+    if not number > 0:
         raise ModelError(f"{what}: {name} {value!r}; expected a number above 0", key=(name,))
-    return float(value)
+    return number
 
 
 def check_positive_or_none(what: str, name: str, value: object) -> float | None:
@@ -64,18 +68,20 @@ def check_positive_or_none(what: str, name: str, value: object) -> float | None:
     return None if value is None else check_positive(what, name, value)
 
 
-def check_not_negative(what: str, name: str, value: Any) -> float:
+def check_not_negative(what: str, name: str, value: object) -> float:
     """Return a number of at least 0; raise `ModelError` for other values."""
-    if not check_number(what, name, value) >= 0:
+    number = check_number(what, name, value)
+    if not number >= 0:
         raise ModelError(f"{what}: {name} {value!r}; expected a number of at least 0", key=(name,))
-    return float(value)
+    return number
 
 
-def check_poisson_ratio(what: str, value: Any) -> float:
+def check_poisson_ratio(what: str, value: object) -> float:
     """Return a Poisson's ratio above -1 and at most 0.5; raise `ModelError` for other values."""
-    if not -1.0 < check_number(what, "nu", value) <= 0.5:
+    ratio = check_number(what, "nu", value)
+    if not -1.0 < ratio <= 0.5:
         raise ModelError(f"{what}: nu {value!r}; expected above -1 and at most 0.5", key=("nu",))
-    return float(value)
+    return ratio
 
 
 def check_pair(what: str, name: str, value: object) -> tuple[float, float]:
@@ -188,7 +194,7 @@ def check_six(what: str, name: str, given: object) -> RealArray:
 
 
 # -- tables
-def field_names(kind: type[Any]) -> tuple[list[str], list[str]]:
+def field_names(kind: type) -> tuple[list[str], list[str]]:
     """Return the names of all fields of a dataclass, and of those without a default."""
     names = []
     required = []

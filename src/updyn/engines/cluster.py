@@ -89,7 +89,7 @@ class Cluster(Remote):
             raise self._handle_lost(error) from error
         return future
 
-    def _submit(self, function: Callable[..., Any], handle: Future, item: Any) -> Future:
+    def _submit(self, function: Callable[..., object], handle: Future, item: object) -> Future:
         self._check_connection()
         name = f"{function.__name__}-{uuid.uuid4().hex}"
         # The item is bound to the function: Dask would search an argument for tasks.
@@ -171,7 +171,7 @@ class Cluster(Remote):
 _ONE = threading.Lock()
 
 
-def _work(function: Callable[..., Any], item: Any, shared: Any) -> Any:
+def _work(function: Callable[..., object], item: object, shared: object) -> object:
     with _ONE:
         return function(shared, item)
 

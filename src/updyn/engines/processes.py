@@ -18,10 +18,11 @@ import threading
 import time
 import weakref
 from collections.abc import Callable
+from concurrent.futures import Future
 from dataclasses import dataclass
 from multiprocessing.reduction import ForkingPickler
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -30,6 +31,9 @@ from updyn.engines.interrupts import block_interrupts
 from updyn.engines.remote import LostError, Remote
 from updyn.engines.settings import WORKERS
 from updyn.errors import EngineError, OptionError
+
+if TYPE_CHECKING:
+    from joblib.externals.loky import ProcessPoolExecutor
 
 __all__ = [
     "Parcel",
@@ -54,8 +58,8 @@ _MEMORY = {"MALLOC_MMAP_THRESHOLD_": "33554432", "MALLOC_TRIM_THRESHOLD_": "1342
 class _Call:
     """A submitted item: its pool, future and shared object, and the file that cancels it."""
 
-    pool: Any
-    future: Any
+    pool: ProcessPoolExecutor
+    future: Future[object]
     parcel: Parcel
     cancelled: Path
 
@@ -70,7 +74,7 @@ class Processes(Remote):
         self.window = WORKERS.items_per_process * workers
         self._workers = workers
         self._numbers = itertools.count()
-        self._pool: Any = None
+        self._pool: ProcessPoolExecutor | None = None
         self._folder: Path | None = None
 
     @classmethod
@@ -111,7 +115,7 @@ class Processes(Remote):
         # too.
         return Parcel(shared, self._new_path("shared"))
 
-    def _submit(self, function: Callable[..., Any], handle: Parcel, item: Any) -> _Call:
+    def _submit(self, function: Callable[..., object], handle: Parcel, item: object) -> _Call:
         from joblib.externals.loky import BrokenProcessPool
 
         known = tuple(parcel.path for _, parcel in self._sent)
@@ -125,7 +129,7 @@ class Processes(Remote):
             raise self._handle_lost(self._pool, error) from error
         return _Call(self._pool, future, handle, cancelled)
 
-    def _result(self, call: _Call) -> Any:
+    def _result(self, call: _Call) -> object:
         from joblib.externals.loky import BrokenProcessPool
 
         try:
@@ -145,7 +149,7 @@ class Processes(Remote):
                 # worker that takes it finds this file.
                 call.cancelled.touch()
 
-    def _handle_lost(self, pool: Any, error: Exception) -> LostError:
+    def _handle_lost(self, pool: ProcessPoolExecutor, error: Exception) -> LostError:
         """Shut down a broken pool, which settles all of its calls, and return the error."""
         pool.shutdown(wait=True)
         if pool is self._pool:
@@ -172,7 +176,7 @@ def _check_cores(workers: int) -> None:
         )
 
 
-def _new_pool(workers: int, folder: Path) -> Any:
+def _new_pool(workers: int, folder: Path) -> ProcessPoolExecutor:
     from joblib import cpu_count
     from joblib.externals.loky import ProcessPoolExecutor
 
@@ -216,8 +220,12 @@ def _exit_with_parent(parent: int, folder: Path) -> None:
 
 
 def _work(
-    function: Callable[..., Any], path: Path, known: tuple[Path, ...], cancelled: Path, item: Any
-) -> Any:
+    function: Callable[..., object],
+    path: Path,
+    known: tuple[Path, ...],
+    cancelled: Path,
+    item: object,
+) -> object:
     if cancelled.exists():
         cancelled.unlink()
         return None
@@ -243,7 +251,7 @@ class Parcel:
     reference. Raises EngineError if it cannot be written.
     """
 
-    def __init__(self, thing: Any, path: Path) -> None:
+    def __init__(self, thing: object, path: Path) -> None:
         buffers: list[Any] = []
         rest = io.BytesIO()
         pickler: Any = ForkingPickler

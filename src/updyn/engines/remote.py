@@ -26,8 +26,8 @@ class LostError(Exception):
 class _Pending:
     """An item with a pending result; without a call it is not yet submitted."""
 
-    item: Any
-    call: Any = None
+    item: object
+    call: object = None
 
 
 class Remote(ABC):
@@ -41,7 +41,7 @@ class Remote(ABC):
     window: int | None = None
 
     def __init__(self) -> None:
-        self._sent: list[tuple[Any, Any]] = []
+        self._sent: list[tuple[object, Any]] = []
 
     def map(self, function: Callable[[S, T], R], shared: S, items: Sequence[T]) -> Iterator[R]:
         """Yield ``function(shared, item)`` for every item in turn; see `Engine.map`."""
@@ -78,7 +78,7 @@ class Remote(ABC):
         finally:
             self._drop([p.call for p in pending if p.call is not None])
 
-    def _handle(self, shared: Any) -> Any:
+    def _handle(self, shared: object) -> Any:
         """Return the handle of a shared object; send it if it is not among the latest objects."""
         for known, handle in self._sent:
             if known is shared:
@@ -92,7 +92,7 @@ class Remote(ABC):
         """Send an object to all present and later workers; return its handle."""
 
     @abstractmethod
-    def _submit(self, function: Callable[..., Any], handle: Any, item: Any) -> Any:
+    def _submit(self, function: Callable[..., object], handle: Any, item: object) -> object:
         """Submit a call without waiting for it; may raise `LostError`."""
 
     @abstractmethod

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -20,7 +19,7 @@ except (ImportError, OSError) as error:
 __all__ = ["load"]
 
 
-def load(path: str) -> dict[str, Any]:
+def load(path: str) -> dict[str, object]:
     """Load elements, their attributes and nodes, components and node positions.
 
     ``rows`` has attributes and nodes of all elements, one after the other, with the counts in

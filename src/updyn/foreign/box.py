@@ -6,7 +6,7 @@ import subprocess
 import threading
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from updyn import errors
 from updyn.errors import FormatError, InputError, damaged, reason_of
@@ -27,7 +27,7 @@ UNSOUND = (ArithmeticError, AttributeError, LookupError, RecursionError, TypeErr
 def load(
     function: str,
     path: str | Path,
-    *arguments: Any,
+    *arguments: object,
     what: str,
     reader: str,
     beside: Iterable[str | Path] = (),
@@ -63,13 +63,15 @@ def load_in_process(function: str, path: str | Path, *arguments: object, what: s
         raise damaged(path, what, reason_of(error)) from error
 
 
-def _run_request(request: Mapping[str, Any], limits: ReadLimits, blame: str) -> Mapping[str, Any]:
+def _run_request(
+    request: Mapping[str, object], limits: ReadLimits, blame: str
+) -> Mapping[str, Any]:
     """Return the answer of a child process after it has ended."""
     path = limits.path
     received = bytearray()
     is_ready = threading.Event()
 
-    def receive(stream: Any) -> None:
+    def receive(stream: BinaryIO) -> None:
         while len(received) <= limits.memory and (block := stream.read(READING.block_bytes)):
             received.extend(block)
             is_ready.set()

@@ -9,7 +9,6 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
@@ -26,7 +25,7 @@ _MARKS = ("api_version", "version")
 _TYPE = "elem_type"
 
 
-def load(path: str) -> dict[str, Any]:
+def load(path: str) -> dict[str, object]:
     """Load ``variables``, arrays by name, and ``types``, their attributes ``elem_type``."""
     if h5py.is_hdf5(path):
         return _load_hdf5(path)

@@ -10,11 +10,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection
-from typing import Any
 
 import h5py
 import numpy as np
 
+from updyn.arrays import NumberArray
 from updyn.errors import FormatError
 from updyn.foreign.attributes import PACKING, UNITS
 from updyn.foreign.limits import ReadLimits, limits_of
@@ -30,7 +30,7 @@ _MEANINGS = tuple(name.lower() for name in (*UNITS, *PACKING))
 _LINK_REMEDY = "; it is not followed: store the numbers in the file itself"
 
 
-def load(path: str, is_ours: bool) -> dict[str, Any]:
+def load(path: str, is_ours: bool) -> dict[str, object]:
     """Return the root of a file, which may have any size if updyn wrote it (`is_ours`)."""
     with h5py.File(path, "r") as file:
         return HDF5Content(path, is_ours).group(file)
@@ -44,7 +44,7 @@ class HDF5Content:
         self._limits: ReadLimits | None = None if is_ours else limits_of(path)
         self._unpacked = 0
 
-    def group(self, group: Any, depth: int = 0) -> dict[str, Any]:
+    def group(self, group: h5py.Group, depth: int = 0) -> dict[str, object]:
         """Return a group with all its members, recursively; `depth` is the level of nesting."""
         most = READING.group_depth
         if depth > most:
@@ -66,7 +66,7 @@ class HDF5Content:
                 members[name] = Other(type(item).__name__)
         return {"attributes": self.attributes(group), "members": members, "meanings": meanings}
 
-    def members(self, group: Any) -> dict[str, Any]:
+    def members(self, group: h5py.Group) -> dict[str, h5py.HLObject]:
         """Return the members of a group by name; refuse links to other files."""
         found = {}
         for name in group:
@@ -79,9 +79,9 @@ class HDF5Content:
             found[str(name)] = group[name]
         return found
 
-    def attributes(self, item: Any, wanted: Collection[str] = ()) -> dict[str, Any]:
+    def attributes(self, item: h5py.HLObject, wanted: Collection[str] = ()) -> dict[str, object]:
         """Return the attributes of an item, all or those with the lower-case names `wanted`."""
-        found = {}
+        found: dict[str, object] = {}
         for name in item.attrs:
             if wanted and name.lower() not in wanted:
                 continue
@@ -90,7 +90,7 @@ class HDF5Content:
             found[str(name)] = plain_value(item.attrs[name])
         return found
 
-    def check(self, dataset: Any) -> None:
+    def check(self, dataset: h5py.Dataset) -> None:
         """Refuse a dataset whose numbers are not all in the file, or are too many."""
         name = dataset.name
         if dataset.is_virtual:
@@ -113,13 +113,13 @@ class HDF5Content:
             self._limits.check(self._unpacked)
 
 
-def has_no_variable(dataset: Any) -> bool:
+def has_no_variable(dataset: h5py.Dataset) -> bool:
     """Return whether a dataset is only a dimension of netCDF, whose numbers are never read."""
     name = dataset.attrs.get("NAME", b"")
     return isinstance(name, bytes) and name.startswith(_NO_VARIABLE)
 
 
-def _values(dataset: Any) -> Any:
+def _values(dataset: h5py.Dataset) -> NumberArray | Other:
     if h5py.check_string_dtype(dataset.dtype) is not None and dataset.dtype.kind == "O":
         return np.asarray(dataset.asstr()[()], dtype=object)
     if dataset.dtype.kind in "biufcS" and dataset.shape is not None:
@@ -127,7 +127,7 @@ def _values(dataset: Any) -> Any:
     return Other(str(dataset.dtype))
 
 
-def plain_value(value: object) -> Any:
+def plain_value(value: object) -> str | NumberArray | Other:
     """Return the value of an attribute or a dataset as plain data: a str, an array or `Other`."""
     if isinstance(value, bytes | str):
         return value if isinstance(value, str) else value.decode("utf-8", "replace")

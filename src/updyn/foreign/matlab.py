@@ -62,7 +62,7 @@ _NUMBERS = (
 )
 
 
-def load(path: str) -> dict[str, Any]:
+def load(path: str) -> dict[str, object]:
     """Load all variables by name."""
     if h5py.is_hdf5(path):
         with h5py.File(path, "r") as file:
@@ -88,7 +88,7 @@ class _UnusableError(FormatError):
     """A variable of a class or a shape that cannot be used."""
 
 
-def _read_or_mark(read: Callable[..., Any], *given: Any) -> Any:
+def _read_or_mark(read: Callable[..., object], *given: object) -> object:
     """Return the result of a function, or `Unread` with the reason if the variable is unusable."""
     try:
         return read(*given)
@@ -97,8 +97,8 @@ def _read_or_mark(read: Callable[..., Any], *given: Any) -> Any:
 
 
 # -- versions 4 and 5 ---------------------------------------------------------------------------
-def _variables(elements: Iterable[bytes], path: str) -> dict[str, Any]:
-    variables: dict[str, Any] = {}
+def _variables(elements: Iterable[bytes], path: str) -> dict[str, object]:
+    variables: dict[str, object] = {}
     for element in elements:
         for name, value in _stored_5(element, path).items():
             if name.startswith("__"):
@@ -217,7 +217,7 @@ def _check_compressed(file: BinaryIO, length: int, limits: ReadLimits, unpacked:
     return unpacked
 
 
-def _item_5(value: Any, name: str, path: str) -> Any:
+def _item_5(value: Any, name: str, path: str) -> object:
     if sp.issparse(value):
         csc = sp.csc_array(value)
         if csc.nnz != value.nnz:
@@ -247,14 +247,14 @@ def _item_5(value: Any, name: str, path: str) -> Any:
     return [_struct_5(cell, f"{name}({i})", path) for i, cell in enumerate(cells, 1)]
 
 
-def _object_fields(value: Any) -> dict[str, str]:
+def _object_fields(value: MatlabOpaque) -> dict[str, str]:
     # scipy 1.18 has ``_Class``. Earlier versions have ``s2`` instead, and the name of the variable
     # in ``s0``; they name every such variable "None".
     fields = zip(value.dtype.names, value[0], strict=True)
     return {name: _text(item) for name, item in fields if isinstance(item, bytes | str)}
 
 
-def _struct_5(struct: Any, name: str, path: str) -> dict[str, Any]:
+def _struct_5(struct: mat_struct, name: str, path: str) -> dict[str, object]:
     fields = {}
     for key in struct._fieldnames:
         fields[key] = _read_or_mark(_item_5, getattr(struct, key), f"{name}.{key}", path)
@@ -265,19 +265,19 @@ def _struct_5(struct: Any, name: str, path: str) -> dict[str, Any]:
 class _File73:
     """An open file of version 7.3."""
 
-    def __init__(self, file: Any, path: str) -> None:
+    def __init__(self, file: h5py.File, path: str) -> None:
         self._file = file
         self._path = path
         self._content = HDF5Content(path, False)
 
-    def variables(self) -> dict[str, Any]:
+    def variables(self) -> dict[str, object]:
         found = {}
         for name, item in self._content.members(self._file).items():
             if not name.startswith("#"):
                 found[name] = _read_or_mark(self._item, item, name, 0)
         return found
 
-    def _item(self, item: Any, name: str, depth: int) -> Any:
+    def _item(self, item: h5py.HLObject, name: str, depth: int) -> object:
         path = self._path
         if depth > READING.struct_depth:
             raise FormatError(f"{name}: structs nested more than {READING.struct_depth} deep", path)
@@ -313,7 +313,7 @@ class _File73:
             raise _UnusableError(f"{name}: {_unusable(str(kind))}", path)
         return _complex(values).T
 
-    def _struct(self, item: Any, kind: str, name: str, depth: int) -> Any:
+    def _struct(self, item: h5py.Group, kind: str, name: str, depth: int) -> object:
         members = self._content.members(item)
         if "MATLAB_sparse" in item.attrs:
             return self._sparse(item, members)
@@ -327,9 +327,9 @@ class _File73:
         return fields
 
     def _structs(
-        self, item: Any, members: dict[str, Any], name: str, depth: int
-    ) -> list[dict[str, Any]]:
-        elements: list[dict[str, Any]] = []
+        self, item: h5py.Group, members: dict[str, h5py.Dataset], name: str, depth: int
+    ) -> list[dict[str, object]]:
+        elements: list[dict[str, object]] = []
         for key in _fields(item):
             references = _vector(self._values(members[key]), name, self._path)
             if not elements:
@@ -339,7 +339,7 @@ class _File73:
                 element[key] = self._item(self._file[reference], where, depth + 1)
         return elements
 
-    def _sparse(self, item: Any, members: dict[str, object]) -> Sparse:
+    def _sparse(self, item: h5py.Group, members: dict[str, h5py.Dataset]) -> Sparse:
         rows = int(item.attrs["MATLAB_sparse"])
         indptr = self._values(members["jc"])
         # A matrix without entries has no datasets data and ir.
@@ -351,12 +351,12 @@ class _File73:
             indices = self._values(members["ir"])
         return Sparse((rows, len(indptr) - 1), data, indices, indptr)
 
-    def _values(self, dataset: Any) -> NumberArray:
+    def _values(self, dataset: h5py.Dataset) -> NumberArray:
         self._content.check(dataset)
         return to_native(np.asarray(dataset[()]))
 
 
-def _is_array(members: dict[str, Any]) -> bool:
+def _is_array(members: dict[str, h5py.Dataset]) -> bool:
     # Each field then contains one reference per element, without a class.
     for field in members.values():
         is_reference = getattr(field, "dtype", np.dtype("i1")).kind == "O"
@@ -365,7 +365,7 @@ def _is_array(members: dict[str, Any]) -> bool:
     return len(members) > 0
 
 
-def _fields(struct: Any) -> list[str]:
+def _fields(struct: h5py.Group) -> list[str]:
     """Return the names of the fields in MATLAB's order, which HDF5 does not keep."""
     names = list(struct)
     stated = struct.attrs.get("MATLAB_fields")

@@ -74,7 +74,7 @@ def load(path: str, wanted: Sequence[str] | None) -> list[dict[str, object]]:
         return loaded
 
 
-def _name_groups(found: MDF) -> list[str]:
+def _name_groups(found: Any) -> list[str]:
     """Return a unique name of each group: the stated one, or its number from 1."""
     stated = [str(group.channel_group.acq_name or "").strip() for group in found.groups]
     counts = Counter(stated)
@@ -95,7 +95,7 @@ def _abscissa(group: Any) -> str:
     return "s"
 
 
-def _times(found: MDF, at: int, count: int | None) -> NumberArray | None:
+def _times(found: Any, at: int, count: int | None) -> NumberArray | None:
     """Return the first `count` times of a group; None if it has none."""
     if not any(channel.channel_type in _MASTERS for channel in found.groups[at].channels):
         return None
@@ -103,7 +103,7 @@ def _times(found: MDF, at: int, count: int | None) -> NumberArray | None:
     return to_native(np.asarray(times, dtype=np.float64))
 
 
-def _values(found: MDF, at: int, index: int) -> NumberArray | Other:
+def _values(found: Any, at: int, index: int) -> NumberArray | Other:
     """Return the samples of a channel in its unit; invalid ones are NaN."""
     signal = found.get(group=at, index=index, ignore_invalidation_bits=True)
     samples = np.asarray(signal.samples)

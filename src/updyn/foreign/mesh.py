@@ -24,7 +24,7 @@ except ImportError as error:
 __all__ = ["load"]
 
 
-def load(path: str) -> dict[str, Any]:
+def load(path: str) -> dict[str, object]:
     """Load points, cells, sets and physical groups of a mesh.
 
     ``cells`` is a list of [kind, number of dimensions, nodes]; ``cell_sets`` and ``physical`` (tags

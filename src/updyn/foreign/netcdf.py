@@ -19,7 +19,7 @@ __all__ = ["load"]
 
 def load(
     path: str, is_ours: bool, kind: str, wanted: Sequence[str], groups: Sequence[str]
-) -> dict[str, Any]:
+) -> dict[str, object]:
     """Load the root of a file, and those of its `groups` that exist.
 
     Only names and attributes are loaded if the attribute ``updyn_kind`` differs from `kind`, or is
@@ -51,6 +51,6 @@ def load(
     return found
 
 
-def _attributes(item: Any) -> dict[str, Any]:
+def _attributes(item: Any) -> dict[str, object]:
     """Return attributes with the meaning of netCDF: an array of one number is a number."""
     return {str(name): plain_value(value) for name, value in item.attrs.items()}

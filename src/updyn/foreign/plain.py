@@ -122,7 +122,7 @@ def _value(tagged: object, numbers: memoryview) -> Any:
     return _READERS[tag](given, numbers)
 
 
-def _map(given: Any, numbers: memoryview) -> dict[str, Any]:
+def _map(given: Any, numbers: memoryview) -> dict[str, object]:
     return {str(key): _value(item, numbers) for key, item in given}
 
 

@@ -35,7 +35,7 @@ _THREADS = dict.fromkeys(
 _CAN_FORK = sys.platform == "linux"
 
 
-def start(request: Mapping[str, Any]) -> subprocess.Popen[bytes] | Forked:
+def start(request: Mapping[str, object]) -> subprocess.Popen[bytes] | Forked:
     """Start a process that answers a request of `updyn.foreign.child.answer` on its ``stdout``."""
     text = json.dumps(request)
     for server in _servers() if _CAN_FORK else ():

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 from xml.etree import ElementTree
 
 import h5py
@@ -27,7 +26,7 @@ def check(path: str) -> None:
         root = ElementTree.parse(path).getroot()
     except ElementTree.ParseError as error:
         raise FormatError(f"not a readable XDMF file ({error})", path, error.position[0]) from error
-    opened: dict[str, tuple[Any, HDF5Content]] = {}
+    opened: dict[str, tuple[h5py.File, HDF5Content]] = {}
     try:
         for item, place in _items(root, path):
             name, _, inner = place.partition(":")
@@ -48,7 +47,7 @@ def check(path: str) -> None:
             file.close()
 
 
-def _items(root: Any, path: str) -> Iterator[tuple[Any, str]]:
+def _items(root: ElementTree.Element, path: str) -> Iterator[tuple[ElementTree.Element, str]]:
     """Yield the items whose numbers are in an HDF5 file, and their place."""
     for item in root.iter("DataItem"):
         kind = item.get("Format", "XML")
@@ -63,7 +62,7 @@ def _items(root: Any, path: str) -> Iterator[tuple[Any, str]]:
             )
 
 
-def _open_hdf5(name: str, path: str) -> tuple[Any, HDF5Content]:
+def _open_hdf5(name: str, path: str) -> tuple[h5py.File, HDF5Content]:
     """Open an HDF5 file, which has to be in the same folder."""
     if not name or Path(name).name != name:
         raise FormatError(
@@ -84,7 +83,7 @@ def _open_hdf5(name: str, path: str) -> tuple[Any, HDF5Content]:
         ) from error
 
 
-def _dataset(file: Any, inner: str, content: HDF5Content) -> Any:
+def _dataset(file: h5py.File, inner: str, content: HDF5Content) -> h5py.Dataset:
     """Return a dataset; all groups on its path have to be in the file."""
     found = file
     for name in filter(None, inner.split("/")):

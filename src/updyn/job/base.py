@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, TypeGuard, TypeVar
 
 from pydantic import BaseModel, ConfigDict, PrivateAttr, Strict
 
@@ -29,7 +29,7 @@ def tables_of(name: str) -> Callable[[object], object]:
     return check_array
 
 
-def is_number(given: Any) -> bool:
+def is_number(given: object) -> TypeGuard[float]:
     """Return whether a value is a number and not a boolean."""
     return isinstance(given, int | float) and not isinstance(given, bool)
 

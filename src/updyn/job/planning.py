@@ -33,7 +33,7 @@ __all__ = ["PLAN", "PLAN_FILES", "PlanTable", "plan_job", "stages"]
 PLAN_FILES = ("plan.html", "plan.json")
 
 
-def _parse_bands(given: Any) -> Any:
+def _parse_bands(given: Any) -> object:
     pairs = given
     if isinstance(given, list | tuple) and given and all(is_number(x) for x in given):
         pairs = [given]

@@ -34,7 +34,7 @@ __all__ = [
 ]
 
 
-def _parse_groups(given: Any) -> Any:
+def _parse_groups(given: object) -> object:
     globs = [given] if isinstance(given, str) else given
     if (
         not isinstance(globs, list | tuple)
@@ -45,7 +45,7 @@ def _parse_groups(given: Any) -> Any:
     return tuple(globs)
 
 
-def _parse_drives(given: Any) -> Any:
+def _parse_drives(given: object) -> object:
     if isinstance(given, Mapping) and given and all(is_number(p) for p in given.values()):
         return {name: float(power) for name, power in given.items()}
     if isinstance(given, list | tuple) and given and all(isinstance(g, str) for g in given):
@@ -55,7 +55,7 @@ def _parse_drives(given: Any) -> Any:
     )
 
 
-def _parse_sensors(given: Any) -> Any:
+def _parse_sensors(given: object) -> object:
     if given == "all":
         return given
     if isinstance(given, list | tuple) and all(isinstance(x, str) for x in given):
@@ -143,7 +143,7 @@ class CalibrationTable(Table):
         return self
 
 
-def _parse_lines(given: Any) -> Any:
+def _parse_lines(given: object) -> object:
     if isinstance(given, str):
         return given
     if isinstance(given, list | tuple) and given and all(is_number(x) for x in given):
@@ -153,7 +153,7 @@ def _parse_lines(given: Any) -> Any:
     )
 
 
-def _parse_validation(given: Any) -> Any:
+def _parse_validation(given: object) -> object:
     if isinstance(given, list | tuple) and given:
         if all(isinstance(x, str) for x in given):
             return tuple(given)
@@ -164,7 +164,7 @@ def _parse_validation(given: Any) -> Any:
     )
 
 
-def _parse_noise(given: Any) -> Any:
+def _parse_noise(given: object) -> object:
     if not isinstance(given, str | Mapping):
         raise ValueError(  # noqa: TRY004
             "expected a table with relative and/or floor, such as { relative = 0.02, floor ="
@@ -173,7 +173,7 @@ def _parse_noise(given: Any) -> Any:
     return given
 
 
-def _parse_regularise(given: Any) -> Any:
+def _parse_regularise(given: object) -> object:
     if isinstance(given, str):
         return given
     if not is_number(given) or given <= 0:
@@ -183,13 +183,13 @@ def _parse_regularise(given: Any) -> Any:
     return float(given)
 
 
-def _parse_count(given: Any) -> Any:
+def _parse_count(given: object) -> object:
     if given != "rank" and (not isinstance(given, int) or isinstance(given, bool) or given < 1):
         raise ValueError("expected a whole number of at least 1, or 'rank'")
     return given
 
 
-def _parse_cosine(given: Any) -> Any:
+def _parse_cosine(given: object) -> object:
     if not is_number(given) or not 0 < given < 1:
         raise ValueError("expected a cosine between 0 and 1, such as 0.99")
     return given
@@ -269,7 +269,7 @@ OUTPUTS = (
 )
 
 
-def _parse_tolerance(given: Any) -> Any:
+def _parse_tolerance(given: object) -> object:
     share = isinstance(given, str) and given.strip().endswith("%")
     if given != "any" and not share and (not is_number(given) or given <= 0):
         raise ValueError(
@@ -279,7 +279,7 @@ def _parse_tolerance(given: Any) -> Any:
     return given
 
 
-def _parse_alignment(given: Any) -> Any:
+def _parse_alignment(given: Any) -> object:
     pairs = isinstance(given, Mapping) and all(re.fullmatch(r"-?[0-9]+", key) for key in given)
     if (
         pairs

@@ -175,7 +175,7 @@ def _digest(items: Mapping[str, object]) -> str:
     return hashlib.sha256(text.encode("ascii")).hexdigest()
 
 
-def _as_lists(value: Any) -> object:
+def _as_lists(value: object) -> object:
     """Return a value with arrays and tuples as lists, and all numbers as float."""
     if isinstance(value, np.ndarray):
         value = value.tolist()
@@ -401,7 +401,7 @@ def _numbers(found: object, ndim: int, name: str, path: str | Path) -> RealArray
         and not all(isinstance(r, list) for r in found)
     ):
         raise FormatError(f"{name}: contains a value that is not a number", path)
-    rows: list[Any] = []
+    rows: list[list[object]] = []
     if isinstance(found, list) and all(isinstance(r, list) for r in found):
         rows = found
     for number, row in enumerate(rows, 1):
@@ -426,13 +426,13 @@ def _numbers(found: object, ndim: int, name: str, path: str | Path) -> RealArray
     return array
 
 
-def _number(found: Any, name: str, path: str | Path) -> float:
+def _number(found: object, name: str, path: str | Path) -> float:
     if not is_number(found):
         raise FormatError(f"{name}: found {found!r}; expected a number", path)
     return float(found)
 
 
-def _count(found: Any, name: str, path: str | Path) -> int:
+def _count(found: object, name: str, path: str | Path) -> int:
     if not is_number(found) or found != found // 1 or found < 0:
         raise FormatError(f"{name}: found {found!r}; expected a whole number, 0 or above", path)
     return int(found)

@@ -13,7 +13,7 @@ System Design, 1968, chapter 3).
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -272,7 +272,9 @@ def _roots(
     return sorted(set(roots))
 
 
-def _tangent_roots(at: Any, low: float, high: float, side: float) -> list[float]:
+def _tangent_roots(
+    at: Callable[[float], float], low: float, high: float, side: float
+) -> list[float]:
     """Return two roots between points of equal sign if the phase reaches 0 between them."""
     best = minimize_scalar(
         lambda w: side * at(w), bounds=(low, high), method="bounded", options={"xatol": 1e-12 * low}

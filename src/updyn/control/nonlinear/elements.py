@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -325,7 +324,7 @@ class CoulombFriction:
 Nonlinearity = Backlash | CoulombFriction
 
 
-def _number(what: str, value: Any, unit: str, *, zero: bool = False) -> None:
+def _number(what: str, value: object, unit: str, *, zero: bool = False) -> None:
     if not is_number(value) or not math.isfinite(value) or value < 0 or (value == 0 and not zero):
         raise OptionError(
             f"{what} is {value!r}; expected a number {'of at least' if zero else 'above'} 0, in"

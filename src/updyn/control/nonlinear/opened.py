@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -13,7 +12,7 @@ from updyn.control.nonlinear.settings import MESH
 from updyn.control.ports import Port
 from updyn.dofs import Dof
 from updyn.errors import ModelError, OptionError
-from updyn.group import Group, is_number
+from updyn.group import Group, Matrix, is_number
 from updyn.model import Model
 from updyn.updating.result import UpdateResult
 
@@ -158,7 +157,7 @@ def opened(model: Model | UpdateResult, mesh: str, at: str | Dof, *, name: str =
     return OpenMesh(rest, port, k, c, group, mesh)
 
 
-def _check_rank_one(matrix: Any, row: Any, size: float, what: str) -> None:
+def _check_rank_one(matrix: Matrix, row: sp.csr_array, size: float, what: str) -> None:
     """Raise ModelError if a matrix is not `size` times the outer product of a row."""
     difference = matrix - size * (row.T @ row)
     if abs(difference).max() > MESH.rank_one_deviation * abs(matrix).max():
@@ -168,7 +167,7 @@ def _check_rank_one(matrix: Any, row: Any, size: float, what: str) -> None:
         )
 
 
-def _format_dofs(model: Model, K: Any) -> str:
+def _format_dofs(model: Model, K: Matrix) -> str:
     positions = np.flatnonzero(K.diagonal() > 0)
     return ", ".join(str(model.dofs[int(i)]) for i in positions[:6]) + (
         ", ..." if len(positions) > 6 else ""

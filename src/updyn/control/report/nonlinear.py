@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
+from updyn.arrays import RealArray
 from updyn.control.job.servo import Nonlinear
 from updyn.control.nonlinear.elements import Backlash
 from updyn.control.nonlinear.simulate import Simulation
@@ -118,7 +118,7 @@ def _series(found: Nonlinear, ended: Simulation) -> Figure:
     )
 
 
-def _line(x: Any, y: Any, name: str, unit: str, colour: str) -> dict[str, object]:
+def _line(x: RealArray, y: RealArray, name: str, unit: str, colour: str) -> dict[str, object]:
     at = thin_indices(y, CONTROL_REPORT.series_points)
     return {
         "type": "scatter",

@@ -559,7 +559,7 @@ def _pole_pair(frequency: float, damping: float) -> ComplexArray:
 
 
 def _positive(what: str, value: object, unit: str = "", remedy: str = "") -> None:
-    if not is_number(value) or not math.isfinite(value) or value <= 0:  # type: ignore[arg-type, operator]
+    if not is_number(value) or not math.isfinite(value) or value <= 0:
         name = what.rpartition(": ")[2]
         text = f"{what} is {value!r}; expected a number above 0"
         if unit:
