@@ -132,6 +132,11 @@ def test_pages_within_pages_are_light_or_dark_as_the_window_is(window):
             page.get_by_text(chosen, exact=True).click()
         assert embedded(page, drawn).evaluate(ground) == colour
         assert page.evaluate(ground) == colour
+        page.goto(f"{server.base}/job")
+        page.wait_for_selector(".cm-editor")
+        editor = page.evaluate("() => getComputedStyle(document.querySelector('.cm-editor')).color")
+        assert editor == page.evaluate("() => getComputedStyle(document.body).color")
+        page.goto(f"{server.base}/model")
 
 
 def test_html_in_a_title_is_text(window):

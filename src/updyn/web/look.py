@@ -16,8 +16,16 @@ FIGURE_SCRIPTS = "/figure-scripts"
 HEAD = f"""<style>
 {css()}
 body, body.body--dark {{ background: var(--ground); color: var(--text); }}
-body.body--dark {{ --q-primary: var(--after) !important; }}
-body.body--dark .bg-primary {{ color: var(--ground) !important; }}
+body.body--dark {{ --q-primary: var(--after) !important; --q-positive: var(--good) !important;
+  --q-negative: var(--bad) !important; }}
+/* Of declarations with !important, those of the first layer win. */
+@layer theme {{
+  body.body--dark :is(.bg-primary, .bg-positive, .bg-negative, .q-notification .text-white) {{
+    color: var(--ground) !important; }}
+}}
+.cm-editor, .cm-gutters {{ background: var(--panel) !important; color: var(--text) !important; }}
+.cm-activeLine, .cm-activeLineGutter {{ background: var(--after-faint) !important; }}
+.cm-cursor {{ border-left-color: var(--text) !important; }}
 .q-header {{ background: var(--panel) !important; color: var(--text) !important;
   border-bottom: 1px solid var(--rule); }}
 .q-card, .q-table__card {{ background: var(--panel); box-shadow: none;
