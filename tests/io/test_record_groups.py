@@ -145,6 +145,24 @@ def test_tdms_channels_without_a_step(tmp_path):
         updyn.read_records(stated, rate=8.0)
 
 
+def test_times_of_day_of_a_tdms_file(tmp_path):
+    bare = {"wf_increment": None, "wf_start_offset": None, "wf_start_time": None}
+    days = START + (1000 * STEP * np.arange(8)).astype("timedelta64[ms]")
+    path = write_tdms(
+        tmp_path / "a.tdms", [tdms_channel("data", "Time", days, **bare), *hit(0, "data", **bare)]
+    )
+    check(updyn.read_records(path, time="Time"), [[FORCE[0], MOTION[0]]])
+
+
+def test_many_groups_are_listed_in_part(tmp_path):
+    groups = [part for number in range(20) for part in hit(0, f"hit {number:02}")]
+    path = write_tdms(tmp_path / "a.tdms", groups)
+    with pytest.raises(
+        OptionError, match=r"20 groups of channels: .*'hit 11' \(.*\), \.\.\.; select"
+    ):
+        updyn.read_records(path)
+
+
 def test_a_step_in_another_unit_and_spectra(tmp_path):
     path = write_tdms(tmp_path / "a.tdms", hit(0, wf_increment=250.0, wf_xunit_string="ms"))
     check(updyn.read_records(path), [[FORCE[0], MOTION[0]]])

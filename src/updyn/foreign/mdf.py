@@ -37,7 +37,11 @@ def load(path: str, wanted: Sequence[str] | None) -> list[dict[str, object]]:
     mdf: Any = MDF(path, process_bus_logging=False)
     with mdf as found:
         names = _name_groups(found)
-        filled = [at for at, group in enumerate(found.groups) if group.channel_group.cycles_nr]
+        filled = [
+            at
+            for at, group in enumerate(found.groups)
+            if group.channel_group.cycles_nr and _list_channels(group)
+        ]
         if wanted is None:
             wanted = [names[at] for at in filled] if len(filled) == 1 else []
         start = found.header.start_time.isoformat()
@@ -46,11 +50,7 @@ def load(path: str, wanted: Sequence[str] | None) -> list[dict[str, object]]:
         for at in filled:
             group = found.groups[at]
             is_wanted = names[at] in wanted
-            channels = [
-                (index, channel)
-                for index, channel in enumerate(group.channels)
-                if channel.channel_type not in _MASTERS
-            ]
+            channels = _list_channels(group)
             if is_wanted:
                 n_values += group.channel_group.cycles_nr * (len(channels) + 1)
                 limits.check(8 * n_values)
@@ -85,6 +85,11 @@ def _name_groups(found: Any) -> list[str]:
         else:
             names.append(name if counts[name] == 1 else f"{name} (group {number})")
     return names
+
+
+def _list_channels(group: Any) -> list[tuple[int, Any]]:
+    """Return the channels of a group without its abscissa, with their numbers."""
+    return [(i, c) for i, c in enumerate(group.channels) if c.channel_type not in _MASTERS]
 
 
 def _abscissa(group: Any) -> str:

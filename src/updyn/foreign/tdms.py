@@ -74,5 +74,8 @@ def _number(stated: Any) -> float | None:
 
 
 def _values(channel: TdmsChannel) -> NumberArray | Other:
+    """Return the scaled samples of a channel; of times of day, the seconds since the first."""
     values = np.asarray(channel[:])
+    if values.dtype.kind == "M":
+        values = (values - values[:1]) / np.timedelta64(1, "s")
     return to_native(values) if values.dtype.kind in "biuf" else Other(str(values.dtype))

@@ -22,6 +22,7 @@ from updyn.arrays import NumberArray, RealArray
 from updyn.errors import FormatError, OptionError, UpdynWarning, suggest
 from updyn.foreign.plain import Other
 from updyn.io.items import locate_errors
+from updyn.io.settings import FILE_TEXT
 from updyn.signals.records import Records, chain_records, find_step, seconds
 from updyn.units import find_unit
 
@@ -145,9 +146,11 @@ def _choose_groups(
         hint = f"select one with group = {groups[0].name!r}"
         if len(alike) > 1:
             hint += f", or several of the same channels, as records, with group = {alike[:3]}"
+        listed = [group.format() for group in groups[: FILE_TEXT.listed_columns]]
+        if len(groups) > len(listed):
+            listed.append("...")
         raise OptionError(
-            f"{path}: {len(groups)} groups of channels: {', '.join(g.format() for g in groups)};"
-            f" {hint}",
+            f"{path}: {len(groups)} groups of channels: {', '.join(listed)}; {hint}",
             key=("group",),
         )
     chosen = []
