@@ -117,11 +117,13 @@ def print_tests(found: RepeatedTests) -> None:
 def print_rank(model: Model, data: ModeSet, sought: ParameterSet) -> None:
     """Print rank and undetermined combinations before the run, by the error of the frequencies."""
     for error in (1e-2, 1e-3, 1e-4):
-        before = identifiability(model, data, sought, noise={"frequency": error})
+        found = identifiability(model, data, sought, noise={"frequency": error})
         print(
-            f"before the run: rank {before.rank} of {before.n_parameters} unknowns, if frequencies"
+            f"before the run: rank {found.rank} of {found.n_parameters} unknowns, if frequencies"
             f" are known to {100 * error:g} %"
         )
+    before = identifiability(model, data, sought)
+    print(f"before the run: rank {before.rank} with the covariance of the means")
     print("undetermined combinations:")
     for direction in before.null_directions:
         print(f"- {combination(direction)}")
