@@ -112,7 +112,6 @@ def test_modes_and_derivatives_are_those_of_the_full_model(shapes: bool) -> None
         assert far[rows.of("frequency")].max() < 1e-4
     assert closest < 2e-3
     assert reduced.reduction is not None
-    assert reduced.reduction.modes.frequency_error < 1e-6
     assert reduced.reduction.modes.size < 200
 
 

@@ -75,8 +75,6 @@ class ReducedModes:
         Whether the basis has to represent derivatives of shapes, too.
     n_changes : int
         Number of changes of the basis and of the factorised P.
-    frequency_error : float
-        Largest bound of the relative error of a frequency among all accepted modes.
     """
 
     system: AffineSystem
@@ -85,7 +83,6 @@ class ReducedModes:
     backend: str
     for_shapes: bool = False
     n_changes: int = field(default=0, init=False)
-    frequency_error: float = field(default=0.0, init=False)
     _basis: Basis | None = field(default=None, init=False)
     _shifted: Shifted = field(init=False)
     _stack: RealArray = field(init=False)
@@ -151,7 +148,6 @@ class ReducedModes:
             if 0 < tries <= MODE_REDUCTION.most_tries and not self._has_all(state, modes, number):
                 self._add_full_modes(state, modes)
                 return False
-            self.frequency_error = max(self.frequency_error, float(errors.frequency.max()))
             self._enriched = None
             return True
         if tries == MODE_REDUCTION.most_tries:

@@ -102,13 +102,6 @@ class Margins:
             return -np.inf
         return float(20.0 * np.log10(self.gain_reduction))
 
-    @property
-    def peak_sensitivity(self) -> float | None:
-        """Largest |1 / (1 + L)|, M_s."""
-        if self.modulus_margin is None:
-            return None
-        return 1.0 / self.modulus_margin
-
     def summary(self) -> str:
         """Return the figures as text, one per line."""
         if not self.stable:
