@@ -71,6 +71,7 @@ from .store.result import write_result as write_result
 from .store.uncertainty import read_uncertainty as read_uncertainty
 from .store.uncertainty import write_uncertainty as write_uncertainty
 from .uncertainty.bootstrap import bootstrap as bootstrap
+from .uncertainty.bootstrap import merge_draws as merge_draws
 from .uncertainty.expansion import expand_modes as expand_modes
 from .uncertainty.mode_prediction import predict_modes as predict_modes
 from .uncertainty.prediction import predict as predict

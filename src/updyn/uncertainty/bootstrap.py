@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -31,7 +32,7 @@ from updyn.updating.result import JointResult, UpdateResult
 if TYPE_CHECKING:
     from distributed import Client
 
-__all__ = ["RESAMPLING", "bootstrap"]
+__all__ = ["RESAMPLING", "bootstrap", "merge_draws"]
 
 
 RESAMPLING = ("parametric", "residual")
@@ -63,6 +64,7 @@ def bootstrap(
     seed: int = 0,
     kind: str = "parametric",
     *,
+    first: int = 0,
     accuracy: float = REDUCTION.accuracy,
     engine: int | Client | Engine | None = None,
     callback: Callable[[WorkProgress], bool | None] | None = None,
@@ -76,13 +78,16 @@ def bootstrap(
     n : int
         Number of refits, up to a million.
     seed : int
-        Seed of the noise; refit number i does not depend on `n`.
+        Seed of the noise.
     kind : {"parametric", "residual"}
         ``"parametric"``: the FRF of the updated model plus normal noise with the variance of
         the fit, inflation included (Efron & Tibshirani, An Introduction to the Bootstrap,
         1993, section 6.5). ``"residual"``: plus residuals of the fit, over their standard
         deviation, drawn with replacement in blocks of lines as long as its correlation length
         (Kuensch, Ann. Stat. 17 (1989) 1217); for noise that is not normal.
+    first : int
+        Number of the first refit. Refit number i depends on `seed` only, so that separate runs of
+        different numbers, joined by `merge_draws`, give the draws of one run.
     accuracy : float
         Large models are refitted in a reduced model about the estimate, of this error
         (`updyn.update`).
@@ -122,6 +127,7 @@ def bootstrap(
     (20, 12)
     """
     n = check_count("n", n, "refits", 2, COUNT_LIMITS.most_draws)
+    first = check_count("first", first, "refits", 0, COUNT_LIMITS.most_draws)
     if kind not in RESAMPLING:
         raise OptionError(f"kind {kind!r}: {suggest(str(kind), RESAMPLING)}")
     with opened_engine(engine) as engine_of_run:
@@ -132,7 +138,7 @@ def bootstrap(
         found: list[tuple[str, RealArray]] = []
         acceleration = np.zeros(len(restored.names))
         reduction: Mapping[str, Any] = {}
-        items = [(seed, number) for number in range(n)]
+        items = [(seed, number) for number in range(first, first + n)]
 
         def refit_all(problem: Problem) -> RealArray:
             found.clear()
@@ -148,8 +154,101 @@ def bootstrap(
 
         with suppress(Stopped):
             reduction = run_about(restored, accuracy, seed, refit_all)
-    options = {"n": n, "seed": seed, "resampling": kind, **reduction}
-    return _collect_draws(result, restored, found, acceleration, options)
+    options = {"n": n, "seed": seed, "first": first, "resampling": kind, **reduction}
+    coordinates = restored.problem.coordinates
+    return _make_draws(
+        result,
+        coordinates.to_values(restored.x) + 0.0,
+        [coordinates.to_values(x) + 0.0 for reason, x in found if not reason],
+        Counter(reason for reason, _ in found if reason),
+        acceleration,
+        options,
+    )
+
+
+def merge_draws(parts: Sequence[Draws]) -> Draws:
+    """Join draws of several bootstraps of one update.
+
+    Parameters
+    ----------
+    parts : sequence of Draws
+        From `updyn.bootstrap` with different `first` or `seed`, with their update (`Draws.of`, or
+        the second argument of `updyn.read_uncertainty`).
+
+    Returns
+    -------
+    Draws
+        All refits by seed and number. Those of one seed are the draws of a single bootstrap.
+
+    Raises
+    ------
+    OptionError
+        If the draws are not from bootstraps of one update by the same resampling, or a refit occurs
+        twice.
+
+    Examples
+    --------
+    >>> from updyn.demos import chain
+    >>> model, frf = chain.build(), chain.measure()
+    >>> result = updyn.update(model, frf, updyn.parameters(model, stiffness="all"), starts=0)
+    >>> parts = [updyn.bootstrap(result, n=5, first=first) for first in (0, 5)]
+    >>> len(updyn.merge_draws(parts))
+    10
+    """
+    if not parts:
+        raise OptionError("merge_draws: expected draws of at least one bootstrap, found none")
+    ranges = []
+    for number, one in enumerate(parts, 1):
+        _check_alike(parts[0], one, number)
+        ranges += [(*piece, number) for piece in _list_ranges(one)]
+    ranges.sort()
+    for (seed, first, n, part), (other_seed, other_first, _, other) in pairwise(ranges):
+        if seed == other_seed and other_first < first + n:
+            raise OptionError(
+                f"merge_draws: refit {other_first} of seed {seed} is in parts {part} and {other};"
+                " expected bootstraps with different first or seed"
+            )
+    ordered = sorted(parts, key=lambda one: min(_list_ranges(one)))
+    worst = max(parts, key=lambda one: one.options.get("error", 0.0))
+    merged = {"ranges": [[seed, first, n] for seed, first, n, _ in ranges]}
+    options = {**worst.options, "n": sum(one.options["n"] for one in parts), **merged}
+    for name in ("seed", "first"):
+        options.pop(name, None)
+    assert ordered[0].result is not None
+    return _make_draws(
+        ordered[0].result,
+        ordered[0].estimate,
+        [values for one in ordered for values in one.values],
+        sum((Counter(one.failed) for one in parts), Counter()),
+        ordered[0].diagnostics["acceleration"],
+        options,
+    )
+
+
+def _check_alike(first: Draws, other: Draws, number: int) -> None:
+    """Refuse draws that cannot be joined with the first ones."""
+    if (
+        not isinstance(other, Draws)
+        or other.kind != "bootstrap"
+        or "resampling" not in other.options
+    ):
+        raise OptionError(f"merge_draws: part {number}, {other!r}, is no bootstrap")
+    if other.result is None:
+        raise OptionError(
+            f"merge_draws: part {number} was read without its update; read it by"
+            " updyn.read_uncertainty(path, result)"
+        )
+    same = first.names == other.names and np.array_equal(first.estimate, other.estimate)
+    if not same or first.options["resampling"] != other.options["resampling"]:
+        what = "resampling" if same else "update"
+        raise OptionError(f"merge_draws: parts 1 and {number} are of a different {what}")
+
+
+def _list_ranges(draws: Draws) -> list[tuple[int, int, int]]:
+    """Return seed, first number and number of the refits, of each bootstrap in some draws."""
+    options = draws.options
+    single = [options.get("seed", 0), options.get("first", 0), options["n"]]
+    return [(int(s), int(first), int(n)) for s, first, n in options.get("ranges", [single])]
 
 
 def _prepare_refits(restored: RestoredFit, kind: str) -> _Refits:
@@ -244,37 +343,32 @@ def _acceleration(restored: RestoredFit) -> RealArray:
     return np.asarray(np.sum(U**3, axis=0) / (6.0 * np.where(power > 0, power, 1.0) ** 1.5))
 
 
-def _collect_draws(
+def _make_draws(
     result: UpdateResult | JointResult,
-    restored: RestoredFit,
-    found: list[tuple[str, RealArray]],
+    estimate: RealArray,
+    succeeded: Sequence[RealArray],
+    failed: Counter[str],
     acceleration: RealArray,
     options: dict[str, Any],
 ) -> Draws:
-    """Return the refits as draws, with a message on limits of their use."""
-    coordinates = restored.problem.coordinates
-    parameters = coordinates.parameters
-    succeeded = []
-    failed: Counter[str] = Counter()
-    for reason, x in found:
-        if reason:
-            failed[reason] += 1
-        else:
-            succeeded.append(coordinates.to_values(x) + 0.0)
+    """Return the refits that succeeded as draws, with a message on limits of their use."""
+    update = result.first
+    parameters = update.parameters
     values = np.array(succeeded).reshape(len(succeeded), len(parameters))
-    n_failed = len(found) - len(succeeded)
-    reliable = n_failed <= BOOTSTRAP.most_failed_share * len(found) and len(succeeded) > 1
+    n_failed = failed.total()
+    n_found = n_failed + len(succeeded)
+    reliable = n_failed <= BOOTSTRAP.most_failed_share * n_found and len(succeeded) > 1
     messages = []
-    if len(found) < options["n"]:
-        messages.append(f"Stopped after {len(found)} of {options['n']} refits.")
+    if n_found < options["n"]:
+        messages.append(f"Stopped after {n_found} of {options['n']} refits.")
     if failed:
         reasons = ", ".join(f"{reason} ({count})" for reason, count in failed.most_common())
         messages.append(
-            f"{n_failed} of {len(found)} refits failed: {reasons}; they are not among the draws."
+            f"{n_failed} of {n_found} refits failed: {reasons}; they are not among the draws."
         )
     if not reliable:
         messages.append("The draws are not reliable.")
-    bounded = [name for name in restored.names if name in restored.first.at_bound]
+    bounded = [name for name in parameters.names if name in update.at_bound]
     if bounded:
         messages.append(
             f"The bootstrap is not consistent on a bound: use a profile for {', '.join(bounded)}."
@@ -282,7 +376,7 @@ def _collect_draws(
     if errs := describe_excess(options, "the furthest draws"):
         messages.append(errs)
         reliable = False
-    if noise_only := model_error_remark(model_error_of(restored.first)):
+    if noise_only := model_error_remark(model_error_of(update)):
         messages.append(noise_only)
     spread = np.full(len(parameters), np.nan)
     if len(succeeded) > 1:
@@ -297,8 +391,8 @@ def _collect_draws(
         kind="bootstrap",
         names=tuple(parameters.names),
         chains=values[None],
-        estimate=coordinates.to_values(restored.x) + 0.0,
-        std=std_of(restored.first),
+        estimate=estimate,
+        std=std_of(update),
         lower=parameters.lower,
         upper=parameters.upper,
         is_factor=parameters.is_factor,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.stats import norm
@@ -173,3 +175,57 @@ def test_draws_are_reliable_up_to_a_twentieth_of_failed_refits(fit, monkeypatch,
 
     monkeypatch.setattr(MaximumLikelihood, "fit", fail_once)
     assert updyn.bootstrap(fit, n).converged is reliable
+
+
+# -- parts of a bootstrap --------------------------------------------------------------------------
+def test_parts_give_the_draws_of_one_bootstrap(fit, tmp_path) -> None:
+    whole = updyn.bootstrap(fit, 7, seed=4)
+    parts = [updyn.bootstrap(fit, n, seed=4, first=first) for first, n in ((5, 2), (0, 3), (3, 2))]
+    for number, part in enumerate(parts):
+        updyn.write_uncertainty(part, tmp_path / f"{number}.nc")
+    read = [updyn.read_uncertainty(tmp_path / f"{number}.nc", fit) for number in range(3)]
+    merged = updyn.merge_draws(read)
+    np.testing.assert_array_equal(merged.values, whole.values)
+    assert merged.diagnostics.keys() == whole.diagnostics.keys()
+    for name, values in whole.diagnostics.items():
+        np.testing.assert_array_equal(merged.diagnostics[name], values)
+    assert (merged.message, merged.converged, merged.failed) == (whole.message, True, {})
+    assert merged.options["n"] == 7
+    assert merged.options["ranges"] == [[4, 0, 3], [4, 3, 2], [4, 5, 2]]
+    again = updyn.merge_draws([updyn.merge_draws(read[:2]), read[2]])
+    np.testing.assert_array_equal(np.sort(again.values, axis=0), np.sort(whole.values, axis=0))
+    other_seed = updyn.merge_draws([*parts, updyn.bootstrap(fit, 2, seed=5)])
+    assert len(other_seed) == 9
+
+
+def test_failed_and_stopped_refits_of_parts_are_counted(fit) -> None:
+    parts = [updyn.bootstrap(fit, 2, first=2 * k) for k in range(2)]
+    broken = replace(parts[1], chains=parts[1].chains[:, :1], failed={"stalled": 1})
+    merged = updyn.merge_draws([parts[0], broken])
+    assert not merged.converged
+    assert "1 of 4 refits failed: stalled (1)" in merged.message
+    stopped = replace(parts[1], chains=parts[1].chains[:, :1])
+    assert "Stopped after 3 of 4 refits." in updyn.merge_draws([parts[0], stopped]).message
+
+
+def test_parts_that_do_not_belong_together_are_refused(fit) -> None:
+    part = updyn.bootstrap(fit, 3)
+    cases: dict[str, list[object]] = {
+        "at least one bootstrap, found none": [],
+        "refit 2 of seed 0 is in parts 1 and 2": [part, updyn.bootstrap(fit, 2, first=2)],
+        r"part 2 was read without its update": [part, replace(part, result=None)],
+        "parts 1 and 2 are of a different update": [
+            part,
+            replace(part, estimate=part.estimate + 1),
+        ],
+        "parts 1 and 2 are of a different resampling": [
+            part,
+            updyn.bootstrap(fit, 2, first=9, kind="residual"),
+        ],
+        "part 1, .* is no bootstrap": [replace(part, kind="sampling")],
+    }
+    for message, parts in cases.items():
+        with pytest.raises(OptionError, match=message):
+            updyn.merge_draws(parts)
+    with pytest.raises(OptionError, match="first = -1: expected a number of refits from 0 up"):
+        updyn.bootstrap(fit, 2, first=-1)
