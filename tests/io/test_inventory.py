@@ -72,6 +72,12 @@ def test_a_file_without_items_is_refused(tmp_path, name, expected):
         list_items(tmp_path / name)
 
 
+def test_the_first_lines_of_a_text_are_shown(tmp_path):
+    rows = [200 * "n", *(f"note {n}" for n in range(1, 20)), "f,a,b", "1,2,3", "2,3,4", ""]
+    (tmp_path / "a.csv").write_text("n" + "\n".join(rows))
+    assert list_items(tmp_path / "a.csv").head == tuple(rows[:15])
+
+
 def test_a_mapping_is_written_with_one_channel_per_line(tmp_path):
     channels = [
         {"response": f"{n}:Z", "reference": "1:Z", "real": 2 * n, "imaginary": 2 * n + 1}

@@ -84,7 +84,8 @@ def _list_columns(path: str | Path, columns: Mapping[str, Any]) -> Inventory:
         f"{len(table.rows)} rows from line {table.line(0)} in {table.n_columns} columns {names},"
         f" separated by {SEPARATORS[table.separator]}"
     )
-    head = tuple(text.split("\n", FILE_TEXT.first_lines)[: FILE_TEXT.first_lines])
+    lines = text.split("\n", FILE_TEXT.first_lines)[: FILE_TEXT.first_lines]
+    head = tuple(line[: FILE_TEXT.first_line_characters] for line in lines)
     return Inventory("columns", layout, items, guess_columns(table) or {}, head)
 
 

@@ -168,6 +168,8 @@ class FileTextSettings:
     first_values: int = 3
     #: [lines] First lines of a text that a form shows. Why: the preambles of most exports.
     first_lines: int = 15
+    #: [characters] Part of each of these lines. Why: lines of many channels have thousands.
+    first_line_characters: int = 200
     #: [bytes] Largest HDF5 file of which a message lists the arrays. Why: for the list it is read a
     #: second time.
     listed_bytes: int = 2**26
