@@ -31,26 +31,18 @@ _NUMBER = {"loss_factor": _LOSS, "mass_damping": _RATE, "stiffness_damping": _RA
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Unknowns:
-    """Terms of a compiled model that the unknowns drive: one or more drives per unknown.
+    """Terms of a compiled model that the unknowns drive: one or more drives per unknown."""
 
-    Attributes
-    ----------
-    n : int
-        Number of unknowns.
-    owner : ndarray of int, shape (n_d,)
-        Index of the unknown of each drive.
-    at : ndarray of int, shape (n_d,)
-        Index of the term of each drive.
-    number : ndarray of int, shape (n_d,)
-        Driven number of that term: 0 factor, 1 loss factor, 2 viscous rate.
-    power : ndarray of float, shape (n_d,)
-        Exponent of the value in the factor: the product of value**power over the term's drives.
-    """
-
+    #: Number of unknowns.
     n: int
+    #: Index of the unknown of each drive, shape (n_d,).
     owner: IndexArray
+    #: Index of the term of each drive, shape (n_d,).
     at: IndexArray
+    #: Driven number of that term, shape (n_d,): 0 factor, 1 loss factor, 2 viscous rate.
     number: IndexArray
+    #: Exponent of the value in the factor, shape (n_d,): the product of value**power over the
+    #: term's drives.
     power: RealArray
 
     @classmethod

@@ -36,30 +36,22 @@ _RATES = {"stiffness": "stiffness_damping", "mass": "mass_damping"}
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Term:
-    """One stored matrix of one group, with entries `data` in the order of `slots`.
+    """One stored matrix of one group, with entries `data` in the order of `slots`."""
 
-    Attributes
-    ----------
-    group, quantity : str
-        Name of the group; ``stiffness``, ``mass`` or ``viscous``.
-    rows : ndarray of int, shape (n_t,)
-        DOFs of rows that are not empty, ascending. Terms of equal rows share one array.
-    local : ndarray or sparse, shape (n_t, n_t), real
-        The matrix on these DOFs. If it is sparse or full, it shares its entries with `data`.
-    slots : ndarray of int
-        Positions of its entries among the values of Z, ascending; shared by terms of one pattern.
-    data : ndarray of float
-        Its entries: the model's own array.
-    table : LossTable, optional
-        The loss factors of a stiffness over frequency.
-    """
-
+    #: Name of the group; ``stiffness``, ``mass`` or ``viscous``.
     group: str
     quantity: str
+    #: DOFs of rows that are not empty, shape (n_t,), ascending. Terms of equal rows share one
+    #: array.
     rows: IndexArray
+    #: The matrix on these DOFs, shape (n_t, n_t). If it is sparse or full, it shares its entries
+    #: with `data`.
     local: NumberArray | sp.csr_array
+    #: Positions of its entries among the values of Z, ascending; shared by terms of one pattern.
     slots: NumberArray
+    #: Its entries: the model's own array.
     data: RealArray
+    #: The loss factors of a stiffness over frequency.
     table: LossTable | None = None
 
     @property

@@ -26,33 +26,21 @@ _T = TypeVar("_T")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Certificate:
-    """The certified error of a reduced model.
+    """The certified error of a reduced model."""
 
-    Attributes
-    ----------
-    size : int
-        Number of basis vectors.
-    error : float
-        Largest of `errors` relative to the largest |H| of its line, rounding included.
-    channel : float
-        Largest error of a channel relative to its rms |H|, at most 1; shows errors of weak
-        channels.
-    rounding : float
-        The part of `error` due to rounding.
-    errors : ndarray of float, shape (n_f, n_rows, n_columns)
-        Stated |H_reduced - H| at every line, in m/N.
-    lines : tuple of float
-        Lines of the full residuals, in Hz.
-    factorisations : int
-        Number of real factorisations of the full model so far.
-    """
-
+    #: Number of basis vectors.
     size: int
+    #: Largest of `errors` relative to the largest |H| of its line, rounding included.
     error: float
+    #: Largest error of a channel relative to its rms |H|, at most 1; shows errors of weak channels.
     channel: float
+    #: The part of `error` due to rounding.
     rounding: float
+    #: Stated |H_reduced - H| at every line, shape (n_f, n_rows, n_columns), in m/N.
     errors: RealArray
+    #: Lines of the full residuals, in Hz.
     lines: tuple[float, ...]
+    #: Number of real factorisations of the full model so far.
     factorisations: int
 
 

@@ -20,24 +20,16 @@ __all__ = ["Condensed", "condense"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Condensed:
-    """A model condensed onto its retained DOFs, line by line.
+    """A model condensed onto its retained DOFs, line by line."""
 
-    Attributes
-    ----------
-    freq : ndarray of float, shape (n_f,)
-        Lines in Hz.
-    retained : DofSet
-        The n retained DOFs.
-    Z : ndarray of complex, shape (n_f, n, n)
-        Condensed dynamic stiffness Z_red in N/m; its inverse is the receptance on the retained
-        DOFs.
-    T : ndarray of complex, shape (n_f, N, n)
-        Motion of every DOF for unit motion of each retained one.
-    """
-
+    #: Lines in Hz, shape (n_f,).
     freq: RealArray
+    #: The n retained DOFs.
     retained: DofSet
+    #: Condensed dynamic stiffness Z_red in N/m, shape (n_f, n, n); its inverse is the receptance on
+    #: the retained DOFs.
     Z: ComplexArray
+    #: Motion of every DOF for unit motion of each retained one, shape (n_f, N, n).
     T: ComplexArray
 
 

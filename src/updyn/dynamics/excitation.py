@@ -45,20 +45,14 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Excitation:
-    """A prescribed motion of a model, and the DOFs where the forces act that cause it.
+    """A prescribed motion of a model, and the DOFs where the forces act that cause it."""
 
-    Attributes
-    ----------
-    moved : ndarray of int, shape (k,)
-        DOFs of the model whose motion is prescribed: those of the base, or the reference.
-    motion : ndarray of float, shape (k,)
-        Their motion for a unit motion of the reference sensor.
-    forced : ndarray of int, shape (k,)
-        DOFs of the forces: those of the base, or the location of the force.
-    """
-
+    #: DOFs of the model whose motion is prescribed, shape (k,): those of the base, or the
+    #: reference.
     moved: IndexArray
+    #: Their motion for a unit motion of the reference sensor, shape (k,).
     motion: RealArray
+    #: DOFs of the forces, shape (k,): those of the base, or the location of the force.
     forced: IndexArray
 
     @property

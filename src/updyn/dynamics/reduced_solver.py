@@ -29,32 +29,21 @@ NOT_CONDENSED = (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReducedSolver:
-    """Solver in the coordinates of a basis. It contains no fields of the full model.
+    """Solver in the coordinates of a basis. It contains no fields of the full model."""
 
-    Attributes
-    ----------
-    system : AffineSystem
-        The projected model, with r coordinates and the terms of the full model.
-    observed : ndarray of int, shape (k,)
-        DOFs of the model that can be loaded and read, ascending.
-    rows : ndarray of float, shape (k, r)
-        The basis at these DOFs.
-    stack : ndarray of float, shape (n_terms, r * r)
-        The projected matrices.
-    coupling : mapping of int to ndarray of int
-        For each observed DOF, the DOFs coupled with it in the full model.
-    backend : str
-        The backend that made the basis.
-    label : str
-        Name of the reduced model within a run.
-    """
-
+    #: The projected model, with r coordinates and the terms of the full model.
     system: AffineSystem
+    #: DOFs of the model that can be loaded and read, shape (k,), ascending.
     observed: IndexArray
+    #: The basis at these DOFs, shape (k, r).
     rows: RealArray
+    #: The projected matrices, shape (n_terms, r * r).
     stack: RealArray
+    #: For each observed DOF, the DOFs coupled with it in the full model.
     coupling: Mapping[int, IntegerArray]
+    #: The backend that made the basis.
     backend: str
+    #: Name of the reduced model within a run.
     label: str = "reduced"
     _pencils: PencilCache = field(
         default_factory=lambda: PencilCache(PENCIL.least_reduced_lines), init=False, repr=False

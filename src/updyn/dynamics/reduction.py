@@ -66,39 +66,26 @@ class VectorsPerState:
 
 @dataclass(slots=True, eq=False)
 class Reduction:
-    """A growing basis for the receptance of a model between some DOFs, in a band.
+    """A growing basis for the receptance of a model between some DOFs, in a band."""
 
-    Attributes
-    ----------
-    system : AffineSystem
-        The compiled model.
-    rows, columns : ndarray of int
-        DOFs of responses and of references.
-    band : (float, float)
-        Lowest and highest line in Hz.
-    backend : str
-        Sparse factorisation.
-    accuracy : float
-        Permitted error of a receptance relative to the largest of its line.
-    extra : ndarray of int
-        Other readable DOFs, without certified accuracy.
-    poll : callable, optional
-        Called after every long step; its exceptions stop the work.
-    basis : Basis
-        The current basis.
-    shifted : Shifted
-        Factorisations of the full model.
-    """
-
+    #: The compiled model.
     system: AffineSystem
+    #: DOFs of responses and of references.
     rows: IndexArray
     columns: IndexArray
+    #: Lowest and highest line in Hz.
     band: tuple[float, float]
+    #: Sparse factorisation.
     backend: str
+    #: Permitted error of a receptance relative to the largest of its line.
     accuracy: float = REDUCTION.accuracy
+    #: Other readable DOFs, without certified accuracy.
     extra: IndexArray = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
+    #: Called after every long step; its exceptions stop the work.
     poll: Callable[[], object] = lambda: None
+    #: The current basis.
     basis: Basis = field(init=False)
+    #: Factorisations of the full model.
     shifted: Shifted = field(init=False)
     _channels: ChannelDofs = field(init=False)
 

@@ -19,26 +19,19 @@ __all__ = ["Columns"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Columns:
-    """Decomposed columns of a linear fit of all channels.
+    """Decomposed columns of a linear fit of all channels."""
 
-    Attributes
-    ----------
-    Q : ndarray, shape (n, m)
-        Orthonormal basis of the columns in common weights, with m the number of independent ones.
-    to_coefficients : ndarray, shape (k, m)
-        Matrix from coefficients of Q to those of the columns.
-    common_weights : ndarray of float, shape (n,)
-        Common weights: inverse standard deviations of the rows.
-    channel_weights : ndarray of float, shape (p, n), or None
-        Squared weights of each channel relative to the common ones; None if all are common.
-    gram : ndarray, shape (p, m, m), or None
-        Normal matrices of the channels in the basis Q.
-    """
-
+    #: Orthonormal basis of the columns in common weights, shape (n, m), with m the number of
+    #: independent ones.
     Q: NumberArray
+    #: Matrix from coefficients of Q to those of the columns, shape (k, m).
     to_coefficients: NumberArray
+    #: Common weights, shape (n,): inverse standard deviations of the rows.
     common_weights: RealArray
+    #: Squared weights of each channel relative to the common ones, shape (p, n); None if all are
+    #: common.
     channel_weights: RealArray | None
+    #: Normal matrices of the channels in the basis Q, shape (p, m, m).
     gram: NumberArray | None
 
     @classmethod

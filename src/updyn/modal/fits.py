@@ -41,44 +41,30 @@ class WeightedFit:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Mode:
-    """A mode of the fits.
+    """A mode of the fits."""
 
-    Attributes
-    ----------
-    pole : complex
-        The pole in the unit of the variable; the mean if it varies from run to run.
-    std : ndarray of float, shape (2,)
-        Standard deviations of its real and imaginary part; those of the runs if it varies.
-    residues : ndarray of complex, shape (p,)
-        Residue of each channel.
-    errors : Errors
-        Errors of the residues.
-    quality : float
-        Share of the residual of all other modes within the half-power band that it explains.
-    visibility : Visibility
-        Visibility in this band.
-    everywhere : bool
-        Whether more than one run contains it.
-    added : int
-        Number of the user's pick if it is a mode without a test, else -1.
-    by_channel : ndarray of complex, shape (p,), or None
-        The pole of each channel if it varies from run to run.
-    single : bool
-        Whether its residue is that of one mode; further modes have other poles.
-    shift : complex
-        Change of an amplitude-dependent pole at the largest motion; `pole` is that of small motion.
-    """
-
+    #: The pole in the unit of the variable; the mean if it varies from run to run.
     pole: complex
+    #: Standard deviations of its real and imaginary part, shape (2,); those of the runs if it
+    #: varies.
     std: RealArray
+    #: Residue of each channel, shape (p,).
     residues: ComplexArray
+    #: Errors of the residues.
     errors: Errors
+    #: Share of the residual of all other modes within the half-power band that it explains.
     quality: float
+    #: Visibility in this band.
     visibility: Visibility
+    #: Whether more than one run contains it.
     everywhere: bool = True
+    #: Number of the user's pick if it is a mode without a test, else -1.
     added: int = -1
+    #: The pole of each channel if it varies from run to run, shape (p,).
     by_channel: ComplexArray | None = None
+    #: Whether its residue is that of one mode; further modes have other poles.
     single: bool = False
+    #: Change of an amplitude-dependent pole at the largest motion; `pole` is that of small motion.
     shift: complex = 0.0
 
     @property

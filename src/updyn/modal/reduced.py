@@ -58,30 +58,20 @@ class ModeErrors:
 
 @dataclass(slots=True, eq=False)
 class ReducedModes:
-    """Modes of a model at any state of its unknowns, in a basis common to all states.
+    """Modes of a model at any state of its unknowns, in a basis common to all states."""
 
-    Attributes
-    ----------
-    system : AffineSystem
-        The compiled model.
-    unknowns : Unknowns
-        Terms that the unknowns drive.
-    accuracy : float
-        Permitted error of a shape relative to its size, in the norm of P; the error of a frequency
-        is of the order of its square.
-    backend : str
-        Sparse factorisation.
-    for_shapes : bool
-        Whether the basis has to represent derivatives of shapes, too.
-    n_changes : int
-        Number of changes of the basis and of the factorised P.
-    """
-
+    #: The compiled model.
     system: AffineSystem
+    #: Terms that the unknowns drive.
     unknowns: Unknowns
+    #: Permitted error of a shape relative to its size, in the norm of P; the error of a frequency
+    #: is of the order of its square.
     accuracy: float
+    #: Sparse factorisation.
     backend: str
+    #: Whether the basis has to represent derivatives of shapes, too.
     for_shapes: bool = False
+    #: Number of changes of the basis and of the factorised P.
     n_changes: int = field(default=0, init=False)
     _basis: Basis | None = field(default=None, init=False)
     _shifted: Shifted = field(init=False)

@@ -37,30 +37,20 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LineWindow:
-    """Lines around some modes, and fixed poles next to them.
+    """Lines around some modes, and fixed poles next to them."""
 
-    Attributes
-    ----------
-    basis : RationalBasis
-        Basis of the fractions; its degree is that of the polynomial.
-    x : ndarray of complex, shape (n_f,)
-        The variable.
-    Y : ndarray of complex, shape (p, n_f)
-        The channels.
-    fixed_poles : ndarray of complex, shape (m,)
-        Fixed poles with free residues.
-    subtracted : ndarray of complex, shape (p, n_f) or (1, 1)
-        Contributions that were subtracted from the channels. Proportional noise is relative to the
-        sum of both.
-    envelope : Envelope
-        Envelope of the noise, for its correlation over lines.
-    """
-
+    #: Basis of the fractions; its degree is that of the polynomial.
     basis: RationalBasis
+    #: The variable, shape (n_f,).
     x: ComplexArray
+    #: The channels, shape (p, n_f).
     Y: ComplexArray
+    #: Fixed poles with free residues, shape (m,).
     fixed_poles: ComplexArray
+    #: Contributions that were subtracted from the channels, shape (p, n_f) or (1, 1). Proportional
+    #: noise is relative to the sum of both.
     subtracted: ComplexArray = field(default_factory=lambda: np.zeros((1, 1), dtype=np.complex128))
+    #: Envelope of the noise, for its correlation over lines.
     envelope: Envelope = field(default_factory=Envelope.white)
 
     @property
@@ -250,43 +240,29 @@ class Weights:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WindowFit:
-    """The fit of a window for given poles.
+    """The fit of a window for given poles."""
 
-    Attributes
-    ----------
-    poles : ndarray of complex, shape (k,)
-        The free poles.
-    residues : ndarray of complex, shape (k, p)
-        Residues of each channel.
-    error : ndarray of complex, shape (p, n_f)
-        Residual of the fit.
-    size : ndarray of float, shape (p, n_f)
-        Squared values of the fit, including subtracted contributions.
-    weights : ndarray, shape (p, m)
-        Coefficients of the columns of the window, for channels divided by their level.
-    level : ndarray of float, shape (p, 1) or (1, 1)
-        Level of each channel.
-    columns : Columns
-        Decomposed columns of the window.
-    normalised_squares : ndarray of float, shape (p, n_f)
-        Squared errors in units of their variances.
-    normals, gradients : ndarray, shapes (p, n, n) and (p, n)
-        Gauss-Newton matrix and gradient of the cost of each channel by the poles, in the parameters
-        of `LineWindow.derivative_coefficients`.
-    envelope : Envelope
-        Envelope of the noise.
-    """
-
+    #: The free poles, shape (k,).
     poles: ComplexArray
+    #: Residues of each channel, shape (k, p).
     residues: ComplexArray
+    #: Residual of the fit, shape (p, n_f).
     error: ComplexArray
+    #: Squared values of the fit, shape (p, n_f), including subtracted contributions.
     size: RealArray
+    #: Coefficients of the columns of the window, shape (p, m), for channels divided by their level.
     weights: NumberArray
+    #: Level of each channel, shape (p, 1) or (1, 1).
     level: RealArray
+    #: Decomposed columns of the window.
     columns: Columns
+    #: Squared errors in units of their variances, shape (p, n_f).
     normalised_squares: RealArray
+    #: Gauss-Newton matrix and gradient of the cost of each channel by the poles, shapes (p, n, n)
+    #: and (p, n), in the parameters of `LineWindow.derivative_coefficients`.
     normals: NumberArray
     gradients: NumberArray
+    #: Envelope of the noise.
     envelope: Envelope
     cost: float = field(init=False)
     normal: NumberArray = field(init=False)

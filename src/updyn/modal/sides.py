@@ -27,31 +27,22 @@ def as_accelerance(frf: FRF) -> FRF:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sides:
-    """Responses and references of a measurement, and their common DOFs.
+    """Responses and references of a measurement, and their common DOFs."""
 
-    Attributes
-    ----------
-    rows, columns : ndarray of int, shape (n_d,)
-        Responses and references of the drive points.
-    sign : ndarray of float, shape (n_d,)
-        Product of their signs.
-    more : ndarray of int
-        References that are not among the responses.
-    at_references : bool
-        Whether shapes are those at the references: without a drive point, if there are more
-        references than responses, as with a roving hammer.
-    dofs : list of Dof
-        DOFs of the shapes.
-    row_scale, column_scale : ndarray of float, shapes (n_i,) and (n_j,)
-        Factors for rotations and translations of equal size: 1 for translations.
-    """
-
+    #: Responses and references of the drive points, shape (n_d,).
     rows: IndexArray
     columns: IndexArray
+    #: Product of their signs, shape (n_d,).
     sign: RealArray
+    #: References that are not among the responses.
     more: IndexArray
+    #: Whether shapes are those at the references: without a drive point, if there are more
+    #: references than responses, as with a roving hammer.
     at_references: bool
+    #: DOFs of the shapes.
     dofs: list[Dof]
+    #: Factors for rotations and translations of equal size, shapes (n_i,) and (n_j,): 1 for
+    #: translations.
     row_scale: RealArray
     column_scale: RealArray
 

@@ -22,20 +22,13 @@ __all__ = ["CRITERIA", "Criterion", "Planning", "volume_score"]
 
 @dataclass(frozen=True, eq=False)
 class Planning:
-    """Input of a criterion.
+    """Input of a criterion."""
 
-    Attributes
-    ----------
-    candidates : Candidates
-        Model, candidate responses and references, and lines of the band.
-    information : PairInformation
-        Fisher information of every pair, at the start of the parameters and at further points.
-    wanted : tuple of int
-        Indices of the parameters of interest.
-    """
-
+    #: Model, candidate responses and references, and lines of the band.
     candidates: Candidates
+    #: Fisher information of every pair, at the start of the parameters and at further points.
     information: PairInformation
+    #: Indices of the parameters of interest.
     wanted: tuple[int, ...]
 
     @cached_property

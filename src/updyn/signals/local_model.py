@@ -41,29 +41,21 @@ class LocalModel:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LocalValues:
-    """Values of local models at lines around their centres.
+    """Values of local models at lines around their centres."""
 
-    Attributes
-    ----------
-    values : ndarray of complex, shape (n, n_lines, n_i, n_r)
-        FRFs.
-    variance : ndarray of float, shape (n, n_lines, n_i, n_r)
-        E|dH|^2 of each.
-    noise : ndarray of float, shape (n, n_lines, n_i)
-        Variance of the responses around the model.
-    unexplained : ndarray of complex, shape (n, n_lines, n_i, n_r)
-        Sum over the records of the residual at the line times the conjugate of the forces.
-    omission_error : ndarray of float, shape (n, n_lines, n_i)
-        Mean square error at a line of the model fitted without this line.
-    separable : ndarray of float, shape (n, n_lines, n_r)
-        Share of the power of each force outside polynomial transients and the other forces.
-    """
-
+    #: FRFs, shape (n, n_lines, n_i, n_r).
     values: ComplexArray
+    #: E|dH|^2 of each, shape (n, n_lines, n_i, n_r).
     variance: RealArray
+    #: Variance of the responses around the model, shape (n, n_lines, n_i).
     noise: RealArray
+    #: Sum over the records of the residual at the line times the conjugate of the forces, shape (n,
+    #: n_lines, n_i, n_r).
     unexplained: ComplexArray
+    #: Mean square error at a line of the model fitted without this line, shape (n, n_lines, n_i).
     omission_error: RealArray
+    #: Share of the power of each force outside polynomial transients and the other forces, shape
+    #: (n, n_lines, n_r).
     separable: RealArray
 
     def better(self, closer: BoolArray, other: LocalValues) -> LocalValues:
@@ -78,26 +70,18 @@ class LocalValues:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Windows:
-    """Spectra of the lines around some centres.
+    """Spectra of the lines around some centres."""
 
-    Attributes
-    ----------
-    model : LocalModel
-        The model that is fitted to them.
-    centre : ndarray of int, shape (n,)
-        Index of the centre in its window, which is not the middle at the ends of the band.
-    powers : ndarray of float, shape (n, width, powers)
-        Powers of the distance from the centre over the half width.
-    force : ndarray of complex, shape (n, records, width, n_r (degree + 1))
-        Spectra of the forces times these powers.
-    motion : ndarray of complex, shape (n, records, width, n_i)
-        Spectra of the responses, each over its rms over the band.
-    """
-
+    #: The model that is fitted to them.
     model: LocalModel
+    #: Index of the centre in its window, shape (n,), which is not the middle at the ends of the
+    #: band.
     centre: IndexArray
+    #: Powers of the distance from the centre over the half width, shape (n, width, powers).
     powers: RealArray
+    #: Spectra of the forces times these powers, shape (n, records, width, n_r (degree + 1)).
     force: ComplexArray
+    #: Spectra of the responses, shape (n, records, width, n_i), each over its rms over the band.
     motion: ComplexArray
 
     @classmethod
@@ -132,33 +116,22 @@ class Windows:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _FittedModels:
-    """Local models with given poles; other coefficients by least squares.
+    """Local models with given poles; other coefficients by least squares."""
 
-    Attributes
-    ----------
-    windows : Windows
-        The spectra.
-    poles : ndarray of complex, shape (n, poles)
-        Coefficients of A, except the constant 1.
-    inverse : ndarray of complex, shape (n, width)
-        1 / A.
-    transient : ndarray of complex, shape (n, width, degree + 1)
-        Orthonormal basis of C / A.
-    Q, R : ndarray of complex
-        QR factors of F / A projected off this basis.
-    along : ndarray of complex, shape (n, n_r (degree + 1), n_i)
-        Q^H X.
-    residual : ndarray of complex, shape (n, records width, n_i)
-        Residual of the responses.
-    """
-
+    #: The spectra.
     windows: Windows
+    #: Coefficients of A, shape (n, poles), except the constant 1.
     poles: ComplexArray
+    #: 1 / A, shape (n, width).
     inverse: ComplexArray
+    #: Orthonormal basis of C / A, shape (n, width, degree + 1).
     transient: ComplexArray
+    #: QR factors of F / A projected off this basis.
     Q: ComplexArray
     R: ComplexArray
+    #: Q^H X, shape (n, n_r (degree + 1)).
     along: ComplexArray
+    #: Residual of the responses, shape (n, records width, n_i).
     residual: ComplexArray
 
     @classmethod
@@ -249,32 +222,23 @@ class _FittedModels:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Solution:
-    """Values of fitted models at lines around their centres, and their derivatives.
+    """Values of fitted models at lines around their centres, and their derivatives."""
 
-    Attributes
-    ----------
-    fit : _FittedModels
-        The models.
-    offsets : ndarray of int, shape (n_lines,)
-        Lines from the centre.
-    H : ndarray of complex, shape (n, n_lines, n_i, n_r)
-        FRFs.
-    rows : ndarray of complex, shape (n, n_lines, n_r, n_r (degree + 1))
-        Derivative of H by Q^H X.
-    of_poles : ndarray of complex, shape (n, n_lines, n_i, n_r, poles)
-        Derivative of H by the poles, times the inverse of their R.
-    leverage : ndarray of float, shape (n, records width, n_i)
-        Derivative of each fitted value by its measured value.
-    freedom : ndarray of float, shape (n, n_i)
-        Complex degrees of freedom of the residuals; the poles are divided among the responses.
-    """
-
+    #: The models.
     fit: _FittedModels
+    #: Lines from the centre, shape (n_lines,).
     offsets: IndexArray
+    #: FRFs, shape (n, n_lines, n_i, n_r).
     H: ComplexArray
+    #: Derivative of H by Q^H X, shape (n, n_lines, n_r, n_r (degree + 1)).
     rows: ComplexArray
+    #: Derivative of H by the poles, shape (n, n_lines, n_i, n_r, poles), times the inverse of their
+    #: R.
     of_poles: ComplexArray
+    #: Derivative of each fitted value by its measured value, shape (n, records width, n_i).
     leverage: RealArray
+    #: Complex degrees of freedom of the residuals, shape (n, n_i); the poles are divided among the
+    #: responses.
     freedom: RealArray
 
     @classmethod

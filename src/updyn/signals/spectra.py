@@ -16,29 +16,19 @@ __all__ = ["Spectra"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Spectra:
-    """Spectra of segments and their averages.
+    """Spectra of segments and their averages."""
 
-    Attributes
-    ----------
-    force : ndarray of complex, shape (n, n_f, n_r)
-        Forces of each segment.
-    motion : ndarray of complex, shape (n, n_f, n_i)
-        Responses of each segment.
-    averages : float
-        Number of independent segments.
-    ff : ndarray of complex, shape (n_f, n_r, n_r)
-        E F F^H.
-    xx : ndarray of float, shape (n_f, n_i)
-        E |X|^2.
-    xf : ndarray of complex, shape (n_f, n_i, n_r)
-        E X F^H.
-    """
-
+    #: Forces of each segment, shape (n, n_f, n_r).
     force: ComplexArray
+    #: Responses of each segment, shape (n, n_f, n_i).
     motion: ComplexArray
+    #: Number of independent segments.
     averages: float
+    #: E F F^H, shape (n_f, n_r, n_r).
     ff: ComplexArray
+    #: E |X|^2, shape (n_f, n_i).
     xx: RealArray
+    #: E X F^H, shape (n_f, n_i, n_r).
     xf: ComplexArray
 
     @classmethod

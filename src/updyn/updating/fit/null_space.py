@@ -21,28 +21,19 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Resolution:
-    """Directions that a Jacobian determines, and those that it does not.
+    """Directions that a Jacobian determines, and those that it does not."""
 
-    Attributes
-    ----------
-    singular_values : ndarray of float, shape (n,)
-        Those of the Jacobian with columns scaled to unit norm, in descending order.
-    full_rank : bool
-        Whether all of them are above the rank tolerance times the largest.
-    null_space : ndarray of float, shape (n, k)
-        Orthonormal basis of the undetermined directions: those below the rank tolerance, and
-        those with a standard deviation above `NULL_SPACE.undetermined_std`.
-    covariance : ndarray of float, shape (n, n)
-        Covariance over the directions above the rank tolerance.
-    involved : ndarray of bool, shape (n,)
-        Whether an unknown is undetermined: it has a share in a direction below the rank tolerance,
-        or leads an undetermined direction.
-    """
-
+    #: Those of the Jacobian with columns scaled to unit norm, shape (n,), in descending order.
     singular_values: RealArray
+    #: Whether all of them are above the rank tolerance times the largest.
     full_rank: bool
+    #: Orthonormal basis of the undetermined directions, shape (n, k): those below the rank
+    #: tolerance, and those with a standard deviation above `NULL_SPACE.undetermined_std`.
     null_space: RealArray
+    #: Covariance over the directions above the rank tolerance, shape (n, n).
     covariance: RealArray
+    #: Whether an unknown is undetermined, shape (n,): it has a share in a direction below the rank
+    #: tolerance, or leads an undetermined direction.
     involved: BoolArray
 
 

@@ -102,31 +102,22 @@ def estimate_discrepancy(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Components:
-    """The residual in coordinates in which both variances are diagonal.
+    """The residual in coordinates in which both variances are diagonal."""
 
-    Attributes
-    ----------
-    norms : ndarray of float, shape (k,)
-        Norms of the columns of J.
-    head, effects : ndarray of float, shape (k, k) and (k, m)
-        Triangle of J with unit columns, and the components of the changes in the range of J.
-    V : ndarray of float, shape (r, m)
-        Right singular vectors of the effects orthogonal to J.
-    s, h : ndarray of float, shape (r,)
-        Their singular values, and the residual along the left singular vectors.
-    rest : float
-        Sum of squares of the residual orthogonal to J and to all effects.
-    numbers : int
-        Number of real values minus number of unknowns.
-    """
-
+    #: Norms of the columns of J, shape (k,).
     norms: RealArray
+    #: Triangle of J with unit columns, shape (k, k) and (k, m), and the components of the changes
+    #: in the range of J.
     head: RealArray
     effects: RealArray
+    #: Right singular vectors of the effects orthogonal to J, shape (r, m).
     V: RealArray
+    #: Their singular values, shape (r,), and the residual along the left singular vectors.
     s: RealArray
     h: RealArray
+    #: Sum of squares of the residual orthogonal to J and to all effects.
     rest: float
+    #: Number of real values minus number of unknowns.
     numbers: int
 
     @classmethod

@@ -41,42 +41,29 @@ __all__ = ["ModalError", "ModalPart", "ModalTarget", "Pairs", "check_any_pair"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ModalTarget:
-    """The measured modes of one test at the DOFs of the model.
+    """The measured modes of one test at the DOFs of the model."""
 
-    Attributes
-    ----------
-    value : ndarray of float, shape (m,)
-        Measured eigenvalues omega^2 in 1/s2.
-    shapes : ndarray of float, shape (k, m)
-        Measured shapes times `weight`, scaled to unit length.
-    length : ndarray of float, shape (m,)
-        Their lengths before scaling, for shapes of unit modal mass; else nan.
-    loss_factor : ndarray of float, shape (m,)
-        Measured modal loss factors; nan if not measured.
-    rows : ndarray of int, shape (k,)
-        DOFs of the model.
-    weight : ndarray of float, shape (k,)
-        Sign of each sensor, divided by the rms of all modes at sensors of its unit.
-    std_frequency, std_loss_factor : ndarray of float, shape (m,)
-        Standard deviations as shares; 0 if not known.
-    std_shapes : ndarray of float, shape (k, m)
-        Standard deviations of the shapes, as shares of their rms.
-    cov_frequency : ndarray of float, shape (m, m), or None
-        Covariance of the frequencies as shares; 0 where not known. None: they are independent.
-    digest : str
-        Part of the cache key.
-    """
-
+    #: Measured eigenvalues omega^2 in 1/s2, shape (m,).
     value: RealArray
+    #: Measured shapes times `weight`, shape (k, m), scaled to unit length.
     shapes: RealArray
+    #: Their lengths before scaling, shape (m,), for shapes of unit modal mass; else nan.
     length: RealArray
+    #: Measured modal loss factors, shape (m,); nan if not measured.
     loss_factor: RealArray
+    #: DOFs of the model, shape (k,).
     rows: IndexArray
+    #: Sign of each sensor, shape (k,), divided by the rms of all modes at sensors of its unit.
     weight: RealArray
+    #: Standard deviations as shares, shape (m,); 0 if not known.
     std_frequency: RealArray
     std_loss_factor: RealArray
+    #: Standard deviations of the shapes, shape (k, m), as shares of their rms.
     std_shapes: RealArray
+    #: Covariance of the frequencies as shares, shape (m, m); 0 where not known. None: they are
+    #: independent.
     cov_frequency: RealArray | None
+    #: Part of the cache key.
     digest: str
 
     @classmethod

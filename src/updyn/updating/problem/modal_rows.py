@@ -17,33 +17,23 @@ KINDS = ("frequency", "shape", "loss_factor", "scale", "mac")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ModalRows:
-    """Unweighted residuals of the paired modes, as shares.
+    """Unweighted residuals of the paired modes, as shares."""
 
-    Attributes
-    ----------
-    r : ndarray of float, shape (r,)
-        ``frequency``: ln(f_A / f_X). ``shape``: difference of the shapes, scaled to the same
-        length, as a share of the rms of the measured shape. ``loss_factor``: eta_A / eta_X - 1.
-        ``scale``: ln of the length of the model's shape of unit modal mass over that of the
-        measured one. ``mac``: (1 - sqrt(MAC)) / sqrt(MAC), one number for the whole shape (P. W.
-        Moller & O. Friberg, AIAA J. 36 (1998) 1861).
-    J : ndarray of float, shape (r, n)
-        Derivatives by x.
-    kind : ndarray of int, shape (r,)
-        Index of the kind in `KINDS`.
-    mode : ndarray of int, shape (r,)
-        Number of the measured mode.
-    std : ndarray of float, shape (r,)
-        Standard deviation of the data; 0 if unknown.
-    mac : ndarray of float, shape (m,)
-        MAC of each measured mode with its paired mode of the model.
-    """
-
+    #: ``frequency``, shape (r,): ln(f_A / f_X). ``shape``: difference of the shapes, scaled to the
+    #: same length, as a share of the rms of the measured shape. ``loss_factor``: eta_A / eta_X - 1.
+    #: ``scale``: ln of the length of the model's shape of unit modal mass over that of the measured
+    #: one. ``mac``: (1 - sqrt(MAC)) / sqrt(MAC), one number for the whole shape (P. W. Moller & O.
+    #: Friberg, AIAA J. 36 (1998) 1861).
     r: RealArray
+    #: Derivatives by x, shape (r, n).
     J: RealArray
+    #: Index of the kind in `KINDS`, shape (r,).
     kind: IndexArray
+    #: Number of the measured mode, shape (r,).
     mode: IndexArray
+    #: Standard deviation of the data, shape (r,); 0 if unknown.
     std: RealArray
+    #: MAC of each measured mode with its paired mode of the model, shape (m,).
     mac: RealArray
 
     def unpaired_modes(self, like: float) -> IndexArray:

@@ -40,32 +40,21 @@ class QuadraticOutcome:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class QuadraticMisfit:
-    """The misfit at a point to second order, and the priors of the unknowns.
+    """The misfit at a point to second order, and the priors of the unknowns."""
 
-    Attributes
-    ----------
-    normal_matrix : ndarray of float, shape (n, n)
-        J^T J, with real parts of J above imaginary parts.
-    gradient : ndarray of float, shape (n,)
-        J^T e.
-    squared_misfit : float
-        e^T e.
-    offset : ndarray of float, shape (n,)
-        Differences of the unknowns from the centres of their priors.
-    spread : ndarray of float, shape (n,)
-        Standard deviations of the priors.
-    is_held : ndarray of bool, shape (n,)
-        Whether an unknown is a held stiffness or mass.
-    n_values : int
-        Number of real values.
-    """
-
+    #: J^T J, shape (n, n), with real parts of J above imaginary parts.
     normal_matrix: RealArray
+    #: J^T e, shape (n,).
     gradient: RealArray
+    #: e^T e.
     squared_misfit: float
+    #: Differences of the unknowns from the centres of their priors, shape (n,).
     offset: RealArray
+    #: Standard deviations of the priors, shape (n,).
     spread: RealArray
+    #: Whether an unknown is a held stiffness or mass, shape (n,).
     is_held: BoolArray
+    #: Number of real values.
     n_values: int
 
     @classmethod

@@ -29,37 +29,25 @@ class RigidMotion:
     Of a free structure, also on soft springs, the accelerance is R q(omega) + omega^2 e(omega),
     with e nearly constant below the elastic modes. The intercept of a straight line over omega^2 is
     therefore in the span of R, for any mass, stiffness and damping.
-
-    Attributes
-    ----------
-    data : FRF
-        Accelerances at the lines in use.
-    rigid : RigidShapes
-        Rigid-body shapes of the model.
-    sensors : tuple of Dof
-        DOFs of the sensors without signs.
-    shapes : ndarray of float, shape (n, r)
-        R at the sensors.
-    around : ndarray of float, shape (n, 3, r)
-        R in the three directions of their nodes; 0 where the model has none.
-    values : ndarray of complex, shape (n, m)
-        Intercepts, by sensor and reference.
-    noise : ndarray of float, shape (n, m)
-        Their variance by the noise of the lines.
-    remainder : ndarray of complex, shape (n_f, n, m)
-        Residual of the straight lines.
-    white : ndarray of float, shape (n, m)
-        Mean square of it that is noise.
     """
 
+    #: Accelerances at the lines in use.
     data: FRF
+    #: Rigid-body shapes of the model.
     rigid: RigidShapes
+    #: DOFs of the sensors without signs.
     sensors: tuple[Dof, ...]
+    #: R at the sensors, shape (n, r).
     shapes: RealArray
+    #: R in the three directions of their nodes, shape (n, 3, r); 0 where the model has none.
     around: RealArray
+    #: Intercepts, shape (n, m), by sensor and reference.
     values: ComplexArray
+    #: Their variance by the noise of the lines, shape (n, m).
     noise: RealArray
+    #: Residual of the straight lines, shape (n_f, n, m).
     remainder: ComplexArray
+    #: Mean square of it that is noise, shape (n, m).
     white: RealArray
 
     @classmethod
