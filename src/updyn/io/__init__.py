@@ -592,7 +592,6 @@ def write_properties(
 
 
 def _run_reader(path: str | Path, verb: str, format: str | None, options: dict[str, Any]) -> Any:
-    """Read a file with the function `verb` of its format."""
     reader, name = _find_function(path, verb, format)
     known = _check_option_names(reader, name, options, ("format",))
     with guard_reader(path, name):
@@ -647,7 +646,6 @@ def _check_option_names(
 
 
 def _list_given(**selections: Iterable[str | Dof] | None) -> dict[str, Iterable[str | Dof]]:
-    """Return the selections that are not None."""
     return {name: dofs for name, dofs in selections.items() if dofs is not None}
 
 

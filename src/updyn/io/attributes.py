@@ -45,7 +45,6 @@ def unpack(
 
 
 def _numbers(given: Any, where: str, path: str | Path) -> NumberArray:
-    """Return an attribute as a one-dimensional array of numbers."""
     found = np.atleast_1d(np.asarray(given)).ravel()
     if found.dtype.kind not in "iufc":
         raise FormatError(f"{where} is {_format_value(given)!r}; expected numbers", path)
@@ -74,7 +73,6 @@ def _single_number(
 
 
 def _is_missing(values: NumberArray, stated: Mapping[str, NumberArray]) -> BoolArray:
-    """Return which stored numbers mark a missing value."""
     out = np.zeros(values.shape, dtype=bool)
     for key in ("_FillValue", "missing_value"):
         for mark in stated.get(key, ()):
@@ -88,7 +86,6 @@ def _is_missing(values: NumberArray, stated: Mapping[str, NumberArray]) -> BoolA
 def _is_outside(
     packed: NumberArray, unpacked: NumberArray, stated: Mapping[str, NumberArray]
 ) -> BoolArray:
-    """Return which numbers are outside the valid range."""
     out = np.zeros(packed.shape, dtype=bool)
     for key, side in (("valid_min", 0), ("valid_max", 1), ("valid_range", 0), ("valid_range", 1)):
         bounds = stated.get(key, np.empty(0))
@@ -117,7 +114,6 @@ def read_unit(attributes: Mapping[str, Any], name: str, path: str | Path) -> str
 
 
 def _label(given: Any, key: str, name: str, path: str | Path) -> str:
-    """Return the text of an attribute, which may be an array of one text."""
     if isinstance(given, np.ndarray) and given.size == 1:
         given = given.ravel().tolist()[0]
     if isinstance(given, bytes):

@@ -59,10 +59,8 @@ def label_channels(
 
 
 def _number_points(names: Iterable[str]) -> dict[str, int]:
-    """Return a node number by point: the number in its name, such as 12 for ``12`` or ``wing:12``.
-
-    Points without a number, or with that of another point, get one that no model has.
-    """
+    """Return a node number by point: that in its name, such as 12 for ``12`` or ``wing:12``."""
+    # Points without a number, or with that of another point, get one that no model has.
     points = list(dict.fromkeys(found[1] for name in names if (found := _NAME.fullmatch(name))))
     stated = {p: int(found[1]) for p in points if (found := _POINT.fullmatch(p))}
     counts = Counter(stated.values())

@@ -221,7 +221,6 @@ def _find_ratio(
 
 
 def _join(numbers: Mapping[str, NumberArray], path: str | Path, key: Key) -> NumberArray:
-    """Return values from the numbers of their parts."""
     if "complex" in numbers:
         return numbers["complex"]
     if "real" in numbers:
@@ -277,7 +276,6 @@ def read_channels(source: Source, mapping: Mapping[str, Any], key: Key) -> dict[
 
 
 def _read_channel(source: Source, given: Any, unit: Any, key: Key) -> _Channel:
-    """Return a channel from its table in the mapping."""
     check_keys(given, _CHANNEL, ("response", "reference"), key)
     pair = (_read_label(given, "response", key), _read_label(given, "reference", key))
     unit_key = (*key, "unit") if "unit" in given else (key[0], "unit")

@@ -120,7 +120,6 @@ def check_materials(
 
 
 def _is_plausible(modulus: float | None, density: float | None, chosen: UnitSystem) -> bool:
-    """Return whether modulus and density in given units are those of a solid."""
     E = None if not modulus else modulus * chosen.pressure
     rho = None if not density else density * chosen.density
     if E is not None and not MATERIAL_RANGE.least_modulus <= E <= MATERIAL_RANGE.most_modulus:

@@ -171,7 +171,6 @@ def _split_head(text: str, path: str | Path) -> tuple[Comments, list[tuple[int, 
 
 
 def _parse_header(header: str, path: str | Path, line: int) -> _Header:
-    """Parse the names of the columns."""
     separator = next((sign for sign in (";", "\t") if sign in header), ",")
     # A name such as H(3:Z,1:X) may contain the separator, so commas in brackets do not separate.
     parts = re.split(re.escape(separator) + r"(?![^(]*\))", header)
@@ -197,7 +196,6 @@ def _parse_header(header: str, path: str | Path, line: int) -> _Header:
 
 
 def _parse_column(cell: str, path: str | Path, line: int) -> _FRFColumn:
-    """Return a column from its cell in the header."""
     found = _COLUMN.fullmatch(cell)
     if found is None:
         raise FormatError(
@@ -220,7 +218,6 @@ _Units = dict[tuple[_Pair, str], Ratio | None]
 
 
 def _unit(head: Comments, path: str | Path) -> Ratio | None:
-    """Return the unit of all values in a comment, or None."""
     label = single_comment(head, "unit", path)
     return None if label is None else Ratio.of(label, "", path, head["unit"][0][0])
 
@@ -276,7 +273,6 @@ def _column_unit(column: _FRFColumn, path: str | Path, line: int) -> Ratio | Non
 def _responses_and_references(
     columns: Sequence[_FRFColumn], path: str | Path, line: int
 ) -> tuple[DofSet, DofSet]:
-    """Return the responses and the references, each in the order of the columns."""
     responses = {column.pair[0]: None for column in columns}
     references = {column.pair[1]: None for column in columns}
     try:

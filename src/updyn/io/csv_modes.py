@@ -102,7 +102,6 @@ def _modes_by_line(
     modes: Sequence[int] | None,
     path: str | Path,
 ) -> ModeSet:
-    """Return the modes of a table with a header."""
     if test is not None:
         raise OptionError(
             f"test={test!r}: this file holds one test, with one mode per line", key=("test",)

@@ -61,11 +61,9 @@ _Channel = Mapping[str, _Guess]
 
 
 def propose_columns(path: str | Path, error: FormatError) -> FormatError | None:
-    """Return an error with the columns of the table and a proposal of ``columns`` added.
-
-    It is None if the text is not a table, or has the names of the format. Without known names there
-    is a proposal only for an `AbsentError`.
-    """
+    """Return an error with the columns of the table and a proposal of ``columns``, or None."""
+    # It is None if the text is not a table, or has the names of the format. Without known names
+    # there is a proposal only for an `AbsentError`.
     if not is_file(path):
         return None
     try:

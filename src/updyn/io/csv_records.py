@@ -42,7 +42,6 @@ class _RecordColumn:
 
     @property
     def is_time(self) -> bool:
-        """Whether its unit is a unit of time."""
         return find_unit(self.unit, "time") is not None
 
 
@@ -139,10 +138,7 @@ def _known_unit(label: str) -> Unit | None:
 def _read_units_below(
     columns: list[_RecordColumn], body: str, separator: str, path: str | Path, line: int
 ) -> tuple[list[_RecordColumn], str]:
-    """Return the columns with units from the line below their names, and the rows without it.
-
-    Each cell of that line is a known unit or empty.
-    """
+    """Return the columns with units from the line below their names, and the rows without it."""
     row, _, rest = body.partition("\n")
     cells = [cell.strip().strip('"').strip() for cell in row.split(separator)]
     units = [_known_unit(cell) for cell in cells]
@@ -167,7 +163,6 @@ def _time_column(
     path: str | Path,
     line: int,
 ) -> _RecordColumn | None:
-    """Return the time column; None if a rate is given instead."""
     if rate is not None and not (np.isfinite(rate) and rate > 0.0):
         raise OptionError(f"rate {rate!r}: expected samples per second, above 0", key=("rate",))
     if time is not None:
@@ -211,7 +206,6 @@ def _factor(clock: _RecordColumn, path: str | Path, line: int) -> float:
 
 
 def _split_records(numbers: RealArray, path: str | Path) -> list[slice]:
-    """Return the rows of each record."""
     edges = [0, *(np.flatnonzero(np.diff(numbers)) + 1).tolist(), len(numbers)]
     spans = [slice(a, b) for a, b in pairwise(edges)]
     seen: set[float] = set()

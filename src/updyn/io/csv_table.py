@@ -308,11 +308,9 @@ def _build_table(
 
 
 def _qualify_names(names: tuple[str, ...], above: Sequence[tuple[str, ...]]) -> tuple[str, ...]:
-    """Return names that repeat with those of a line above, such as ``FRF`` before ``Magnitude``.
-
-    A name above holds for the following columns up to the next one. Names are unchanged if no line
-    makes them unique.
-    """
+    """Return names that repeat with those of a line above, such as ``FRF`` before ``Magnitude``."""
+    # A name above holds for the following columns up to the next one. Names are unchanged if no
+    # line makes them unique.
     if len(set(names)) == len(names):
         return names
     for over in reversed(above):
@@ -340,10 +338,8 @@ def _find_axis_units(above: Sequence[tuple[str, ...]]) -> tuple[str, ...]:
 def _replace_decimal_commas(
     rows: tuple[tuple[int, tuple[str, ...]], ...], separator: str
 ) -> tuple[tuple[int, tuple[str, ...]], ...]:
-    """Return rows with decimal points, if the cells with numbers show that commas are decimal.
-
-    Points in other cells, such as dates, do not count.
-    """
+    """Return rows with decimal points, if the cells with numbers show that commas are decimal."""
+    # Points in other cells, such as dates, do not count.
     numbers = [c for _, cells in rows for c in cells if _is_number(c.replace(",", "."))]
     if "," in plain_numbers(separator.join(numbers), separator):
         return rows

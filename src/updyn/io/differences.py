@@ -32,10 +32,7 @@ def groups_by_difference(
     dofs: DofSet,
     path: str | Path,
 ) -> dict[str, Matrices]:
-    """Split K and M into groups by difference, with runs of the function `doubled`.
-
-    Raises FormatError if the groups do not add up to K and M.
-    """
+    """Split K and M into groups by difference, with runs of the function `doubled`."""
     groups = {
         name: tuple(
             _difference(one, two, name, what, path)

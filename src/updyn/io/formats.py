@@ -171,7 +171,6 @@ def find_format(path: str | Path, verb: str, name: str | None = None) -> Format:
 
 
 def _find_by_name(name: str, able: list[Format], verb: str, path: Path) -> Format:
-    """Return the format with this name."""
     for candidate in able:
         if candidate.name == name:
             return candidate

@@ -127,7 +127,6 @@ def _add_standard_items(
 
 
 def _list_names(given: Any) -> list[Any]:
-    """Return all names of variables in a mapping."""
     if isinstance(given, Mapping):
         return [name for value in given.values() for name in _list_names(value)]
     if isinstance(given, list | tuple):

@@ -138,10 +138,8 @@ def as_dofs(given: Any, name: str, path: str | Path) -> DofSet:
 
 
 def as_matrix(given: Any, name: str, path: str | Path) -> Matrix:
-    """Return a matrix, as sparse CSR or a two-dimensional array.
-
-    Truth values become 0 and 1, and complex numbers without an imaginary part become real.
-    """
+    """Return a matrix, as sparse CSR or a two-dimensional array."""
+    # Truth values become 0 and 1, and complex numbers without an imaginary part become real.
     if sp.issparse(given):
         out = sp.csr_array(given)
         out.data = _plain_entries(out.data)
@@ -307,10 +305,8 @@ def report_library_errors(path: str | Path, what: str) -> Iterator[None]:
 
 @contextmanager
 def guard_reader(path: str | Path, reader: str) -> Iterator[None]:
-    """Report unexpected exceptions of a reader as a `FormatError`, as the last resort.
-
-    Errors of updyn, and warnings turned into exceptions, pass.
-    """
+    """Report unexpected exceptions of a reader as a `FormatError`, as the last resort."""
+    # Errors of updyn, and warnings turned into exceptions, pass.
     try:
         yield
     except (UpdynError, Warning):
@@ -401,10 +397,8 @@ def read_windows_text(path: str | Path) -> str:
 
 
 def refuse_repeated_names(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """Return a JSON object as a dict, or raise a ValueError for repeated names (a pairs hook).
-
-    `json.loads` would keep the last value of a repeated name.
-    """
+    """Return a JSON object as a dict, or raise a ValueError for repeated names (a pairs hook)."""
+    # `json.loads` would keep the last value of a repeated name.
     found: dict[str, Any] = {}
     for name, value in pairs:
         if name in found:

@@ -80,16 +80,12 @@ def _machine_digest() -> str | None:
 
 
 def _process_state(number: int) -> tuple[str, int]:
-    """Return the state of a process, and its start in ticks since the boot of the machine.
-
-    An OSError, ValueError or IndexError is raised if they are unknown.
-    """
+    """Return the state of a process, and its start in ticks since the boot of the machine."""
     fields = Path(f"/proc/{number}/stat").read_text(encoding="latin-1").rpartition(")")[2].split()
     return fields[0], int(fields[19])
 
 
 def _has_ended(number: int, started: int) -> bool:
-    """Return whether a process is known to have ended."""
     try:
         os.kill(number, 0)
     except ProcessLookupError:

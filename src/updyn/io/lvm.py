@@ -276,11 +276,9 @@ class _Tags:
     line: int
 
     def error(self, why: str) -> FormatError:
-        """Return an error about this header."""
         return FormatError(why, self.path, self.line)
 
     def each(self, name: str, convert: Callable[[str], _T]) -> list[_T]:
-        """Return the values of a tag, one for each channel."""
         given = self.fields.get(name, [])
         # The slice limits the loop, because a damaged file may state any number of channels.
         chosen = [given[place] for place in self.places[: len(given)] if place < len(given)]

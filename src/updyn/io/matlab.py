@@ -168,11 +168,9 @@ def read_coherence(path: str | Path) -> Functions:
 def _iterate_usable(
     variables: Mapping[str, Any], path: str | Path, items: Collection[str]
 ) -> Iterator[Mapping[str, Any]]:
-    """Yield the usable variables of a file in which they have the names of the items.
-
-    Unusable variables with other names are reported in a warning after the block; if the block
-    fails, they are reported as the likely reason.
-    """
+    """Yield the usable variables of a file in which they have the names of the items."""
+    # Unusable variables with other names are reported in a warning after the block; if the block
+    # fails, they are reported as the likely reason.
     found, unread = _select_usable(_unwrap_struct(variables, path))
     for name, reason in unread.items():
         if name.partition(".")[0] in items:
@@ -295,7 +293,6 @@ def _variables(path: str | Path) -> dict[str, Any]:
 
 
 def _check_sparse(value: Any, name: str, path: str | Path) -> Any:
-    """Return a variable with its sparse matrices checked."""
     if isinstance(value, Sparse):
         parts = (value.data, value.indices, value.indptr)
         return build_sparse(sp.csc_array, *parts, value.shape, name, path)

@@ -170,10 +170,8 @@ class ModelFile:
 
 
 def write_tables(model: Model, path: Path) -> Any:
-    """Write the tables of DOFs, nodes, lines and faces, and return the start of the TOML file.
-
-    The tables of ``case.toml`` are named ``case_dofs.csv``, ``case_nodes.csv`` and so on.
-    """
+    """Write the tables of DOFs, nodes, lines and faces, and return the start of the TOML file."""
+    # The tables of ``case.toml`` are named ``case_dofs.csv``, ``case_nodes.csv`` and so on.
     import tomlkit
 
     entry = tomlkit.document()

@@ -143,7 +143,6 @@ def _title(items: Items, path: str | Path) -> str:
 
 
 def _text(items: Items, name: str, path: str | Path) -> str:
-    """Return an item that is a text, by default an empty text."""
     return as_text(items[name], name, path) if name in items else ""
 
 

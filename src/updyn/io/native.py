@@ -25,10 +25,8 @@ _LENGTH = len(_MARK) + 64 + 1
 
 
 def write_native(content: io.BytesIO, path: str | Path) -> None:
-    """Write an HDF5 file that was created in memory, with its digest.
-
-    libhdf5 itself never writes to the disk, because it may end the process if the disk is full.
-    """
+    """Write an HDF5 file that was created in memory, with its digest."""
+    # libhdf5 itself never writes to the disk, because it may end the process if the disk is full.
     with content.getbuffer() as buffer:
         write_bytes(path, buffer, _MARK + hashlib.sha256(buffer).hexdigest().encode() + b"\n")
 

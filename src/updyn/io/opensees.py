@@ -223,7 +223,6 @@ def _check_free(ops: Any) -> None:
 
 
 def _equation_dofs(ops: Any, size: int) -> DofSet:
-    """Return the degree of freedom of each equation."""
     nodes = np.zeros(size, dtype=np.int64)
     axes = np.full(size, -1, dtype=np.int64)
     tied = set(map(int, ops.getConstrainedNodes() or []))

@@ -98,7 +98,6 @@ def propose_pattern(path: str | Path) -> Path | None:
 
 
 def _fill_fields(option: Any, fields: Mapping[str, str]) -> Any:
-    """Return an option of a reader with the texts of fields in all its texts."""
     if isinstance(option, str):
         return _FIELD.sub(lambda match: fields.get(match[1], match[0]), option)
     if isinstance(option, Mapping):

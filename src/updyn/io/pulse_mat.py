@@ -79,7 +79,6 @@ def _positive(variables: Mapping[str, Any], name: str, path: str | Path) -> floa
 
 
 def _text(head: Any, name: str, number: int, path: str | Path) -> str:
-    """Return a text of the header of a channel."""
     if not isinstance(head, Mapping) or name not in head:
         raise FormatError(f"Channel_{number}_Header: no field {name!r}", path)
     return str(np.asarray(head[name]).reshape(-1)[0]).strip() if np.size(head[name]) else ""

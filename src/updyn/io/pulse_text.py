@@ -58,7 +58,6 @@ def isolate_rows(text: str, path: str | Path) -> str:
 
 
 def _read_head(lines: Sequence[str]) -> dict[str, str]:
-    """Return the values of the lines with a name."""
     head: dict[str, str] = {}
     for line in lines:
         name, separator, value = line.partition(":\t")
@@ -68,7 +67,6 @@ def _read_head(lines: Sequence[str]) -> dict[str, str]:
 
 
 def _name_columns(head: Mapping[str, str], path: str | Path) -> list[str]:
-    """Return the names of the columns, with the units of the header in brackets."""
     parts = _PARTS.get(head["Data Type"])
     if parts is None:
         raise FormatError(f"Data Type {head['Data Type']!r}; expected Real or Complex", path)
@@ -86,6 +84,5 @@ def _whole_number(head: Mapping[str, str], name: str, path: str | Path) -> int:
 
 
 def _is_row(line: str, number: int, n_columns: int) -> bool:
-    """Return whether a line is the row with this number."""
     cells = line.rstrip("\t ").split("\t")
     return len(cells) == n_columns and cells[0].strip() == str(number)

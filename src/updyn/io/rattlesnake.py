@@ -52,10 +52,8 @@ def build_rattlesnake_records(
     group: str | Sequence[str] | None,
     channels: Sequence[str] | None,
 ) -> Records:
-    """Return the records of a loaded file: one for each stream, or for each frame of a modal test.
-
-    A channel has the name of its DOF, with " force" if it measures a force.
-    """
+    """Return the records of a loaded file: one per stream, or per frame of a modal test."""
+    # A channel has the name of its DOF, with " force" if it measures a force.
     members = root["members"]
     rate = _sample_rate(root, path)
     table = _read_table(members["channels"], path)
@@ -104,10 +102,8 @@ def build_rattlesnake_frf(
     response_labels: Iterable[str | Dof] | None,
     reference_labels: Iterable[str | Dof] | None,
 ) -> FRF:
-    """Return the FRFs of a modal test, in SI units by the units of the channel table.
-
-    The coherence is that of a response with all references, and is read for one reference only.
-    """
+    """Return the FRFs of a modal test, in SI units by the units of the channel table."""
+    # The coherence is that of a response with all references, and is read for one reference only.
     modal = _modal_group(root["members"])
     assert modal is not None
     table = _read_table(root["members"]["channels"], path)
@@ -161,7 +157,6 @@ def _array(modal: Mapping[str, Any], name: str, path: str | Path) -> RealArray:
 
 
 def _ratio(response: _Channel, reference: _Channel, path: str | Path) -> Unit:
-    """Return the unit of an FRF."""
     found = find_ratio(f"{response.unit}/{reference.unit}")
     if found is None or found.kind == "transmissibility":
         raise FormatError(
@@ -178,7 +173,6 @@ def _find_quantity(
     stated: str | None,
     path: str | Path,
 ) -> str:
-    """Return the common quantity of all FRFs."""
     by_quantity: dict[str, list[str]] = {}
     for response in responses:
         for reference in references:
@@ -247,13 +241,11 @@ class _Channel:
 
     @property
     def name(self) -> str:
-        """Its name in records."""
         is_force = bool(self.label) and find_unit(self.unit, "force") is not None
         return (self.label or self.texts) + (" force" if is_force else "")
 
 
 def _read_table(table: Any, path: str | Path) -> list[_Channel]:
-    """Return the channels of a file."""
     members = table.get("members", {}) if isinstance(table, Mapping) else {}
     columns = []
     for name in _TEXTS:
@@ -287,7 +279,6 @@ def _find_label(node: str, direction: str) -> str:
 
 
 def _sample_rate(root: Mapping[str, Any], path: str | Path) -> float:
-    """Return the samples per second."""
     rate = as_number(root["attributes"]["sample_rate"], "sample_rate", path)
     if not (np.isfinite(rate) and rate > 0.0):
         raise FormatError(f"sample_rate {rate:g}; expected samples per second, above 0", path)
@@ -303,7 +294,6 @@ def _modal_group(members: Mapping[str, Any]) -> Mapping[str, Any] | None:
 
 
 def _frame_length(modal: Mapping[str, Any], path: str | Path) -> int:
-    """Return the samples per frame of a modal test."""
     name = "samples_per_frame"
     if name not in modal["attributes"]:
         raise FormatError(f"the group of the modal test has no attribute {name!r}", path)
@@ -314,7 +304,6 @@ def _frame_length(modal: Mapping[str, Any], path: str | Path) -> int:
 
 
 def _split_frames(records: Records, frame: int, path: str | Path) -> Records:
-    """Return each frame as a record."""
     _, n_channels, n_samples = records.values.shape
     if n_samples % frame:
         raise FormatError(f"{n_samples} samples in frames of {frame}; expected whole frames", path)

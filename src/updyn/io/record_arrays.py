@@ -76,7 +76,6 @@ def refuse_without_values(**options: Any) -> None:
 
 
 def _arrays_by_channel(values: Sequence[str] | Mapping[str, str]) -> dict[str, str]:
-    """Return the array of each channel."""
     named = dict(values) if isinstance(values, Mapping) else {name: name for name in values}
     if not named:
         raise OptionError("values: no channel", key=("values",))
@@ -90,7 +89,6 @@ def _one_array(
     order: Sequence[str] | None,
     path: str | Path,
 ) -> tuple[list[str], RealArray]:
-    """Return the names and values of all channels in one array."""
     if channels is None:
         raise OptionError(
             f"values = {name!r}: one array for all channels; name them with channels = [...]",
@@ -111,7 +109,6 @@ def _arrays_of_channels(
     order: Sequence[str] | None,
     path: str | Path,
 ) -> tuple[list[str], RealArray]:
-    """Return the names and values of channels with one array each."""
     if channels is not None:
         raise OptionError(
             "channels: only for one array with all channels; here values give the array of each"
@@ -139,7 +136,6 @@ def _size(array: RealArray) -> str:
 
 
 def _array(arrays: Mapping[str, Any], name: str, path: str | Path) -> RealArray:
-    """Return the array with this name."""
     variable, column = split_column(name)
     if variable not in arrays:
         raise FormatError(f"no array {variable!r}; {suggest(variable, sorted(arrays))}", path)
@@ -150,7 +146,6 @@ def _array(arrays: Mapping[str, Any], name: str, path: str | Path) -> RealArray:
 def _order_axes(
     array: RealArray, name: str, order: Sequence[str] | None, path: str | Path
 ) -> RealArray:
-    """Return an array with the axes record, channel, time."""
     if order is None:
         if array.size != max(array.shape, default=1):
             raise OptionError(
@@ -194,7 +189,6 @@ def _step(
     n_samples: int,
     path: str | Path,
 ) -> float:
-    """Return the sampling interval in s."""
     if (time is None) == (rate is None):
         raise OptionError(
             "expected either time, the array of times in s, or rate, the samples per second",
@@ -237,7 +231,6 @@ def _flatten(items: Mapping[str, Any], before: str = "") -> dict[str, Any]:
 
 
 def _format_arrays(arrays: Mapping[str, Any]) -> str:
-    """Format the arrays of a file, for messages."""
     texts = [f"{name!r} ({describe_kind(item)})" for name, item in sorted(arrays.items())]
     more = f", ... ({len(texts)} in all)" if len(texts) > 8 else ""
     return (", ".join(texts[:8]) or "nothing") + more

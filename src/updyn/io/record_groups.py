@@ -135,7 +135,6 @@ def build_group_records(
 def _choose_groups(
     groups: Sequence[RecordGroup], wanted: str | Sequence[str] | None, path: str | Path
 ) -> list[RecordGroup]:
-    """Return the wanted groups, or the only one."""
     if not groups:
         raise FormatError("holds no group of channels with samples", path)
     by_name = {group.name: group for group in groups}
@@ -266,7 +265,6 @@ def _step(
 
 
 def _step_of_times(group: RecordGroup, n_samples: int, time: str, path: str | Path) -> float:
-    """Return the step of a channel of times in s."""
     by_name = {channel.name: channel for channel in group.channels}
     clock = by_name.get(time)
     if clock is None:

@@ -32,11 +32,9 @@ def is_system(names: Mapping[str, Any]) -> bool:
 
 
 def system_model(arrays: Mapping[str, NumberArray], path: str | Path) -> Model:
-    """Build a model of one group "model" from the arrays of a system, in units of the file (SI).
-
-    A state gets the label of the coordinate that is equal to it; for a negative coordinate the
-    state changes sign. Other states (modal, Craig-Bampton) are refused.
-    """
+    """Build a model of one group "model" from the arrays of a system, in units of the file (SI)."""
+    # A state gets the label of the coordinate that is equal to it; for a negative coordinate the
+    # state changes sign. Other states (modal, Craig-Bampton) are refused.
     check_names(arrays, FIELDS, path, "SDynPy System")
     missing = [name for name in _NEEDED if name not in arrays]
     if missing:

@@ -77,7 +77,6 @@ class _Struct:
         return item
 
     def get(self, key: str) -> Any:
-        """Return a field that must be present."""
         item = self.find(key)
         if item is None:
             raise self.error(f"no {key}, which the {_EXPORT} has")
@@ -142,10 +141,8 @@ def read_export(
     order: Sequence[str] | None = None,
     real_valued: bool = False,
 ) -> FRF:
-    """Return the FRFs of an export; labels that are given replace the names of channels in order.
-
-    If the responses have several quantities, all are converted to the highest derivative.
-    """
+    """Return the FRFs of an export; given labels replace the names of channels in order."""
+    # If the responses have several quantities, all are converted to the highest derivative.
     if order is not None:
         raise OptionError(f"order={tuple(order)!r}: the {_EXPORT} states the order of its axes")
     structs, coherence = _select_used(variables, path)
@@ -232,7 +229,6 @@ def _describe_absence(by_kind: Mapping[str, Sequence[_Struct]]) -> str:
 
 
 def _read_functions(structs: Sequence[_Struct]) -> Functions:
-    """Read the functions of structs with the same lines."""
     freq: RealArray | None = None
     out: dict[Pair, NumberArray] = {}
     for struct in structs:

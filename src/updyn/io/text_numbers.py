@@ -74,10 +74,8 @@ def parse_rows(
 
 
 def parse_real(text: str) -> float:
-    """Return the number in a text, ignoring outer blanks; raise a ValueError for any other text.
-
-    Infinities and numbers that exceed the range of a double are refused.
-    """
+    """Return the number in a text, ignoring outer blanks; raise a ValueError for any other text."""
+    # Infinities and numbers that exceed the range of a double are refused.
     found = text.strip()
     if _ONE_REAL.fullmatch(found) is None:
         raise ValueError(f"{found[: FILE_TEXT.quoted_characters]!r} is not a number")
@@ -96,11 +94,9 @@ def parse_reals(body: bytes) -> RealArray | None:
 
 
 def find_rounding(texts: Sequence[str], values: RealArray) -> RealArray:
-    """Return the place value of the last digit of each number in its printed form.
-
-    Numbers of one column have the same number of decimals, or the same number of significant
-    digits, and may lack trailing zeros.
-    """
+    """Return the place value of the last digit of each number in its printed form."""
+    # Numbers of one column have the same number of decimals, or the same number of significant
+    # digits, and may lack trailing zeros.
     decimals, digits = 0, 1
     for text in texts:
         mantissa, _, exponent = text.strip().lower().replace("d", "e").partition("e")
@@ -114,10 +110,8 @@ def find_rounding(texts: Sequence[str], values: RealArray) -> RealArray:
 
 
 def parse_integer(text: str) -> int:
-    """Return the integer in a text, ignoring outer blanks; raise a ValueError for any other text.
-
-    Numbers of more than 18 digits are refused, because they may exceed 64 bits.
-    """
+    """Return the integer in a text, ignoring outer blanks; ValueError for any other text."""
+    # Numbers of more than 18 digits are refused, because they may exceed 64 bits.
     found = text.strip()
     if _ONE_WHOLE.fullmatch(found) is None:
         raise ValueError(f"{found[: FILE_TEXT.quoted_characters]!r} is not a whole number")
@@ -166,7 +160,6 @@ def _lines(columns: str, commas: bool, separator: bytes, comment: bytes) -> re.P
 
 
 def _repeat_pattern(letter: str, count: int, between: bytes) -> bytes:
-    """Return a pattern of `count` numbers of one kind."""
     number = _WHOLE if letter == "i" else _REAL
     if count == 1:
         return number

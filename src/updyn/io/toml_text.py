@@ -23,11 +23,9 @@ _LONG = re.compile(r"(?<![\w.\"'])[+-]?[0-9][0-9_]{18,}")
 
 
 def parse_toml(text: str) -> dict[str, Any]:
-    """Parse a TOML text; raise a `tomllib.TOMLDecodeError` for all faults.
-
-    Faults include nesting more than 50 deep, integers above 64 bits, and a number as the last line
-    without a line break.
-    """
+    """Parse a TOML text; raise a `tomllib.TOMLDecodeError` for all faults."""
+    # Faults include nesting more than 50 deep, integers above 64 bits, and a number as the last
+    # line without a line break.
     cut = _CUT.search(text)
     if cut is not None:
         raise tomllib.TOMLDecodeError(
@@ -95,6 +93,5 @@ def _size_error(text: str) -> tomllib.TOMLDecodeError:
 
 
 def _place(text: str, at: int) -> str:
-    """Return a place in the format of `tomllib`."""
     line, column = text.count("\n", 0, at) + 1, at - text.rfind("\n", 0, at)
     return f" (at line {line}, column {column})"

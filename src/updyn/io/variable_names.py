@@ -84,7 +84,6 @@ def _refuse_unread(value: Any, path: str | Path) -> None:
 
 
 def _names(found: Items, before: str = "") -> list[str]:
-    """Return the names of all variables and fields."""
     out = []
     for name, value in found.items():
         out.append(before + name)

@@ -120,10 +120,7 @@ class DeckFacts:
     def by_material(
         self, changes: Mapping[str, Mapping[str, float]]
     ) -> dict[str, Mapping[str, float]]:
-        """Return the changes by material; groups are named by element set or by material.
-
-        A `FormatError` is raised if element sets with different changes share a material.
-        """
+        """Return the changes by material; groups are named by element set or by material."""
         if self.assemblies:
             raise FormatError(
                 "the deck consists of matrices and has no materials; write the updated model"

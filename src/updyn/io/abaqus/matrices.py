@@ -476,11 +476,9 @@ def _condense(
     inner: BoolArray,
     path: Path,
 ) -> None:
-    """Condense massless internal degrees of freedom out of their stiffness matrix, in place.
-
-    K_rr - K_ri K_ii^-1 K_ir (Guyan 1965) is exact for massless degrees of freedom, and remains
-    proportional to the unknown of the group if they belong only to this group.
-    """
+    """Condense massless internal degrees of freedom out of their stiffness matrix, in place."""
+    # K_rr - K_ri K_ii^-1 K_ir (Guyan 1965) is exact for massless degrees of freedom, and remains
+    # proportional to the unknown of the group if they belong only to this group.
     owners = np.zeros(len(dofs), dtype=np.int64)
     for part_matrices, part in zip(matrices, parts, strict=True):
         for what, A in part_matrices.items():

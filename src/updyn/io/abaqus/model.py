@@ -165,7 +165,6 @@ def generated_parts(facts: DeckFacts, job: str) -> list[AbaqusGroup]:
 def _read_step(
     facts: DeckFacts, card: KeywordCard, job: str, step: int
 ) -> dict[str, AbaqusEntries]:
-    """Read the matrices that a step wrote."""
     by_element = "ELEMENT BY ELEMENT" in card.parameters
     files = {}
     for what, parameter in _PARAMETERS.items():

@@ -193,7 +193,6 @@ class _Archive:
             raise self.error(f"{count} {what}; its first line declares {declared}")
 
     def mismatch(self, line: str, expected: str) -> FormatError:
-        """Return an error at the current line."""
         return self.error(f"found {line.strip()[:60]!r}; expected {expected}")
 
     def error(self, message: str) -> FormatError:

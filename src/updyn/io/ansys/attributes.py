@@ -106,10 +106,8 @@ class Attributes:
 
 
 def _axes(angles: RealArray) -> RealArray:
-    """Return the directions of nodal systems, shape (m, 3, 3), rows X, Y, Z in the global system.
-
-    The rotations are about Z, then the new X, then the new Y (Ansys Mechanical APDL, command N).
-    """
+    """Return directions of nodal systems, shape (m, 3, 3), rows X, Y, Z in the global system."""
+    # The rotations are about Z, then the new X, then the new Y (Ansys Mechanical APDL, command N).
     cz, cx, cy = np.cos(np.radians(angles.T))
     sz, sx, sy = np.sin(np.radians(angles.T))
     zero = np.zeros_like(cz)
@@ -164,11 +162,9 @@ def name_groups(
     groups: Mapping[str, Iterable[int]] | None,
     path: str | Path,
 ) -> NDArray[np.object_]:
-    """Return the group name of each element: "material 1", a component, or "remaining".
-
-    For `by` "material", springs, point masses and matrices (COMBIN14, MASS21, MATRIX27 and the
-    like) are grouped by their real constants, because they have no material.
-    """
+    """Return the group name of each element: "material 1", a component, or "remaining"."""
+    # For `by` "material", springs, point masses and matrices (COMBIN14, MASS21, MATRIX27 and the
+    # like) are grouped by their real constants, because they have no material.
     if groups is not None:
         parts = {str(name): np.array(list(part), dtype=np.int64) for name, part in groups.items()}
         return _assign_groups(elements, parts, "groups", path)

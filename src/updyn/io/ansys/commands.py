@@ -100,8 +100,6 @@ def is_harmless(name: str) -> bool:
 
 
 def find_affected_kinds(name: str) -> tuple[tuple[str, ...], str] | None:
-    """Return the kinds of property that an uninterpreted command changes, and why, or None.
-
-    Only the first four letters of a command are significant.
-    """
+    """Return the kinds of property that an uninterpreted command changes, and why, or None."""
+    # Only the first four letters of a command are significant.
     return None if name in _WHOLE_NAMES else _CHANGING_BY_FOUR.get(name[:4])

@@ -240,7 +240,6 @@ def _free_dofs(
     *,
     is_free: bool,
 ) -> IndexArray:
-    """Return the positions of the DOFs that have a matrix and are not constrained."""
     used = np.zeros(len(dofs), dtype=np.bool_)
     for matrices in parts.values():
         for matrix in matrices.values():
@@ -438,11 +437,9 @@ class ElementFile:
         )
 
     def _packed_by_rows(self) -> bool:
-        """Return whether a lower triangle is stored row by row, rather than column by column.
-
-        The format description does not define this. A stiffness unpacked in the right order gives
-        no force under a rigid translation.
-        """
+        """Return whether a lower triangle is stored row by row, rather than column by column."""
+        # The format description does not define this. A stiffness unpacked in the right order
+        # gives no force under a rigid translation.
         difference = []
         for by_rows in (True, False):
             self._by_rows = by_rows

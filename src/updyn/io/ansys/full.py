@@ -89,7 +89,6 @@ def _groups_by_difference(
     unit: str | None,
     loss_factor: float,
 ) -> dict[str, Group]:
-    """Return the groups of the doubled properties."""
     if not isinstance(doubled, Mapping) or not doubled:
         raise OptionError(
             f"doubled: expected a mapping of group name to .full file, found {doubled!r}"

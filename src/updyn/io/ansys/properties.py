@@ -105,7 +105,6 @@ def _find_deck(deck: Path) -> Path:
 
 # -- materials ----------------------------------------------------------------------------------
 def _material(deck: AnsysDeck, number: int, change: Mapping[str, float]) -> list[str]:
-    """Return the commands for a material."""
     has = deck.materials.get(number, {})
     stiffness = change.get("stiffness", 1.0)
     mass = change.get("mass", 1.0)
@@ -680,7 +679,6 @@ def _changed_by(name: str) -> tuple[str, ...]:
 
 
 def _release(number: str, half: str | None) -> float:
-    """Return 19.4 for "19.4", 2019.2 for "2019 R2"."""
     major, _, minor = number.strip(".").partition(".")
     minor = minor.partition(".")[0]
     return float(f"{major or 0}.{half or minor or 0}")

@@ -159,7 +159,6 @@ def _lines(
 
 
 def _source(path: Path) -> list[str]:
-    """Return the lines of a file."""
     text = _text(path)
     check_last_line(text, path, harmless=_ENDS)
     return text.splitlines()
@@ -235,10 +234,8 @@ def _parameters(text: str) -> dict[str, str]:
 
 # -- numbers ------------------------------------------------------------------------------------
 def parse_number_field(text: str, card: KeywordCard, row: KeywordRow) -> float:
-    """Return a number of a data line, ``1.5``, ``2.1E11`` or ``2.1D11``.
-
-    Numbers longer than the twenty characters that the programs read are refused.
-    """
+    """Return a number of a data line, ``1.5``, ``2.1E11`` or ``2.1D11``."""
+    # Numbers longer than the twenty characters that the programs read are refused.
     if len(text) > FIELD_WIDTH:
         raise card.error(
             f"*{card.name}: {text!r} has {len(text)} characters; expected at most"

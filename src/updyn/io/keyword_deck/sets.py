@@ -28,11 +28,9 @@ def concatenate(parts: Sequence[IntArray]) -> IntArray:
 
 
 def distinct(numbers: IntArray) -> IntArray:
-    """Return the distinct numbers, ascending.
-
-    `numpy.unique` hashes integers since version 2.3, which takes a hundred times as long as sorting
-    for 2 million ascending numbers (numpy 2.5).
-    """
+    """Return the distinct numbers, ascending."""
+    # `numpy.unique` hashes integers since version 2.3, which takes a hundred times as long as
+    # sorting for 2 million ascending numbers (numpy 2.5).
     found = np.sort(numbers)
     is_first = np.ones(len(found), dtype=np.bool_)
     is_first[1:] = found[1:] != found[:-1]
@@ -75,11 +73,9 @@ class Sets:
             )
 
     def add_card(self, card: KeywordCard) -> KeywordCard:
-        """Add a set, which may refer to previous sets, and return an equivalent card.
-
-        In this card GENERATE ends at the last existing number, and repeated members are removed, so
-        that programs read it in limited time.
-        """
+        """Add a set, which may refer to previous sets, and return an equivalent card."""
+        # In this card GENERATE ends at the last existing number, and repeated members are removed,
+        # so that programs read it in limited time.
         card.check_parameters(card.name, "GENERATE", "UNSORTED", "INTERNAL")
         name = card.require(card.name)
         if "GENERATE" in card.parameters:
@@ -131,7 +127,6 @@ class Sets:
 
 
 def _list_members(card: KeywordCard, members: IntArray) -> KeywordCard:
-    """Return a card that lists its members."""
     texts = members.astype(str).tolist()
     lines = (texts[start : start + _PER_LINE] for start in range(0, len(texts), _PER_LINE))
     return replace(card, rows=tuple(KeywordRow(card.line, ", ".join(line)) for line in lines))

@@ -218,7 +218,6 @@ def _add_point_mass(card: NastranCard, grids: GridMap, to: _Entries) -> None:
 def _add_solids(
     deck: NastranDeck, cards: Sequence[NastranCard], grids: GridMap, to: _Parts, is_coupled: bool
 ) -> None:
-    """Add solids of one kind and group."""
     solid = _read_isotropic(deck.materials_of(deck.group_of(cards[0]))[0])
     for batch in _split(cards, DECK.solids_per_batch):
         nodes = [[grids.find_grid(card, at) for at in _corner_fields(card)] for card in batch]

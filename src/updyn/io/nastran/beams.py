@@ -52,10 +52,7 @@ class _Section:
 
 
 def convert_beams(deck: NastranDeck, cards: Iterable[NastranCard]) -> list[NastranCard]:
-    """Return cards with bars and inertias in place of beams, and round sections as PBAR.
-
-    A `FormatError` is raised for a beam that is not equal to a bar; it gives the reason.
-    """
+    """Return cards with bars and inertias in place of beams, and round sections as PBAR."""
     given = [_convert_round_bar(card) for card in cards]
     beams = [card for card in given if card.name == "CBEAM"]
     if not beams:

@@ -127,10 +127,8 @@ class NastranCard:
 
 
 def read_lines(path: Path) -> Iterator[NastranLine]:
-    """Yield the lines of a deck with INCLUDE files inserted, without comments and empty lines.
-
-    The name in an INCLUDE is relative to the folder of the including file or of the main file.
-    """
+    """Yield the lines of a deck with INCLUDE files inserted, without comments and empty lines."""
+    # The name in an INCLUDE is relative to the folder of the including file or of the main file.
     yield from _iterate_lines(path, _source(path), (), Inclusions())
 
 
@@ -231,7 +229,6 @@ def parse(lines: Iterable[NastranLine]) -> Iterator[NastranCard]:
 
 
 def _continuations(rows: Sequence[NastranRow]) -> dict[int, int]:
-    """Return the position of the continuation of each continued row."""
     parents = _parents(rows)
     found: dict[int, int] = {}
     for at, row in enumerate(rows):

@@ -730,7 +730,6 @@ class _NastranSystems:
         return self._positions[node]
 
     def motion(self, card: NastranCard) -> _NastranSystem:
-        """Return the displacement system of a grid."""
         number = card.integer(5, self._default_motion)
         if number == -1:
             raise card.error(

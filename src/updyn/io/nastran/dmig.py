@@ -54,11 +54,9 @@ class DMIGMatrix:
 
 
 def read_dmig(path: str | Path) -> list[DMIGMatrix]:
-    """Read all square DMIG matrices of a punch file or a deck; refuse other cards.
-
-    PARAM,EXTOUT,DMIGPCH and EXTSEOUT also punch rectangular matrices (loads, transformations of
-    recovery), tables, and the boundary grids; these are passed over with a warning.
-    """
+    """Read all square DMIG matrices of a punch file or a deck; refuse other cards."""
+    # PARAM,EXTOUT,DMIGPCH and EXTSEOUT also punch rectangular matrices (loads, transformations of
+    # recovery), tables, and the boundary grids; these are passed over with a warning.
     path = Path(path)
     headers: dict[str, NastranCard] = {}
     rectangular: dict[str, None] = {}
@@ -201,11 +199,9 @@ def _label(key: Any) -> str:
 
 
 def write_dmig(matrices: Mapping[str, Any], dofs: DofSet, path: str | Path) -> None:
-    """Write symmetric matrices, each shape (N, N), as DMIG cards in large fields.
-
-    A name is a letter, then up to 7 letters and digits. A field has 16 characters, which keep at
-    least 10 digits of a number.
-    """
+    """Write symmetric matrices, each shape (N, N), as DMIG cards in large fields."""
+    # A name is a letter, then up to 7 letters and digits. A field has 16 characters, which keep at
+    # least 10 digits of a number.
     path = Path(path)
     wrong = dofs.nodes[(dofs.nodes < 1) | (dofs.nodes > _LAST_GRID)]
     if len(wrong):
@@ -234,7 +230,6 @@ def _check_matrix(name: str, given: Any, n: int, path: Path) -> Any:
 
 
 def _cards(name: str, matrix: Any, dofs: DofSet) -> Iterator[str]:
-    """Yield the cards of the lower triangle of a matrix."""
     yield f"{'DMIG':<8}{name:<8}{0:>8}{_SYMMETRIC:>8}{2:>8}{0:>8}\n"
     places = []
     for node, axis in zip(dofs.nodes.tolist(), dofs.axes.tolist(), strict=True):

@@ -115,7 +115,6 @@ class _MatrixFiles:
         self._op2: dict[Path, OP2File] = {}
 
     def matrix(self, parts: Mapping[str, Any], key: str, number: int) -> _NastranMatrix:
-        """Return the matrix that a key of group `number` refers to."""
         table = self._table
         file, name = _split(table.text(parts, key, "group", number))
         path = table.file({key: file}, key, "group", number)
@@ -192,7 +191,6 @@ def _used_dofs(
 def _expand_to_dofs(
     matrix: _NastranMatrix, dofs: DofSet, table: ModelFile, line: int | None
 ) -> Any:
-    """Return a matrix expanded to all DOFs."""
     n = len(dofs)
     if isinstance(matrix, OP4Matrix):
         if matrix.matrix.shape != (n, n):

@@ -58,11 +58,9 @@ _DAMPERS = ("CDAMP1", "CDAMP2", "PDAMP")
 
 
 def adapt_cards(deck: NastranDeck, cards: Iterable[NastranCard]) -> list[NastranCard]:
-    """Return cards in the form that MYSTRAN reads.
-
-    MYSTRAN has no springs with one end; the other end gets an additional fixed grid. It has no
-    beams either; those of constant section become bars.
-    """
+    """Return cards in the form that MYSTRAN reads."""
+    # MYSTRAN has no springs with one end; the other end gets an additional fixed grid. It has no
+    # beams either; those of constant section become bars.
     out: list[NastranCard] = []
     grounds = max([*deck.grids, *deck.points], default=0)
     for card in convert_beams(deck, cards):

@@ -89,11 +89,8 @@ _PASSED: frozenset[_Key] = frozenset({(5201, 52, 11)})
 
 
 def build_deck(file: OP2File) -> NastranDeck:
-    """Return the grids, coordinate systems and elements, without properties and materials.
-
-    Identical entries, such as the boundaries of superelements, are kept once. An `AbsentError` is
-    raised if the file has no table of grids.
-    """
+    """Return the grids, coordinate systems and elements, without properties and materials."""
+    # Identical entries, such as the boundaries of superelements, are kept once.
     if not file.tables_named(*_POINTS):
         held = ", ".join(dict.fromkeys(block.name for block in file.blocks)) or "nothing"
         raise AbsentError(

@@ -242,11 +242,10 @@ class OP2File:
 
 
 def refuse_element_blocks(file: OP2File, names: Sequence[str]) -> None:
-    """Raise a FormatError if any of the named data blocks holds matrices of single elements.
-
-    A dictionary gives an element's matrix as an address of Nastran's internal storage (MSC Nastran
-    DMAP Programmer's Guide, data blocks KDICT and KELM); no file was available to verify a reader.
-    """
+    """Raise a FormatError if any of the named data blocks holds matrices of single elements."""
+    # A dictionary gives an element's matrix as an address of Nastran's internal storage (MSC
+    # Nastran DMAP Programmer's Guide, data blocks KDICT and KELM); no file was available to verify
+    # a reader.
     found = [name for name in names if name.upper() in _OF_ELEMENTS]
     if found:
         raise FormatError(
@@ -259,11 +258,9 @@ def refuse_element_blocks(file: OP2File, names: Sequence[str]) -> None:
 
 
 def g_set(file: OP2File) -> DofSet | None:
-    """Return the degrees of freedom of the g-set in the order of KGG, or None.
-
-    They are six per grid and X per scalar point, by the table EQEXIN. None if this table is missing
-    or there are several (superelements).
-    """
+    """Return the degrees of freedom of the g-set in the order of KGG, or None."""
+    # They are six per grid and X per scalar point, by the table EQEXIN. None if this table is
+    # missing or there are several (superelements).
     tables = file.tables_named("EQEXIN", "EQEXINS")
     if len(tables) != 1:
         return None

@@ -298,7 +298,6 @@ def _row_and_length(head: Sequence[int]) -> tuple[int, int]:
 
 
 def _head(row: int, words: int, layout: Layout) -> tuple[int, ...]:
-    """Return the header of a string of `words` words."""
     if layout == "bigmat":
         return words + 1, row
     return (row + ((words + 1) << 16),)
@@ -429,7 +428,6 @@ def _text_values(lines: _OP4Lines, n: int, a_line: int, width: int) -> Any:
 
 
 def _write_text(matrices: Iterable[OP4Matrix], path: Path, layout: Layout, single: bool) -> None:
-    """Write checked matrices as text."""
     a_line, width, digits = _TEXT_FIELDS[single]
     kind = 1 if single else 2
     with path.open("w", encoding="ascii", newline="\n") as file:
@@ -464,7 +462,6 @@ def _text_column(
 
 
 def _cells(values: Any, single: bool) -> str:
-    """Return the lines of text of the numbers."""
     a_line, width, digits = _TEXT_FIELDS[single]
     out = ""
     for start in range(0, len(values), a_line):

@@ -41,10 +41,8 @@ class NumberSet:
 
 
 def read_sets(case: Iterable[NastranLine]) -> list[NumberSet]:
-    """Return the sets of case control; sets that are not lists of numbers are left out.
-
-    A later set of the same number replaces an earlier one.
-    """
+    """Return the sets of case control; sets that are not lists of numbers are left out."""
+    # A later set of the same number replaces an earlier one.
     found: dict[int, NumberSet] = {}
     for number, text in _join_lines(case):
         numbers = _parse(number, text)

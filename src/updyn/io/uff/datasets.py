@@ -248,11 +248,8 @@ def _parse_binary_header(cursor: _Cursor, line: int, rest: str) -> tuple[str, in
 def _possible_payloads(
     cursor: _Cursor, line: int, order: str, ordinate: int, points: int, even: int
 ) -> list[Payload]:
-    """Return the payloads that the data may be.
-
-    The format requires an abscissa of single precision for uneven spacing, whatever the ordinate
-    is; most programs write both in the same precision.
-    """
+    # The format requires an abscissa of single precision for uneven spacing, whatever the ordinate
+    # is; most programs write both in the same precision.
     number = f"{order}f{_SIZES[ordinate]}"
     kinds = [(number, number)]
     if _SIZES[ordinate] == 8 and not even:
@@ -343,10 +340,8 @@ def _check_edges(text: str, start: int, width: int, what: str, path: str | Path,
 
 
 def _extends_over(text: str, edge: int) -> bool:
-    """Return whether a number extends over the edge between two fields.
-
-    A completely filled field of ten columns after the edge may be a separate number.
-    """
+    """Return whether a number extends over the edge between two fields."""
+    # A completely filled field of ten columns after the edge may be a separate number.
     pair = text[max(edge - 1, 0) : edge + 1]
     return len(pair) == 2 and pair.isdigit() and " " in text[edge : edge + 10].ljust(10)
 

@@ -353,10 +353,8 @@ class Directions:
             self._row = {node: row for row, node in enumerate(geometry.nodes.tolist())}
 
     def dof(self, what: str, node: int, code: int, line: int) -> Dof:
-        """Return the DOF of a node and direction code, at record 6 of a dataset.
-
-        A code 0 without `scalar`, and oblique directions unless `local`, are refused.
-        """
+        """Return the DOF of a node and direction code, at record 6 of a dataset."""
+        # A code 0 without `scalar`, and oblique directions unless `local`, are refused.
         at = line + 6
         if not -6 <= code <= 6:
             raise FormatError(f"record 6: {what} direction {code}; expected -6 to 6", self.path, at)

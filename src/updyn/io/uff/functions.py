@@ -242,7 +242,6 @@ def _float_or_none(label: str) -> str:
 def _numbers(
     dataset: Dataset, body: bytes, ordinate: int, even: int, points: int, path: str | Path
 ) -> RealArray:
-    """Return the numbers of a text dataset."""
     count = points * count_columns(ordinate, even)
     found = parse_reals(body)
     if found is not None and len(found) == count:

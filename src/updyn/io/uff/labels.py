@@ -89,7 +89,6 @@ class _AxisUnit:
         return (unit.kind, unit.angular) == (self.kind, self.angular)
 
     def agrees(self, unit: Unit) -> bool:
-        """Return whether a unit agrees with dataset 164."""
         is_free = unit in _GRAVITY or (unit.angular and unit.kind != "force")
         return is_free or not self.units.line or _is_same(unit.factor, self.unit_of_dataset)
 

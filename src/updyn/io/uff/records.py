@@ -117,7 +117,6 @@ def _check(function: Function, first: int, expected: RealArray, path: str | Path
 
 
 def _name(function: Function, path: str | Path) -> str:
-    """Return the name of a channel."""
     node, code = function.response
     if not -6 <= code <= 6:
         raise FormatError(f"record 6: direction {code}; expected -6 to 6", path, function.line + 6)

@@ -102,7 +102,6 @@ def _write(columns: _Columns, geometry: Geometry | None, path: str | Path, datas
 
 # -- datasets -----------------------------------------------------------------------------------
 def _shape_lines(columns: _Columns, number: int, dataset: int) -> Iterator[str]:
-    """Yield the lines of a dataset 55 or 2414."""
     modes = columns.modes
     real = not columns.quantity and not modes.shapes.imag.any()
     width, characteristic = _width(columns.dofs)
@@ -147,7 +146,6 @@ def _mode_title(modes: ModeSet, number: int) -> str:
 
 
 def _parameters_of_55(modes: ModeSet, number: int, analysis: int) -> tuple[str, str]:
-    """Return records 7 and 8."""
     f, loss, scaled = _properties(modes, number)
     if analysis == _FREQUENCY_RESPONSE:
         return whole_row(2, 1, 1, number + 1), _row([f])
@@ -159,7 +157,6 @@ def _parameters_of_55(modes: ModeSet, number: int, analysis: int) -> tuple[str, 
 
 
 def _parameters_of_2414(modes: ModeSet, number: int, analysis: int) -> tuple[str, str]:
-    """Return records 12 and 13."""
     f, loss, scaled = _properties(modes, number)
     if analysis == _FREQUENCY_RESPONSE:
         return _row([0.0, f, 0.0, 0.0, 0.0, 0.0]), _row([0.0] * 6)
