@@ -54,7 +54,6 @@ def _to_points(px: float) -> float:
 
 
 def _settings() -> Any:
-    """Return the style as matplotlib settings."""
     paper, small = style.PAPER, _to_points(style.FIGURE_TEXT - 1)
     return {
         "figure.dpi": _DPI,
@@ -180,7 +179,6 @@ def grid_canvas(
 
 
 def _check_axes(ax: WhichAxes, panels: Sequence[str]) -> list[Axes]:
-    """Return the axes of the caller as a list."""
     from matplotlib.axes import Axes
 
     given = [ax] if isinstance(ax, Axes) else list(np.ravel(np.asarray(ax, dtype=object)))

@@ -87,7 +87,6 @@ def stabilisation(
 
 
 def _points(axes: Axes, x: Any, y: Any, name: str, colour: str, marker: str, size: float) -> None:
-    """Draw unconnected markers."""
     look: dict[str, Any] = {"linestyle": "none", "marker": marker, "markersize": size}
     axes.plot(x, y, color=colour, label=name, **look)
 

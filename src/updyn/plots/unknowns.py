@@ -107,7 +107,6 @@ def _estimates(
     *,
     percent: bool,
 ) -> None:
-    """Draw the estimates of one panel."""
     outcomes: dict[str, list[int]] = {}
     x = np.empty(len(chosen))
     spans = np.full((len(chosen), 2), np.nan)

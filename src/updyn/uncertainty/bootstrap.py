@@ -322,11 +322,10 @@ def _resampled_lines(rng: np.random.Generator, n_lines: int, block: int) -> Inde
 
 
 def _acceleration(restored: RestoredFit) -> RealArray:
-    """Return the acceleration of BCa intervals, shape (n,).
-
-    A sixth of the skewness of the influence of each line on the estimate, by the infinitesimal
-    jackknife over lines: U_l = C J_l^T r_l, a = sum U^3 / (6 (sum U^2)^1.5) (Efron 1987, eq. 7.3).
-    """
+    """Return the acceleration of BCa intervals, shape (n,)."""
+    # A sixth of the skewness of the influence of each line on the estimate, by the infinitesimal
+    # jackknife over lines: U_l = C J_l^T r_l, a = sum U^3 / (6 (sum U^2)^1.5) (Efron 1987, eq.
+    # 7.3).
     likelihood = restored.likelihood()
     local = likelihood.local(restored.x)
     if local is None:

@@ -113,10 +113,8 @@ def order_by_distance(frequency: RealArray, mode: int) -> list[IndexArray]:
 
 
 def choose_columns(A: RealArray, shape: RealArray, near: Sequence[IndexArray]) -> IndexArray:
-    """Return the columns of the first clusters that predict left-out sensors best.
-
-    Each further cluster has to lower the error. Close modes enter together.
-    """
+    """Return the columns of the first clusters that predict left-out sensors best."""
+    # Each further cluster has to lower the error. Close modes enter together.
     best, least = near[0], np.inf
     rounding = np.sqrt(EXPANSION.least_variance) * np.linalg.norm(shape)
     for count in range(1, len(near) + 1):

@@ -84,10 +84,7 @@ class Likelihood:
         return cost
 
     def descend(self, x: RealArray, fixed: int | None = None) -> Point | None:
-        """Minimise the cost from x within the bounds, with one unknown `fixed` if given.
-
-        Return None if the model cannot be solved at the start.
-        """
+        """Minimise the cost within the bounds; None if the model cannot be solved at the start."""
         free = np.ones(len(x), dtype=np.bool_)
         if fixed is not None:
             free[fixed] = False

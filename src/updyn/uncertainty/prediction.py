@@ -169,7 +169,6 @@ def _noise_variance(result: UpdateResult, part: FRFPart, x: RealArray) -> RealAr
 
 
 def _unit_numbers(frf: FRF) -> NDArray[np.int_]:
-    """Return a number for the unit of each FRF, by which of its DOFs are rotations."""
     rotates = 2 * (frf.responses.axes >= 3)[:, None] + (frf.references.axes >= 3)[None, :]
     return np.asarray(rotates, dtype=np.int_)
 

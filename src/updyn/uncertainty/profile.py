@@ -215,7 +215,6 @@ def _trace_profile(
 
 
 def _to_values(found: Profile, coordinates: Coordinates) -> Profile:
-    """Return a profile in the unit of its unknown."""
     parameters = coordinates.parameters
     k = parameters.names.index(found.name)
     given = (parameters.lower, parameters.upper)
@@ -508,11 +507,9 @@ class ProfileTracer:
         return min(self._step_to(point, side, 0.5 * z**2), largest)
 
     def _step_to(self, point: Point, side: float, drop: float) -> float:
-        """Return the step to a given drop by the local model, or inf for a flat profile.
-
-        Along the profile the cost is cost + g h + S h^2 / 2, with its slope g by this unknown
-        alone, as the others are at their minimum, and the Schur complement S of its curvature.
-        """
+        """Return the step to a given drop by the local model, or inf for a flat profile."""
+        # Along the profile the cost is cost + g h + S h^2 / 2, with its slope g by this unknown
+        # alone, as the others are at their minimum, and the Schur complement S of its curvature.
         g = side * float(point.local.gradient[self.k])
         S = float(np.sum(self._tangent(point)[1] ** 2))
         remaining = drop - self._drop(point)
@@ -591,11 +588,9 @@ class ProfileTracer:
     def _guess_crossing(
         self, points: tuple[Point, Point], a: float, b: float, side: float
     ) -> float:
-        """Return the crossing by the first local model that has one inside the bracket.
-
-        Return the middle of the bracket if none has. If another unknown meets its bound, the
-        profile has a kink, and only the model on the same side of it is right.
-        """
+        """Return the crossing by the first local model that has one inside the bracket."""
+        # Return the middle of the bracket if none has. If another unknown meets its bound, the
+        # profile has a kink, and only the model on the same side of it is right.
         margin = 0.02 * abs(b - a)
         low, high = min(a, b) + margin, max(a, b) - margin
         for point in points:

@@ -166,10 +166,7 @@ def list_results(result: UpdateResult | JointResult) -> tuple[UpdateResult, ...]
 
 
 def find_positions(names: Sequence[str] | str | None, known: Sequence[str]) -> list[int]:
-    """Return the positions of the named unknowns, by default of all.
-
-    Raises OptionError if a name is unknown or occurs twice, or no name is given.
-    """
+    """Return the positions of the named unknowns, by default of all."""
     if names is None:
         return list(range(len(known)))
     if isinstance(names, str):

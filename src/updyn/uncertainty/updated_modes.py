@@ -91,10 +91,7 @@ class UpdatedModes:
         return LossFactor.of(*about, self.modes.shapes[:, k], float(self.modes.value[k]))
 
     def differentiate(self, k: int) -> ModeDerivatives:
-        """Return the derivatives of a mode.
-
-        Raises SolverError if the unknowns couple it with another mode of the same frequency.
-        """
+        """Return the derivatives of a mode."""
         every = np.arange(self.system.n)
         about = self.system, self.unknowns, self.values
         by_value, by_shape = differentiate_modes(self.modes, np.array([k]), *about, every)

@@ -135,10 +135,8 @@ class _NoiseResidual:
 
 
 def _log_range() -> tuple[float, float]:
-    """Return the bounds of the logarithms of relative noise and floor.
-
-    Noise as large as the response carries no information.
-    """
+    """Return the bounds of the logarithms of relative noise and floor."""
+    # Noise as large as the response carries no information.
     return float(np.log(NOISE_LIMITS.least_noise)), 0.0
 
 
@@ -153,12 +151,10 @@ def ratio_range(size: RealArray, level: RealArray) -> tuple[float, float]:
 def fit_two_numbers(
     size: RealArray, level: RealArray, squared: RealArray, tails: float
 ) -> tuple[float, float]:
-    """Return the relative noise and floor of maximum likelihood; relative noise is at most 1.
-
-    `size` is |H| of the model, `level` that to which the floor is relative. At a given ratio of the
-    two numbers, the Gaussian likelihood is largest if the reduced chi-square is 1, so the search is
-    over the ratio alone and has no local minimum of two variables.
-    """
+    """Return the relative noise and floor of maximum likelihood; relative noise is at most 1."""
+    # `size` is |H| of the model, `level` that to which the floor is relative. At a given ratio of
+    # the two numbers, the Gaussian likelihood is largest if the reduced chi-square is 1, so the
+    # search is over the ratio alone and has no local minimum of two variables.
     from scipy.optimize import minimize
 
     stride = max(1, size.size // ESTIMATED_NOISE.most_values)
@@ -202,12 +198,10 @@ _SHRUNK = 0.84129
 
 
 def estimate_floor(frf: FRF) -> float:
-    """Return the noise floor, as a share of the rms of its unit, from neighbouring lines.
-
-    The scatter about a local polynomial also contains the shape of resonances if lines are not
-    dense. The shape is proportional to the level: it counts as relative noise, which is discarded.
-    0 for fewer than twenty lines, because resonances fill every window.
-    """
+    """Return the noise floor, as a share of the rms of its unit, from neighbouring lines."""
+    # The scatter about a local polynomial also contains the shape of resonances if lines are not
+    # dense. The shape is proportional to the level: it counts as relative noise, which is
+    # discarded. 0 for fewer than twenty lines, because resonances fill every window.
     if len(frf.freq) < LINE_SCATTER.least_lines:
         return 0.0
     squared = estimate_scatter(frf)
@@ -219,11 +213,9 @@ def estimate_floor(frf: FRF) -> float:
 
 
 def find_own_floors(frf: FRF, common: float) -> Floors:
-    """Return the floors of the responses whose lines contradict the common floor.
-
-    The odds have to be 100 to 1, each with its best relative noise. Only one in five lines counts,
-    because windows overlap.
-    """
+    """Return the floors of the responses whose lines contradict the common floor."""
+    # The odds have to be 100 to 1, each with its best relative noise. Only one in five lines
+    # counts, because windows overlap.
     if len(frf.freq) < LINE_SCATTER.least_lines or len(frf.responses) < 2:
         return ()
     squared = estimate_scatter(frf)

@@ -294,10 +294,9 @@ class Coherence(NoiseModel):
 
     @classmethod
     def is_informative(cls, frf: FRF) -> bool:
-        """Return whether the data have a coherence that carries information on the noise.
-
-        The coherence of a single average is 1 for any noise; so is a constant that was filled in.
-        """
+        """Return whether the data have a coherence that carries information on the noise."""
+        # The coherence of a single average is 1 for any noise; so is a constant that was filled
+        # in.
         if frf.coherence is None or frf.averages == 1:
             return False
         return bool((frf.coherence < 1.0).any())
@@ -349,14 +348,12 @@ class SmoothVariance:
 
 
 def smooth_variance(variance: RealArray, size: RealArray, freedom: int) -> SmoothVariance:
-    """Smooth estimates, independent and distributed as Gamma(freedom) / freedom, along the lines.
-
-    A floor and a part proportional to |H|^2, piecewise linear, are fitted to each channel by
-    maximum likelihood (multiplicative updates of Fevotte, Bertin & Durrieu, Neural Computation 21
-    (2009) 793, with the exponent 1/2 for descent). The ratio to this fit is averaged over
-    neighbours; a line ten times above their median keeps its variance (hum). The mean inverse of a
-    mean of d Gamma(1) variables, d / (d - 1), is corrected: weights are unbiased.
-    """
+    """Smooth independent estimates, distributed as Gamma(freedom) / freedom, along the lines."""
+    # A floor and a part proportional to |H|^2, piecewise linear, are fitted to each channel by
+    # maximum likelihood (multiplicative updates of Fevotte, Bertin & Durrieu, Neural Computation
+    # 21 (2009) 793, with the exponent 1/2 for descent). The ratio to this fit is averaged over
+    # neighbours; a line ten times above their median keeps its variance (hum). The mean inverse of
+    # a mean of d Gamma(1) variables, d / (d - 1), is corrected: weights are unbiased.
     from scipy.ndimage import uniform_filter1d
 
     width = min(-(-SMOOTH_VARIANCE.smoothed_freedoms // freedom), len(variance) // 4) // 2 * 2 + 1

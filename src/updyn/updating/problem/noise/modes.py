@@ -169,10 +169,8 @@ def _estimate_sizes(
 
 
 def _estimate_size(r: RealArray, std: RealArray, number: float, typical: float) -> float:
-    """Return s with sum r^2 / (std^2 + s^2) = number, at least that of rounding.
-
-    If the data have no standard deviations, the typical size enters with its weight.
-    """
+    """Return s with sum r^2 / (std^2 + s^2) = number, at least that of rounding."""
+    # If the data have no standard deviations, the typical size enters with its weight.
     least, weight = NOISE_LIMITS.least_modal_noise, MODAL_SIZES.typical_weight
     if not std.any():
         squares = float(r @ r) + weight * typical**2

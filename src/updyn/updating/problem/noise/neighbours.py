@@ -13,12 +13,10 @@ __all__ = ["estimate_scatter"]
 
 
 def estimate_scatter(frf: FRF) -> RealArray:
-    """Return the scatter of data about a parabola through five neighbouring lines, an E|dH|^2.
-
-    It has 2 complex degrees of freedom, includes the curvature of the FRF between the lines, and is
-    0 for fewer than five lines (local polynomial without the transient; Pintelon & Schoukens,
-    System Identification, 2nd ed. 2012, chapter 7).
-    """
+    """Return the scatter of data about a parabola through five neighbouring lines, an E|dH|^2."""
+    # It has 2 complex degrees of freedom, includes the curvature of the FRF between the lines, and
+    # is 0 for fewer than five lines (local polynomial without the transient; Pintelon & Schoukens,
+    # System Identification, 2nd ed. 2012, chapter 7).
     width, degree = LINE_SCATTER.window_lines, LINE_SCATTER.polynomial_degree
     values = frf.values.reshape(len(frf.freq), -1)
     if len(values) < width:

@@ -14,12 +14,11 @@ __all__ = ["size_p_value"]
 def size_p_value(
     square: ArrayLike, count: ArrayLike, freedom: ArrayLike, averages: int | None
 ) -> RealArray:
-    """Return the probability that noise causes whitened sums of squares at least as large.
-
-    Chi-square with `freedom` (`count` less fitted unknowns, at least 1) degrees of freedom for
-    noise known exactly (`averages` None). Else F with n - 1 times `count` as second degrees of
-    freedom, `count` at most that of sixteen lines: smoothing correlates errors of the noise level.
-    """
+    """Return the probability that noise causes whitened sums of squares at least as large."""
+    # Chi-square with `freedom` (`count` less fitted unknowns, at least 1) degrees of freedom for
+    # noise known exactly (`averages` None). Else F with n - 1 times `count` as second degrees of
+    # freedom, `count` at most that of sixteen lines: smoothing correlates errors of the noise
+    # level.
     from scipy.special import chdtrc, fdtrc  # slow to import and rarely needed
 
     if averages is None:
