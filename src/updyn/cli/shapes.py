@@ -138,7 +138,6 @@ def _read_source(
 
 
 def _select_modes(numbers: list[int] | None, of: ModeSet | Modes | FRF) -> list[int] | None:
-    """Return numbers of modes from 0, for numbers from 1."""
     if numbers is None:
         return None
     if isinstance(of, FRF):

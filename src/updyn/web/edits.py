@@ -346,7 +346,6 @@ def set_bounds(name: str, low: float, high: float, groups: Sequence[str]) -> Edi
 
 
 def _match_groups(groups: Sequence[str], patterns: Any) -> list[str]:
-    """Return the groups that match the patterns of a table."""
     found: set[str] = set()
     for text in _as_texts(patterns):
         found.update(groups if text == "all" else match_names(groups, text))
@@ -373,7 +372,6 @@ def _keep_lines(document: TOMLDocument, keep: Callable[[float], bool]) -> None:
 
 
 def _as_texts(given: Any) -> list[str]:
-    """Return one text, or several, as a list."""
     return (
         [str(item) for item in given]
         if isinstance(given, Sequence) and not isinstance(given, str)
@@ -383,7 +381,6 @@ def _as_texts(given: Any) -> list[str]:
 
 # -- parts of a document ---------------------------------------------------------------------------
 def _find_test(document: TOMLDocument, number: int) -> Table:
-    """Return the table of a test."""
     tests = document.get("test")
     if not isinstance(tests, AoT):
         return _get_table(document, "test")
@@ -456,7 +453,6 @@ def _remove(document: TOMLDocument, tables: AoT, table: Table) -> None:
 
 
 def _find_last_table(item: Table | AoT) -> Table:
-    """Return the table that ends last of a table and those in it."""
     while True:
         if isinstance(item, AoT):
             item = item[-1]

@@ -118,7 +118,6 @@ def written_table(text: str, table: str) -> Mapping[str, Any]:
 
 
 def _as_text(value: Any) -> str:
-    """Return a value of the job as it is typed."""
     if value is None:
         return ""
     if isinstance(value, list):

@@ -99,7 +99,6 @@ class Guard:
                 raise
 
     def _find_token(self, scope: Scope) -> str | None:
-        """Return the secret in the address."""
         asked = parse_qs(scope.get("query_string", b"").decode("latin-1")).get(_TOKEN)
         return asked[0] if asked else None
 
@@ -141,7 +140,6 @@ def _cookies(headers: Mapping[str, str], name: str) -> list[str]:
 
 
 async def _refuse(scope: Scope, receive: Receive, send: Send, status: int, reason: str) -> None:
-    """Answer that a request is refused."""
     if scope["type"] == "websocket":
         await receive()  # the connection request, which must be received before the answer
         await send({"type": "websocket.close", "code": _AGAINST_THE_RULES, "reason": reason})
@@ -150,7 +148,6 @@ async def _refuse(scope: Scope, receive: Receive, send: Send, status: int, reaso
 
 
 async def _answer(send: Send, status: int, text: str, headers: Mapping[str, str]) -> None:
-    """Send a short answer."""
     body = f"{text}\n".encode() if text else b""
     all_headers = {
         "content-type": "text/plain; charset=utf-8",

@@ -199,7 +199,6 @@ def read_view(path: Path, text: str) -> JobView:
 
 
 def _find_groups_by_quantity(model: Model) -> dict[str, list[str]]:
-    """Return the groups of a model that have each quantity of `CHOICES`."""
     stiff = [name for name, group in model.groups.items() if group.stiffness is not None]
     heavy = [name for name, group in model.groups.items() if group.mass is not None]
     return {"stiffness": stiff, "mass": heavy, "loss_factor": stiff}
@@ -215,7 +214,6 @@ def _try_part(make: Callable[[], T], what: str, errors: dict[str, str]) -> T | N
 
 
 def _view_test(part: Job, number: int, ready: Prepared | None) -> TestView:
-    """Return a test over all its lines."""
     table = part.test
     free = table.model_copy(update={"band": None, "exclude": None})
     with part.located():
@@ -244,7 +242,6 @@ def _view_test(part: Job, number: int, ready: Prepared | None) -> TestView:
 
 
 def _list_matches(test: PreparedTest) -> list[dict[str, str]]:
-    """Return the sensors with their DOFs."""
     return [
         {
             "sensor": row.sensor,
@@ -284,7 +281,6 @@ def _list_holdable(held: Sequence[str], test: PreparedTest | None) -> dict[str, 
 
 
 def _view_modes(test: PreparedTest, number: int) -> ModalView:
-    """Return a test whose data are modes."""
     found = test.data
     assert isinstance(found, ModeSet)
     rows = zip(

@@ -304,7 +304,6 @@ class TableForm:
         return max(found, key=lambda form: sum(p in place for p in form), default=usual)
 
     def _value_names(self) -> tuple[str, ...]:
-        """Return the names of the parts in the mapping."""
         return ("H",) if self.is_array and self.parts == ("complex",) else self.parts
 
     def _item(self, key: Key, *, required: bool = False) -> Entry:

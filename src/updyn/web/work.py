@@ -69,7 +69,6 @@ class _Reporter:
         return self._flag.stop
 
     def say(self, text: str) -> None:
-        """Write a sentence."""
         write("stage", text=text)
 
 

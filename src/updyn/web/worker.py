@@ -131,7 +131,6 @@ class Worker:
         self._record_end(code)
 
     def _handle_event(self, event: Mapping[str, Any]) -> None:
-        """Take one line."""
         kind, text = event["kind"], hide_folder(event.get("text", ""), self._folder)
         self.values = event.get("values") or self.values
         if kind == "progress":
@@ -149,7 +148,6 @@ class Worker:
         self.version += 1
 
     def _record_end(self, code: int) -> None:
-        """Record the end of the process."""
         if code == 0 and self.status:
             self.state = "done"
         elif self.state == "stopping" and not TASKS.find(self.task).stops:

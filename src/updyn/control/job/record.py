@@ -204,7 +204,6 @@ def _loop(loop: Loop) -> dict[str, object]:
 
 
 def _figures(found: object, names: tuple[str, ...]) -> dict[str, object]:
-    """Return some attributes of an object."""
     return {name: plain(getattr(found, name)) for name in names}
 
 

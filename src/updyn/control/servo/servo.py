@@ -230,7 +230,6 @@ def _simulate_step(
 def _member(
     number: int, plant: Plant, controller: Controller, wiring: Wiring
 ) -> tuple[Cascade, _Loops]:
-    """Return the cascade on a member of the family, and its loops."""
     try:
         cascade = Cascade(plant, controller, wiring)
         return cascade, _judge_loops(cascade)

@@ -78,7 +78,6 @@ def _sandbox_page(page: str, theme: str) -> HTMLResponse:
 
 
 def _plain(text: str, status: int = 404) -> HTMLResponse:
-    """Return a page with a text, for a page that cannot be shown."""
     head = (
         '<!DOCTYPE html><html lang="en"><meta charset="utf-8"><title>Not shown</title>'
         '<meta name="color-scheme" content="light dark">'

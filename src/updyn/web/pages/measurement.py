@@ -75,7 +75,6 @@ def _show_tables(workspace: Workspace, *, has_errors: bool) -> None:
 
 
 def _show_modes(test: ModalView) -> None:
-    """Show the modes that are the data of a test."""
     ui.label(f"Modes {test.name}").classes("text-lg")
     table = ui.table(rows=test.modes, columns=_MODES, row_key="mode", pagination=20)
     table.props("flat dense wrap-cells").classes("max-w-full")
@@ -96,7 +95,6 @@ class _Measurement:
         self._workspace, self._test, self._choice = workspace, test, choice
 
     def show(self) -> None:
-        """Build this part of the page."""
         test, choice = self._test, self._choice
         if test.name:
             ui.label(test.name).classes("text-lg")
@@ -200,7 +198,6 @@ class _Measurement:
 
 
 def _find_positions(chosen: int, n: int) -> range:
-    """Return the chosen position, or all positions."""
     return range(n) if chosen == _ALL else range(chosen, chosen + 1)
 
 

@@ -108,7 +108,6 @@ class _Mover:
         self._choose(self._sensor)
 
     def select(self, event: events.TableSelectionEventArguments) -> None:
-        """Select the sensor of a table row."""
         self._choose(str(event.selection[0]["sensor"]) if event.selection else "")
 
     def handle_pick(self, message: Mapping[str, Any]) -> None:

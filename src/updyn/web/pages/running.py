@@ -35,8 +35,6 @@ async def show(workspace: Workspace) -> None:
 
 
 def _show_state(workspace: Workspace) -> None:
-    """Show the state of the run."""
-
     @ui.refreshable
     def show_state() -> None:
         run = workspace.run

@@ -55,7 +55,6 @@ class _TablePage:
         return self._table.form
 
     async def show(self) -> None:
-        """Build the page."""
         what = self._form.root
         ui.label(f"Select the FRFs in {self._table.view.first_file}").classes("text-xl")
         self._layout = ui.label().classes("opacity-70")

@@ -186,7 +186,6 @@ def _state_of_form(workspace: Workspace, task: str) -> object:
 
 
 def _show_entry(workspace: Workspace, task: str, field: Field) -> Any:
-    """Show an entry for one key."""
     text = workspace.entries(task)[field.key]
     label = f"{field.label} *" if field.required else field.label
 
@@ -248,6 +247,5 @@ def _are_frequencies(given: object) -> TypeGuard[list[float]]:
 
 
 def _format_frequencies(given: object) -> list[str]:
-    """Return the frequencies listed in a job as texts."""
     items = given if isinstance(given, list) else [given]
     return [f"{item:.7g}" for item in items if is_number(item)]

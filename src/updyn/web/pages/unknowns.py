@@ -76,7 +76,6 @@ async def show(workspace: Workspace) -> None:
 
 
 def _show_structure() -> None:
-    """Show the picture of the model."""
     embed_page("/embedded/structure", "Structure", "560px")
     ui.label("A click on a node shows the groups there.").classes("text-sm opacity-80")
 
@@ -123,7 +122,6 @@ class _Choices:
             return {quantity: set() for quantity in self._groups_by_quantity}
 
     def _draw(self) -> None:
-        """Build the boxes."""
         self._place.clear()
         self._boxes = {}
         groups = [name for name in self._groups if name in self._picked] or self._groups
@@ -142,7 +140,6 @@ class _Choices:
                 self._draw_boxes(groups)
 
     def _draw_boxes(self, groups: Sequence[str]) -> None:
-        """Build a row of boxes for each group."""
         chosen = self._find_chosen_groups()
         for group in groups:
             ui.label(group)
@@ -156,8 +153,6 @@ class _Choices:
     def _make_toggle_handler(
         self, group: str, quantity: str
     ) -> Callable[[events.ValueChangeEventArguments[Any]], None]:
-        """Return the handler of a click on a box."""
-
         def change(event: events.ValueChangeEventArguments[Any]) -> None:
             names = self._find_chosen_groups()
             if bool(event.value) == (group in names[quantity]):
@@ -214,7 +209,6 @@ def _show_table(workspace: Workspace, view: JobView, found: IdentifiabilityView)
 
 
 def _show_bounds_dialog(workspace: Workspace, view: JobView, unknown: UnknownRow) -> None:
-    """Show a dialog for the bounds of an unknown."""
     with ui.dialog() as dialog, ui.card():
         ui.label(unknown.name).classes("text-lg")
         low = ui.number("lower bound", value=unknown.lower)
