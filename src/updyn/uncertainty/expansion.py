@@ -24,10 +24,10 @@ from updyn.uncertainty.combination import (
 from updyn.uncertainty.draws import Draws
 from updyn.uncertainty.mode_prediction import exclude_span
 from updyn.uncertainty.posterior import Posterior, find_update
-from updyn.uncertainty.settings import EXPANSION
 from updyn.uncertainty.updated_modes import UpdatedModes
 from updyn.updating.modes import find_measured_modes
 from updyn.updating.problem.modal import ModalTarget
+from updyn.updating.problem.settings import MODE_PAIRS
 from updyn.updating.result import JointResult, UpdateResult, find_result
 
 __all__ = ["Expansion", "expand_modes"]
@@ -105,7 +105,7 @@ def expand_modes(
     measured = find_measured_modes(result) if modes is None else modes
     if not isinstance(measured, ModeSet) or not measured.has_shapes:
         raise DataError(f"expand_modes: expected measured modes with shapes, found {measured!r}")
-    highest = EXPANSION.reach * float(measured.frequency[-1])
+    highest = MODE_PAIRS.frequency_reach * float(measured.frequency[-1])
     updated = UpdatedModes.of(result, None, highest, tier)
     target = ModalTarget.of(updated.system, measured)
     all_paired = _pair(updated, target)

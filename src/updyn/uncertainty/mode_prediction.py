@@ -8,6 +8,7 @@ import numpy as np
 
 from updyn.arrays import RealArray
 from updyn.correlation.clusters import cluster_modes
+from updyn.correlation.settings import MODE_PAIRING
 from updyn.dofs import Dof, DofSet
 from updyn.errors import SolverError
 from updyn.frf import FRF
@@ -38,7 +39,7 @@ def predict_modes(
         propagated by exact derivatives (delta method).
     n : int, optional
         Number of modes: the lowest ones without rigid-body modes. By default all modes up to the
-        highest measured frequency.
+        highest measured frequency, or within 0.6 % above it.
     dofs : iterable of str or Dof, optional
         Signed DOFs of the shapes, measured or not. By default all DOFs of the model.
     test : str, optional
@@ -90,6 +91,7 @@ def predict_modes(
         n = check_count("n", n, "modes", 1, result.start.n_dofs)
     data = result.data
     highest = float((data.freq if isinstance(data, FRF) else data.frequency)[-1])
+    highest *= 1.0 + MODE_PAIRING.close_frequencies
     updated = UpdatedModes.of(result, n, highest, tier)
     posterior, found = Posterior.of(source), updated.modes
     labels = updated.model.dofs if dofs is None else DofSet(dofs)

@@ -68,9 +68,6 @@ class PredictedBandSettings:
 class ExpansionSettings:
     """Numbers of the expansion of measured shapes."""
 
-    #: [1] Modes of the model up to this multiple of the highest measured frequency may be combined.
-    #: Why: the highest measured mode then has neighbours on both sides; a rule of thumb.
-    reach: float = 1.5
     #: [sensors] Least number of sensors in excess of the combined modes. Why: the error of left-out
     #: sensors is random with one or two (a rule of thumb).
     spare_sensors: int = 3

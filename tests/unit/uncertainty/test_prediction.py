@@ -75,6 +75,22 @@ def test_phase_and_magnitude_follow_what_the_unknowns_do(result) -> None:
     np.testing.assert_allclose(band.phase_upper - np.angle(band.frf.values), turn, rtol=1e-4)
 
 
+def test_undetermined_springs_do_not_change_the_unit_of_a_damping_rate() -> None:
+    """Its coordinate depends on the lines; the band at a line does not depend on the other lines."""
+    groups = {
+        "lower": updyn.Group(springs((0, 1, 900.0), n=2)),
+        "upper": updyn.Group(springs((1, 2, 900.0), n=2), np.diag([0.0, 1.0]), mass_damping=0.5),
+    }
+    model = updyn.Model.from_groups(groups, ["1:X", "2:X"])
+    frf = noisy(updyn.response(model, LINES, ["2:X"], ["2:X"]), 0, 0.03)
+    unknowns = updyn.parameters(model, stiffness="all", mass_damping=["upper"])
+    result = updyn.update(model, frf, unknowns, noise={"relative": 0.03}, starts=0)
+    assert not np.isfinite(result.covariance).all()
+    near, far = (updyn.predict(result, lines, ["2:X"], ["2:X"]) for lines in ([3.4], [3.4, 3000.0]))
+    assert np.isfinite(near.std_imag).all()
+    np.testing.assert_allclose(near.std_imag[0], far.std_imag[0], rtol=1e-9)
+
+
 def test_the_truth_lies_within_as_often_as_said() -> None:
     """At the mass that was never measured, in 95 % of lines and draws, and a new measurement in its own band."""
     truth = updyn.response(two_masses(), LINES, ["2:X"], ["1:X"])
