@@ -136,6 +136,9 @@ def test_group_is_only_for_these_files(tmp_path):
     records.to_netcdf(tmp_path / "b.nc", engine="h5netcdf")
     with pytest.raises(OptionError, match="group: only for files of Rattlesnake"):
         updyn.read_records(tmp_path / "b.nc", group="x")
+    options = {"values": ["time_data"], "rate": 4.0, "group": "time_data"}
+    with pytest.raises(OptionError, match="group: only for files of Rattlesnake"):
+        updyn.read_records(tmp_path / "a.nc4", **options)
 
 
 # -- FRFs of a modal test ------------------------------------------------------------------------------
@@ -152,6 +155,14 @@ def test_frfs_of_a_modal_test(tmp_path):
     np.testing.assert_allclose(found.values[:, :, 0], 9.80665 * H, rtol=1e-14)
     np.testing.assert_array_equal(found.coherence[:, :, 0], COHERENCE)
     assert (found.quantity, found.averages, found.decay) == ("accelerance", 3, 0.0)
+
+
+def test_averages_of_a_stopped_test_are_its_frames(tmp_path):
+    path = write(tmp_path / "a.nc4", (VALUES[:, :8],), LINEAR, frame=4, num_averages=np.int64(10))
+    assert updyn.read_frf(path).averages == 2
+    path = write(tmp_path / "b.nc4", (VALUES[:, :0],), LINEAR, frame=4)
+    with pytest.raises(FormatError, match="no accepted frame"):
+        updyn.read_frf(path)
 
 
 def test_the_decay_of_an_exponential_window(tmp_path):
@@ -178,6 +189,7 @@ def test_labels_of_channels_without_a_dof(tmp_path):
         (LINEAR | {"unit": ["V", "g", "g"]}, {}, r"over '101:-Z' in 'V'; expected a motion over a"),
         (LINEAR | {"unit": ["N", "g", "mm/s"]}, {}, "accelerance of 101:-Z; mobility of 7:-Z"),
         (LINEAR, {"quantity": "mobility"}, "'mobility' contradicts .* those of accelerance"),
+        (LINEAR | {"node_direction": ["Z-", "-Z", "RX"]}, {}, "motion at 7:RX cannot be in 'g/N'"),
     ],
 )
 def test_frfs_that_are_refused(tmp_path, table, options, message):

@@ -259,6 +259,16 @@ def test_rasters_of_an_mdf_file_are_named_and_not_resampled(tmp_path):
     check(both, [[FORCE[0], MOTION[0]], [FORCE[1], MOTION[1]]])
 
 
+def test_the_unit_of_the_conversion_of_an_mdf_channel(tmp_path):
+    raw = Signal(np.arange(8, dtype="i2"), TIMES, name="a", conversion={"a": 0.5, "b": 1.0})
+    path = tmp_path / "a.mf4"
+    with MDF(version="4.10") as mdf:
+        mdf.append([raw], acq_name="g")
+        mdf.groups[0].channels[1].conversion.unit = "g"
+        mdf.save(path)
+    check(updyn.read_records(path), [[1.0 + 0.5 * np.arange(8)]], ["a"], ["g"])
+
+
 def test_jittered_times_and_invalid_samples_of_an_mdf_file_are_refused(tmp_path):
     times = STEP * np.arange(8) + 0.01 * RNG.random(8)
     path = write_mdf(tmp_path / "a.mf4", ("bus", signals(times=times)))

@@ -61,7 +61,7 @@ def load(path: str, wanted: Sequence[str] | None) -> list[dict[str, object]]:
                     "channels": [
                         {
                             "name": channel.name,
-                            "unit": channel.unit,
+                            "unit": found.get_channel_unit(group=at, index=index),
                             "n_samples": group.channel_group.cycles_nr,
                             "start": start,
                             "abscissa": _abscissa(group),

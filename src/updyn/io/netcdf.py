@@ -164,6 +164,7 @@ def read_records(
     file of Rattlesnake (`updyn.io.rattlesnake`).
     """
     if values is not None:
+        _refuse_group(group)
         arrays, units = _read_datasets(path)
         return build_records(
             arrays,
@@ -181,8 +182,7 @@ def read_records(
         root = load_native("updyn.foreign.hdf5:load", path, what="netCDF-4 file")
         return build_rattlesnake_records(root, path, group=group, channels=channels)
     refuse_without_values(channels=channels, order=order, time=time, rate=rate)
-    if group is not None:
-        raise OptionError("group: only for files of Rattlesnake", key=("group",))
+    _refuse_group(group)
     if _RECORDS not in found.variables:
         held = ", ".join(sorted(found.root.members)[:8]) or "nothing"
         raise FormatError(
@@ -197,6 +197,11 @@ def read_records(
         data = data.set_coords([name for name in ("unit",) if name in data])
         records = Records.from_xarray(data[_RECORDS])
         return replace(records, source=Path(path).name)
+
+
+def _refuse_group(group: str | Sequence[str] | None) -> None:
+    if group is not None:
+        raise OptionError("group: only for files of Rattlesnake", key=("group",))
 
 
 def read_source(path: str | Path) -> VariableSource:

@@ -24,9 +24,10 @@ from updyn.dofs import Dof, DofSet
 from updyn.errors import FormatError
 from updyn.frf import FRF
 from updyn.io.items import as_number, as_reals, locate_errors
+from updyn.io.ratio import Ratio
 from updyn.io.record_groups import build_group_records
 from updyn.signals.records import Records
-from updyn.units import Unit, find_ratio, find_unit
+from updyn.units import find_unit, split_ratio
 
 __all__ = [
     "build_rattlesnake_frf",
@@ -118,8 +119,17 @@ def build_rattlesnake_frf(
             path,
         )
     found = _find_quantity(responses, references, quantity, path)
-    factors = np.array([[_ratio(i, j, path).factor for j in references] for i in responses])
+    rows = _dofs(responses, response_labels, "response_labels", path)
+    columns = _dofs(references, reference_labels, "reference_labels", path)
+    ratios = [[_ratio(i, j, path) for j in references] for i in responses]
+    for i, row in enumerate(rows):
+        for j, column in enumerate(columns):
+            ratios[i][j].check((row, column), path, remedy="correct the units or the labels")
+    factors = np.array([[ratio.factor for ratio in of_response] for of_response in ratios])
     rate, frame = _sample_rate(root, path), _frame_length(modal, path)
+    n_frames = as_reals(root["members"]["time_data"], "time_data", path).shape[-1] // frame
+    if not n_frames:
+        raise FormatError("holds no accepted frame, and therefore no FRFs", path)
     coherence = None
     if len(references) == 1 and "coherence" in modal["members"]:
         coherence = _array(modal, "coherence", path)[..., None]
@@ -127,11 +137,11 @@ def build_rattlesnake_frf(
         return FRF(
             np.arange(shape[0]) * rate / frame,
             factors * (real + 1j * imaginary),
-            _dofs(responses, response_labels, "response_labels", path),
-            _dofs(references, reference_labels, "reference_labels", path),
+            rows,
+            columns,
             found,
             coherence=coherence,
-            averages=_count_averages(modal, path),
+            averages=_count_averages(modal, n_frames, path),
             source=Path(path).name,
             decay=_window_decay(modal, rate / frame, path),
         )
@@ -156,15 +166,16 @@ def _array(modal: Mapping[str, Any], name: str, path: str | Path) -> RealArray:
     return np.asarray(as_reals(modal["members"][name], name, path), dtype=np.float64)
 
 
-def _ratio(response: _Channel, reference: _Channel, path: str | Path) -> Unit:
-    found = find_ratio(f"{response.unit}/{reference.unit}")
-    if found is None or found.kind == "transmissibility":
+def _ratio(response: _Channel, reference: _Channel, path: str | Path) -> Ratio:
+    label = f"{response.unit}/{reference.unit}"
+    found = split_ratio(label)
+    if found is None or found[1].kind != "force":
         raise FormatError(
             f"FRF of {response.name!r} in {response.unit!r} over {reference.name!r} in"
             f" {reference.unit!r}; expected a motion over a force, in known units",
             path,
         )
-    return found
+    return Ratio(label, *found)
 
 
 def _find_quantity(
@@ -176,7 +187,8 @@ def _find_quantity(
     by_quantity: dict[str, list[str]] = {}
     for response in responses:
         for reference in references:
-            by_quantity.setdefault(_ratio(response, reference, path).kind, []).append(response.name)
+            quantity = _ratio(response, reference, path).quantity
+            by_quantity.setdefault(quantity, []).append(response.name)
     if len(by_quantity) > 1:
         texts = [f"{kind} of {', '.join(names)}" for kind, names in by_quantity.items()]
         raise FormatError(f"FRFs of several quantities: {'; '.join(texts)}", path)
@@ -209,14 +221,15 @@ def _dofs(
     return DofSet(labels)
 
 
-def _count_averages(modal: Mapping[str, Any], path: str | Path) -> int | None:
+def _count_averages(modal: Mapping[str, Any], n_frames: int, path: str | Path) -> int | None:
     """Return the number of linear averages without overlap; None otherwise."""
+    # num_averages is the wanted number; a test that was stopped has fewer frames.
     stated = modal["attributes"]
     if str(stated.get("averaging_type")) != "Linear" or "num_averages" not in stated:
         return None
     if as_number(stated.get("overlap", 0.0), "overlap", path) != 0.0:
         return None
-    return int(as_number(stated["num_averages"], "num_averages", path))
+    return min(int(as_number(stated["num_averages"], "num_averages", path)), n_frames)
 
 
 def _window_decay(modal: Mapping[str, Any], frames_per_second: float, path: str | Path) -> float:
