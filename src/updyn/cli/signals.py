@@ -10,7 +10,6 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
-from typing import Any
 
 from updyn.cli.settings import WAITING
 from updyn.cli.terminal import STOPPED, TERMINATED, print_note
@@ -83,7 +82,7 @@ def _resend_lost_signals() -> Iterator[None]:
     # exceptions and continues.
     before, timers = sys.unraisablehook, list[threading.Timer]()
 
-    def hook(lost: Any) -> None:
+    def hook(lost: sys.UnraisableHookArgs) -> None:
         if not issubclass(lost.exc_type, KeyboardInterrupt):
             before(lost)
             return

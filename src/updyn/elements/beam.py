@@ -132,7 +132,7 @@ _OPTIONAL_KEYS = (
     "title",
 )
 #: Arrays of tables of a job file, and the class of their rows.
-_TABLES: Mapping[str, type[Any]] = {
+_TABLES: Mapping[str, type] = {
     "segments": Segment,
     "supports": BeamSupport,
     "masses": BeamMass,

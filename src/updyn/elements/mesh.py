@@ -42,7 +42,7 @@ __all__ = [
 #: Length units in metres.
 UNITS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "in": 0.0254}
 #: Elements by cell type; lines are `Beam` if their material has a section.
-_ELEMENTS: Mapping[str, type[Any]] = {
+_ELEMENTS: Mapping[str, type] = {
     "vertex": PointMass,
     "line": Truss,
     "triangle": Shell,

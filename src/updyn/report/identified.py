@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from os import PathLike
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from updyn import __version__
+from updyn.arrays import RealArray
 from updyn.correlation import auto_mac
 from updyn.frf import FRF
 from updyn.modal import ModeSet
@@ -191,7 +191,7 @@ class IdentifiedModesSection(ReportSection):
         return {"rows": rows}
 
 
-def _shape_errors(modes: ModeSet) -> np.ndarray[Any, Any]:
+def _shape_errors(modes: ModeSet) -> RealArray:
     """Return the rms standard deviation of each shape relative to the rms of the shape."""
     if modes.std_shapes is None:
         return np.full(len(modes), np.nan)

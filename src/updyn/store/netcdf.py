@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
+from updyn.arrays import NumberArray
 from updyn.errors import FormatError, suggest
 from updyn.io.hdf5 import Folder, check_kind, put_kind
 from updyn.io.items import as_number, report_library_errors, require_file
@@ -21,6 +22,7 @@ from updyn.io.netcdf import load_netcdf
 from updyn.store.values import from_text, to_text
 
 if TYPE_CHECKING:
+    import h5py
     import xarray as xr
 
 __all__ = [
@@ -41,7 +43,7 @@ __all__ = [
 ]
 
 
-_NEEDED: Any = object()
+_NEEDED = object()
 
 
 class FieldFormat(Protocol):
@@ -54,7 +56,7 @@ class FieldFormat(Protocol):
         """Return the field with this name; raise a FormatError if it is missing or not valid."""
 
 
-def put_fields(data: xr.Dataset, record: Any, layout: Mapping[str, FieldFormat]) -> None:
+def put_fields(data: xr.Dataset, record: object, layout: Mapping[str, FieldFormat]) -> None:
     """Write the fields of a record in a layout."""
     for name, field_format in layout.items():
         field_format.store(data, name, getattr(record, name))
@@ -92,7 +94,7 @@ class Number:
     def __init__(self, kind: type) -> None:
         self._kind = kind
 
-    def store(self, data: xr.Dataset, name: str, value: Any) -> None:
+    def store(self, data: xr.Dataset, name: str, value: float) -> None:
         """Write the number."""
         data.attrs[name] = int(value) if self._kind is bool else value
 
@@ -112,16 +114,16 @@ class Mixed:
 
     def __init__(
         self,
-        kind: Callable[..., Any] | None = None,
+        kind: Callable[..., object] | None = None,
         *,
         is_attribute: bool = False,
-        absent: Any = _NEEDED,
+        absent: object = _NEEDED,
     ):
         self._kind = kind
         self._is_attribute = is_attribute
         self._absent = absent
 
-    def store(self, data: xr.Dataset, name: str, value: Any) -> None:
+    def store(self, data: xr.Dataset, name: str, value: object) -> None:
         """Write the values."""
         if is_dataclass(value) and not isinstance(value, type):
             value = asdict(value)
@@ -184,15 +186,15 @@ class Array:
             self._attributes["units"] = unit
         self._is_flag = is_flag
 
-    def store(self, data: xr.Dataset, name: str, value: Any) -> None:
+    def store(self, data: xr.Dataset, name: str, value: NumberArray) -> None:
         """Write the array."""
         stored = value.astype(np.int8) if self._is_flag else value
         data[self._variable or name] = (self._dims, stored, self._attributes)
 
-    def load(self, data: xr.Dataset, name: str, path: Path) -> Any:
+    def load(self, data: xr.Dataset, name: str, path: Path) -> NumberArray:
         """Return the array."""
         stored_name = self._variable or name
-        value = variable(data, stored_name, path)
+        value: NumberArray = variable(data, stored_name, path)
         # The dimension ``parameter_other`` is the second one of a square table over ``parameter``.
         expected = tuple(data.sizes.get(dim.removesuffix("_other")) for dim in self._dims)
         if value.shape != expected:
@@ -209,12 +211,12 @@ class Arrays:
         self._prefix = prefix
         self._dims = dims
 
-    def store(self, data: xr.Dataset, name: str, value: Mapping[str, Any]) -> None:
+    def store(self, data: xr.Dataset, name: str, value: Mapping[str, NumberArray]) -> None:
         """Write the arrays."""
         for key, array in value.items():
             data[self._prefix + key] = (self._dims, array)
 
-    def load(self, data: xr.Dataset, name: str, path: Path) -> dict[str, Any]:
+    def load(self, data: xr.Dataset, name: str, path: Path) -> dict[str, NumberArray]:
         """Return the arrays."""
         found = {}
         for key in map(str, data.data_vars):
@@ -223,7 +225,7 @@ class Arrays:
         return found
 
 
-def texts(items: Iterable[str]) -> Any:
+def texts(items: Iterable[str]) -> NumberArray:
     """Return texts as an array that xarray can write."""
     return np.array(list(items), dtype=object)
 
@@ -249,7 +251,7 @@ def write_dataset(
     data: xr.Dataset,
     path: str | Path,
     kind: str,
-    put_more: Callable[[Any], None] | None = None,
+    put_more: Callable[[h5py.File], None] | None = None,
 ) -> None:
     """Write a dataset as a file of updyn, which is replaced only once the new one is complete.
 

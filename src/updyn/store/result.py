@@ -41,6 +41,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 import numpy as np
 
+from updyn.arrays import NumberArray
 from updyn.dofs import DofSet
 from updyn.dynamics.modes import Modes
 from updyn.errors import FormatError, InputError, suggest
@@ -75,6 +76,7 @@ from updyn.updating.problem.parameters import Drive, Parameter, ParameterSet
 from updyn.updating.result import STATUSES, JointResult, UpdateResult
 
 if TYPE_CHECKING:
+    import h5py
     import xarray as xr
 
 __all__ = ["read_result", "result_to_json", "write_result", "write_result_json"]
@@ -115,7 +117,7 @@ def write_result(result: UpdateResult, path: str | Path) -> None:
     True
     """
 
-    def put_models(file: Any) -> None:
+    def put_models(file: h5py.File) -> None:
         stored: dict[int, Any] = {}
         put_model(file.create_group("start_model"), result.start, stored)
         put_model(file.create_group("updated_model"), result.model, stored)
@@ -331,14 +333,14 @@ class _Adequacy:
 class _Records:
     """Records of a dataclass, as JSON text; absent if there are no records, and in old files."""
 
-    def __init__(self, kind: Callable[..., Any]) -> None:
+    def __init__(self, kind: Callable[..., object]) -> None:
         self._kind = kind
 
     def store(self, data: xr.Dataset, name: str, value: tuple[Any, ...]) -> None:
         if value:
             data[name] = ((), to_text([asdict(one) for one in value], name))
 
-    def load(self, data: xr.Dataset, name: str, path: Path) -> tuple[Any, ...]:
+    def load(self, data: xr.Dataset, name: str, path: Path) -> tuple[object, ...]:
         if name not in data.variables:
             return ()
         try:
@@ -444,14 +446,14 @@ class _Modes:
         return Modes(*columns, shapes, DofSet(map(str, variable(data, "modes_dof", path))))
 
 
-def _split_parts(dims: tuple[str, str], values: Any) -> tuple[tuple[str, ...], Any]:
+def _split_parts(dims: tuple[str, str], values: NumberArray) -> tuple[tuple[str, ...], NumberArray]:
     """Return a table as a variable; complex numbers get an additional axis for their parts."""
     if not np.iscomplexobj(values):
         return dims, values
     return (*dims, "part"), np.stack([values.real, values.imag], axis=-1)
 
 
-def _join_parts(stored: Any) -> Any:
+def _join_parts(stored: NumberArray) -> NumberArray:
     """Return the table that was split by `_split_parts`."""
     if stored.ndim == 2:
         return stored

@@ -12,7 +12,7 @@ import warnings
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 
@@ -36,7 +36,7 @@ def to_text(value: object, what: str) -> str:
     return json.dumps(_mark_value(value, what), allow_nan=False, ensure_ascii=False)
 
 
-def _mark_value(value: Any, what: str) -> Any:
+def _mark_value(value: Any, what: str) -> object:
     if isinstance(value, np.generic):
         value = value.item()
     if value is None or isinstance(value, bool | int | str):
@@ -73,7 +73,7 @@ def _mark_value(value: Any, what: str) -> Any:
     return str(value)
 
 
-_RESTORE: dict[str, Callable[[dict[str, Any]], Any]] = {
+_RESTORE: dict[str, Callable[[dict[str, Any]], object]] = {
     "__float__": lambda v: float(v["__float__"]),
     "__complex__": lambda v: complex(*_restore_value(v["__complex__"])),
     "__tuple__": lambda v: tuple(_restore_value(v["__tuple__"])),
@@ -85,9 +85,9 @@ _RESTORE: dict[str, Callable[[dict[str, Any]], Any]] = {
 }
 
 
-def _dtype(stored: dict[str, Any]) -> np.dtype[Any]:
+def _dtype(stored: dict[str, Any]) -> np.dtype[np.generic]:
     """Return the type of a stored array; refuse long texts, which would be mostly padding."""
-    dtype: np.dtype[Any] = np.dtype(stored["dtype"])
+    dtype: np.dtype[np.generic] = np.dtype(stored["dtype"])
     if dtype.itemsize > STORED_ARRAY.entry_bytes:
         raise ValueError(f"an array of {dtype}")
     return dtype
@@ -119,7 +119,7 @@ def _whole(digits: str) -> int:
     return number
 
 
-def _refuse(constant: str) -> Any:
+def _refuse(constant: str) -> NoReturn:
     raise ValueError(f"{constant} is not JSON")
 
 
@@ -142,7 +142,7 @@ def plain(value: object) -> Any:
     return str(value)
 
 
-def plain_fields(record: Any, *names: str) -> dict[str, Any]:
+def plain_fields(record: object, *names: str) -> dict[str, Any]:
     """Return attributes of a record by name, as strict JSON values."""
     return plain(_fields(record, names))  # type: ignore[no-any-return]
 

@@ -229,7 +229,7 @@ def assemble(parts: Iterable[Part], held: Iterable[int] = ()) -> Train:
 
 def _check_parts(parts: Iterable[Part]) -> list[Part]:
     checked = list(parts)
-    kinds: dict[str, type[Any]] = {}
+    kinds: dict[str, type] = {}
     for part in checked:
         if not isinstance(part, Part):
             names = ", ".join(kind.__name__ for kind in PARTS.values())
