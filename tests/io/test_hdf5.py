@@ -98,7 +98,7 @@ def without_entries(file):
     [
         (lambda f: f.attrs.__setitem__("updyn_kind", "frf"), "read it with updyn.read_frf"),
         (lambda f: f.attrs.__setitem__("updyn_kind", "result"), "read it with updyn.read_result"),
-        (lambda f: f.attrs.__setitem__("updyn_kind", "modle"), "did you mean 'model'"),
+        (lambda f: f.attrs.__setitem__("updyn_kind", "modle"), "did you mean 'modes' or 'model'"),
         (lambda f: f.attrs.__setitem__("updyn_format", 3), "format version 3"),
         (
             lambda f: f.attrs.__delitem__("updyn_kind"),

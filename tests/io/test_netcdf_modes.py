@@ -10,6 +10,7 @@ import xarray as xr
 
 import updyn
 from io_samples import frf
+from updyn.cli import main
 from updyn.errors import FormatError
 
 
@@ -80,3 +81,9 @@ def test_damaged_values_are_named(tmp_path: Path, changed: dict[str, object], me
     data.to_netcdf(tmp_path / "modes.nc", engine="h5netcdf")
     with pytest.raises(FormatError, match=message):
         updyn.read_modes(tmp_path / "modes.nc")
+
+
+def test_the_command_line_describes_them(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    updyn.write_modes(modes(), tmp_path / "modes.nc")
+    assert main(["info", str(tmp_path / "modes.nc")]) == 0
+    assert "Modes: 2 from 12 to 31 Hz" in capsys.readouterr().out

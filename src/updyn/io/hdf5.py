@@ -144,7 +144,7 @@ def check_kind(root: Folder, path: str | Path, expected: str) -> None:
         right = (
             f"read it with updyn.{_READERS[kind]}" if kind in _READERS else suggest(kind, _READERS)
         )
-        raise FormatError(f"holds updyn_kind {kind!r}, expected {expected!r}; {right}", path)
+        raise AbsentError(f"holds updyn_kind {kind!r}, expected {expected!r}; {right}", path)
     version = take_number(root, "updyn_format", path)
     if version not in (FORMAT_VERSION, _DAMPED_VERSION):
         writer = (
