@@ -279,6 +279,9 @@ def test_hostile_tables(tmp_path, rows, message):
         ("f,Mag_dB,Phase", {"magnitude": 2, "phase_deg": 3}, "expected magnitude_dB"),
         ("f,Mag,Phase (deg)", {"magnitude": 2, "phase_rad": 3}, "expected phase_deg"),
         ("f,Mag,Phase [rad]", {"magnitude": 2, "phase_deg": 3}, "expected phase_rad"),
+        ("f,Mag (dB) 3:Z,Phase", {"magnitude": 2, "phase_deg": 3}, "expected magnitude_dB"),
+        ("f,Mag,Phase [turns]", {"magnitude": 2, "phase_deg": 3}, "expected a phase in deg or rad"),
+        ("f,Mag,Phase (mrad)", {"magnitude": 2, "phase_rad": 3}, "expected a phase in deg or rad"),
         (
             "f,re [m/s^2],im",
             {"real": 2, "imaginary": 3},
@@ -377,9 +380,22 @@ def test_mappings_that_are_not_valid(tmp_path, columns, message, key):
     assert caught.value.key == key
 
 
-@pytest.mark.parametrize("name", [1, "Omega"])
-def test_the_unit_of_an_angular_frequency_has_to_be_stated(tmp_path, name):
-    path = put(tmp_path, ["Omega,re,im", *lines_of(",", LINES * 2 * np.pi, A.real, A.imag)])
+@pytest.mark.parametrize(
+    "name",
+    ["Re mm/s/N", "Re_mm/s/N", "Re (mm/s/N) 3:Z", "Re (mm/s/N) [3:Z/1:Z]", "Re mm/s/N (3:Z/1:Z)"],
+)
+def test_units_anywhere_in_the_names(tmp_path, name):
+    other = name.replace("Re", "Im")
+    path = put(tmp_path, [f"f;{name};{other}", *lines_of(";", LINES, A.real * 1e3, A.imag * 1e3)])
+    columns = {"frequency": 1, "channels": RE_IM}
+    check(updyn.read_frf(path, quantity="mobility", columns=columns))
+
+
+@pytest.mark.parametrize(
+    ("name", "title"), [(1, "Omega"), ("Omega", "Omega"), (1, "Angular frequency")]
+)
+def test_the_unit_of_an_angular_frequency_has_to_be_stated(tmp_path, name, title):
+    path = put(tmp_path, [f"{title},re,im", *lines_of(",", LINES * 2 * np.pi, A.real, A.imag)])
     columns = {"frequency": name, "channels": RE_IM}
     with pytest.raises(OptionError, match="may be in rad/s or in Hz; state frequency_unit"):
         updyn.read_frf(path, quantity="mobility", columns=columns)

@@ -27,6 +27,7 @@ from updyn.units import find_ratio, find_unit, suggest_unit
 
 __all__ = [
     "FORMS",
+    "OTHER_ANGLES",
     "PARTS",
     "Key",
     "Name",
@@ -52,8 +53,10 @@ PARTS = tuple(dict.fromkeys(part for form in FORMS for part in form))
 _CHANNEL = ("response", "reference", *PARTS, "coherence", "unit")
 _DEGREES = ("deg", "degree", "degrees", "°", "grad")
 _RADIANS = ("rad", "radian", "radians")
+#: Units of phases that are refused.
+OTHER_ANGLES = ("mrad", "turn", "turns", "cycle", "cycles", "rev")
 #: Names of an angular frequency, which people also use for a frequency.
-_ANGULAR = ("omega", "ω", "w")
+_ANGULAR = ("omega", "ω", "w", "angular frequency", "circular frequency")
 _EXAMPLE = '{ response = "3:Z", reference = "1:Z", real = 2, imaginary = 3 }'
 
 #: A column or variable: its name, or the number of a column from 1.
@@ -197,6 +200,8 @@ def _find_ratio(
         wrong = "phase_rad" if part == "phase_deg" else "phase_deg"
     elif not is_phase and "db" in label.casefold() and part != "magnitude_dB":
         wrong = "magnitude_dB"
+    elif is_phase and label.casefold() in OTHER_ANGLES:
+        wrong = "a phase in deg or rad"
     if wrong:
         raise FormatError(f"{shown}, used as {part}; expected {wrong}", source.path, key=key)
     if is_phase:

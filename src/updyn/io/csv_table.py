@@ -21,7 +21,7 @@ import numpy as np
 
 from updyn.arrays import NumberArray
 from updyn.errors import FormatError, OptionError, suggest
-from updyn.io.channels import Key
+from updyn.io.channels import OTHER_ANGLES, Key
 from updyn.io.csv_text import plain_numbers
 from updyn.io.items import format_key
 from updyn.io.pulse_text import isolate_rows
@@ -37,9 +37,10 @@ Line = tuple[int, str]
 #: The separators and their names.
 SEPARATORS = {";": "semicolons", "\t": "tabs", ",": "commas", " ": "blanks"}
 _COMPLEX = re.compile(r"(.*[0-9.])\s*([+-])\s*([^+-]*(?:[eEdD][+-]?[0-9]+)?)\s*\*?\s*[ij]")
-_BRACKET = re.compile(r"(.*?)\s*(?:\[([^\[\]]*)\]|\(([^()]*(?:\([^()]*\)[^()]*)?)\))\s*")
-_ENDING = re.compile(r".*\S[ _/](\S+)")
-_PLAIN_UNITS = ("db", "deg", "degree", "degrees", "°", "grad", "rad", "-", "1", "%")
+_BRACKET = re.compile(r"\[([^\[\]]*)\]|\(([^()]*(?:\([^()]*\)[^()]*)?)\)")
+_BEFORE_ENDING = re.compile(r"(?<=\S)[ _/]+")
+_SIGNS = ("db", "deg", "rad", "°")
+_PLAIN_UNITS = (*_SIGNS, "degree", "degrees", "grad", "-", "1", "%", *OTHER_ANGLES)
 
 #: Units of channels that are not converted, such as a voltage or "engineering units".
 _OTHER_UNITS = ("V", "mV", "EU", "Pa")
@@ -390,16 +391,19 @@ def _names_unit(label: str) -> bool:
 
 def _find_label(cell: str) -> str:
     """Return the unit in a cell of the header, or an empty text."""
-    found = _BRACKET.fullmatch(cell)
-    if found is not None:
-        label = (found[2] or found[3] or "").strip()
-        return label if _names_unit(label) else ""
+    in_brackets = [(square or round_).strip() for square, round_ in _BRACKET.findall(cell)]
+    if in_brackets and cell.rstrip()[-1:] in ("]", ")") and _names_unit(in_brackets[-1]):
+        return in_brackets[-1]
     if find_unit(cell, "frequency"):
         return cell
-    ending = _ENDING.fullmatch(cell)
-    if ending is not None:
-        label = ending[1]
-        known = find_ratio(label) or find_unit(label, "frequency")
-        if known or label.casefold() in ("db", "deg", "rad", "°"):
-            return label
-    return ""
+    # The longest ending is first, because a unit may contain a separator (g/N). A unit may also
+    # precede a label in brackets, or be in brackets before a label.
+    texts = (cell, _BRACKET.sub("", cell).strip())
+    endings = [text[sign.end() :] for text in texts for sign in _BEFORE_ENDING.finditer(text)]
+    return next(filter(_is_known_unit, (*endings, *in_brackets)), "")
+
+
+def _is_known_unit(label: str) -> bool:
+    """Return whether a text is a unit of FRFs, of frequencies or of phases, or decibels."""
+    known = find_ratio(label) or find_unit(label, "frequency")
+    return bool(known) or label.casefold() in _SIGNS or "db" in label.casefold().split()
