@@ -19,11 +19,11 @@ KINDS = ("frequency", "shape", "loss_factor", "scale", "mac")
 class ModalRows:
     """Unweighted residuals of the paired modes, as shares."""
 
-    #: ``frequency``, shape (r,): ln(f_A / f_X). ``shape``: difference of the shapes, scaled to the
-    #: same length, as a share of the rms of the measured shape. ``loss_factor``: eta_A / eta_X - 1.
-    #: ``scale``: ln of the length of the model's shape of unit modal mass over that of the measured
-    #: one. ``mac``: (1 - sqrt(MAC)) / sqrt(MAC), one number for the whole shape (P. W. Moller & O.
-    #: Friberg, AIAA J. 36 (1998) 1861).
+    #: The residuals, shape (r,). ``frequency``: ln(f_A / f_X). ``shape``: difference of the shapes,
+    #: scaled to the same length, as a share of the rms of the measured shape. ``loss_factor``:
+    #: eta_A / eta_X - 1. ``scale``: ln of the length of the model's shape of unit modal mass over
+    #: that of the measured one. ``mac``: (1 - sqrt(MAC)) / sqrt(MAC), one number for the whole
+    #: shape (P. W. Moller & O. Friberg, AIAA J. 36 (1998) 1861).
     r: RealArray
     #: Derivatives by x, shape (r, n).
     J: RealArray
@@ -65,5 +65,6 @@ class ModalRows:
         variance, axes = np.linalg.eigh(covariance[np.ix_(modes, modes)])
         r, J, std = self.r.copy(), self.J.copy(), self.std.copy()
         r[at], J[at] = axes.T @ r[at], axes.T @ J[at]
-        std[at] = np.sqrt(variance)
+        # The rounding of a large variance may make a small one negative; 0 would be unknown.
+        std[at] = np.sqrt(np.maximum(variance, np.finfo(np.float64).tiny))
         return replace(self, r=r, J=J, std=std)

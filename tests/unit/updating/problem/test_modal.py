@@ -284,6 +284,16 @@ def test_correlated_frequencies_are_weighted_by_the_inverse_of_their_covariance(
     assert 2.0 * stated.local(part, x).cost == pytest.approx(1e4 * plain.r @ plain.r, rel=1e-10)
 
 
+def test_a_principal_variance_below_zero_by_rounding_is_known_and_small() -> None:
+    """A standard deviation of 0 would count as unknown, and nan would omit the residual."""
+    covariance = np.diag([1e-2, -1e-20])
+    two = np.arange(2)
+    rows = ModalRows(np.zeros(2), np.zeros((2, 1)), 0 * two, two, np.ones(2), np.ones(2))
+    std = rows.decorrelate_frequencies(covariance).std
+    assert 0.0 < std[0] < 1e-100
+    assert std[1] == pytest.approx(0.1)
+
+
 def test_before_a_fit_the_standard_deviations_of_the_data_hold_alone() -> None:
     """The assumed size of a frequency, 1 %, is added only where the data state none."""
     model = shaft()
