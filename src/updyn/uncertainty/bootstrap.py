@@ -87,7 +87,8 @@ def bootstrap(
         (Kuensch, Ann. Stat. 17 (1989) 1217); for noise that is not normal.
     first : int
         Number of the first refit. Refit number i depends on `seed` only, so that separate runs of
-        different numbers, joined by `merge_draws`, give the draws of one run.
+        different numbers, joined by `merge_draws`, give the draws of one run; with a reduced
+        model, to its accuracy.
     accuracy : float
         Large models are refitted in a reduced model about the estimate, of this error
         (`updyn.update`).
@@ -178,7 +179,8 @@ def merge_draws(parts: Sequence[Draws]) -> Draws:
     Returns
     -------
     Draws
-        All refits by seed and number. Those of one seed are the draws of a single bootstrap.
+        All refits, the parts in the order of seed and first number. Consecutive parts of one seed
+        give the draws of a single bootstrap.
 
     Raises
     ------

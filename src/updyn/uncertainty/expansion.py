@@ -83,11 +83,11 @@ def expand_modes(
 
     Notes
     -----
-    The variance of an expanded shape is the sum of three terms: of the combination, from the noise
-    of the sensors (`ModeSet.std_shapes`); of the modes of the model, from the covariance of the
-    unknowns by exact derivatives, with the derivatives of the combination; and the variance that
-    the residual at the sensors has in excess of their noise, at every DOF. The last one is an
-    error of the model that no combination of its modes corrects.
+    The variance of an expanded shape is the sum of three terms: of the combination, from the
+    variance at the sensors (the noise of `ModeSet.std_shapes` and the excess below); of the modes
+    of the model, from the covariance of the unknowns by exact derivatives, with the derivatives of
+    the combination; and the variance that the residual at the sensors has in excess of their noise,
+    at every DOF. The last one is an error of the model that no combination of its modes corrects.
 
     Examples
     --------

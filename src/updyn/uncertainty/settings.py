@@ -71,7 +71,7 @@ class ExpansionSettings:
     #: [sensors] Least number of sensors in excess of the combined modes. Why: the error of left-out
     #: sensors is random with one or two (a rule of thumb).
     spare_sensors: int = 3
-    #: [1] Share of the least error so far below which the error has to be for more modes. Why: the
+    #: [1] More modes have to reduce the error below this share of the least one so far. Why: the
     #: smallest of many errors is too small by chance; a rule of thumb.
     least_gain: float = 0.8
     #: [1] Singular values below this share of the largest make modes at the sensors dependent. Why:

@@ -76,9 +76,8 @@ class UpdatedModes:
         number = min(n, len(modes.value)) if n else int(np.sum(modes.frequency <= highest))
         if not number:
             raise OptionError(
-                f"the model has no elastic mode up to {highest:g} Hz, the highest measured"
-                f" frequency; the first one is at {modes.frequency[0]:.6g} Hz. Give the number of"
-                " modes, n"
+                f"the updated model has no elastic mode up to {highest:g} Hz; the first one is at"
+                f" {modes.frequency[0]:.6g} Hz. updyn.predict_modes(result, n) returns the lowest n"
             )
         separated = separate_repeated_modes(
             modes, system, unknowns, values, lambda shapes: shapes[:0], np.zeros((0, 0))
