@@ -344,13 +344,11 @@ def exact_thin_plate(size: tuple[float, float], thickness: float, n: int) -> np.
     return ritz_frequencies(D * K, RHO * thickness * of((0, 0), (0, 0)), n)
 
 
-def exact_thick_plate(
-    size: tuple[float, float], thickness: float, n: int, coefficient: float = 5.0 / 6.0
-) -> np.ndarray:
-    """Frequencies of a free plate of Mindlin with a shear coefficient."""
+def exact_thick_plate(size: tuple[float, float], thickness: float, n: int) -> np.ndarray:
+    """Frequencies of a free plate of Mindlin with the shear coefficient 5/6."""
     of = products((16, 16), size)
     D = E * thickness**3 / (12.0 * (1.0 - NU**2))
-    shear, twist = coefficient * G * thickness, 0.5 * (1.0 - NU) * D
+    shear, twist = 5.0 / 6.0 * G * thickness, 0.5 * (1.0 - NU) * D
     o, x, y = (0, 0), (1, 0), (0, 1)
     # Deflection w, and a and b with the shear strains w,x + a and w,y + b.
     aa = D * of(x, x) + twist * of(y, y) + shear * of(o, o)

@@ -106,14 +106,15 @@ class _Components:
 
     #: Norms of the columns of J, shape (k,).
     norms: RealArray
-    #: Triangle of J with unit columns, shape (k, k) and (k, m), and the components of the changes
-    #: in the range of J.
+    #: Triangle of J with unit columns, shape (k, k).
     head: RealArray
+    #: Components of the changes in the range of J, shape (k, m).
     effects: RealArray
     #: Right singular vectors of the effects orthogonal to J, shape (r, m).
     V: RealArray
-    #: Their singular values, shape (r,), and the residual along the left singular vectors.
+    #: Singular values of these effects, shape (r,).
     s: RealArray
+    #: The residual along their left singular vectors, shape (r,).
     h: RealArray
     #: Sum of squares of the residual orthogonal to J and to all effects.
     rest: float

@@ -47,7 +47,7 @@ class RigidMotion:
     noise: RealArray
     #: Residual of the straight lines, shape (n_f, n, m).
     remainder: ComplexArray
-    #: Mean square of it that is noise, shape (n, m).
+    #: Mean square of the remainder due to noise, shape (n, m).
     white: RealArray
 
     @classmethod
