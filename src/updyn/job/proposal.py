@@ -37,7 +37,14 @@ from updyn.text_table import format_count, printable
 from updyn.updating.before_search import REMEDY
 from updyn.updating.judge.counterparts import Counterparts, find_counterparts
 
-__all__ = ["Inputs", "describe_inputs", "job_text", "read_inputs"]
+__all__ = [
+    "Inputs",
+    "ReadFRF",
+    "describe_inputs",
+    "job_text",
+    "read_any_quantity",
+    "read_inputs",
+]
 
 _WIDTH = 100
 #: Options of readers for labels that a file does not hold.
@@ -194,7 +201,7 @@ def _is_job(path: Path) -> bool:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _ReadFRF:
+class ReadFRF:
     """A measurement, the options with which it was read, and whether its quantity is known."""
 
     frf: FRF
@@ -202,21 +209,21 @@ class _ReadFRF:
     has_quantity: bool
 
 
-def _read_frf(path: Path, options: dict[str, Any]) -> _ReadFRF:
+def _read_frf(path: Path, options: dict[str, Any]) -> ReadFRF:
     """Read a measurement, with a guessed mapping if the file has no known layout."""
     try:
-        return _read_any_quantity(path, options)
+        return read_any_quantity(path, options)
     except InputError:
         guessed = None if {"columns", "variables"} & set(options) else _guess_options(path, options)
         if guessed is None:
             raise
-        return _read_any_quantity(path, guessed)
+        return read_any_quantity(path, guessed)
 
 
-def _read_any_quantity(path: Path, options: dict[str, Any]) -> _ReadFRF:
-    """Read a measurement whose quantity may be unknown."""
+def read_any_quantity(path: Path, options: dict[str, Any]) -> ReadFRF:
+    """Read a measurement; as accelerance if the file does not state the measured quantity."""
     try:
-        return _ReadFRF(read_frf(path, **options), options, True)
+        return ReadFRF(read_frf(path, **options), options, True)
     except FormatError:
         if "quantity" in options:
             raise
@@ -226,13 +233,13 @@ def _read_any_quantity(path: Path, options: dict[str, Any]) -> _ReadFRF:
             frf = None
         if frf is None:
             raise
-        return _ReadFRF(frf, options, False)
+        return ReadFRF(frf, options, False)
 
 
 def _guess_options(path: Path, options: dict[str, Any]) -> dict[str, Any] | None:
     """Return the options with a guessed mapping of columns or variables; None if incomplete.
 
-    Labels in the options replace those that the names do not hold.
+    Labels in the options replace unknown ones.
     """
     try:
         found = list_items(path)
@@ -286,7 +293,7 @@ def describe_inputs(inputs: Inputs) -> str:
 
 
 def _describe_guess(inputs: Inputs) -> list[str]:
-    """Return that a mapping was guessed."""
+    """Return a note if the mapping was guessed."""
     return [f"{inputs.guessed}: guessed from their names; check them"] if inputs.guessed else []
 
 

@@ -185,13 +185,11 @@ class TableForm:
 
     def choose_parts(self, parts: Sequence[str]) -> None:
         """Choose another form of the values; parts of both forms keep their items."""
-        places = [self.options[self.root]] if self.is_array else self.channels
         old = self._value_names()
         self.parts = tuple(parts)
-        for place in places:
-            for name in old:
-                if name not in self._value_names():
-                    place.pop(name, None)
+        for name in set(old) - set(self._value_names()):
+            for place in self._value_places():
+                place.pop(name, None)
 
     def choose_array(self, is_array: bool) -> None:
         """Choose between arrays of all channels and items by channel; the others are discarded."""
@@ -226,12 +224,12 @@ class TableForm:
             self.set((self.root, "channels", number, "reference"), reference)
 
     def hints(self) -> dict[Key, str]:
-        """Return what is used for entries that are not filled."""
-        units = {item.select: item.unit for item in self.inventory.items}
-        frequency = self.entries()[0].key
-        places = [self.options[self.root]] if self.is_array else self.channels
-        of_values = units.get(places[0].get(self._value_names()[0], ""), "")
-        stated = {"frequency_unit": units.get(self.get(frequency), ""), "unit": of_values}
+        """Return how empty entries are read, as text."""
+        frequency = self.get(self.entries()[0].key)
+        stated = {
+            "frequency_unit": self._units().get(frequency, ""),
+            "unit": self._value_units()[0],
+        }
         usual = {"frequency_unit": "Hz", "unit": "SI"}
         found: dict[Key, str] = {
             (self.root, key): f"{unit}, by the file" if unit else f"{usual[key]}, if empty"
@@ -276,9 +274,9 @@ class TableForm:
         return found
 
     def preview_options(self) -> dict[str, Any] | None:
-        """Return options for a preview, in which labels and quantity may be missing.
+        """Return options for a preview; None if an item is missing.
 
-        They are then replaced: the preview must not show them. None if an item is missing.
+        Missing labels and a missing quantity are replaced; the preview must not show them.
         """
         faults = self.faults()
         if not faults:
@@ -326,10 +324,19 @@ class TableForm:
         """Return whether the unit of the values, in the form or the file, states their quantity."""
         if self.get((self.root, "unit")) != "":
             return True
-        units = {item.select: item.unit for item in self.inventory.items}
-        places = [self.options[self.root]] if self.is_array else self.channels
-        found = [units.get(place.get(self._value_names()[0], ""), "") for place in places]
-        return any(unit and find_ratio(unit) is not None for unit in found)
+        return any(unit and find_ratio(unit) is not None for unit in self._value_units())
+
+    def _units(self) -> dict[Name, str]:
+        return {item.select: item.unit for item in self.inventory.items}
+
+    def _value_places(self) -> list[dict[str, Any]]:
+        """Return the mappings that name items of values: that of all channels, or one for each."""
+        return [self.options[self.root]] if self.is_array else self.channels
+
+    def _value_units(self) -> list[str]:
+        """Return the units of the first part of the values by the file; empty if unknown."""
+        units, name = self._units(), self._value_names()[0]
+        return [units.get(place.get(name, ""), "") for place in self._value_places()]
 
     def _free_items(self, last: Mapping[str, Any], names: Sequence[str]) -> list[Name]:
         """Return the unused items after those of a channel, in the order of the file."""
@@ -340,7 +347,7 @@ class TableForm:
 
 
 def _check_label(text: str) -> str:
-    """Return why a text is not a label; empty if it is one."""
+    """Return the fault of a label as text; empty if it is valid."""
     try:
         Dof.parse(text)
     except DofError:

@@ -17,8 +17,10 @@ from updyn.frf import FRF
 from updyn.io import read_frf
 from updyn.io.inventory import Inventory, list_items
 from updyn.io.point_files import find_point_files, has_fields, propose_pattern
+from updyn.job.proposal import read_any_quantity
 from updyn.text_table import format_count
 from updyn.web.settings import WEB_PAGE
+from updyn.web.table_form import Key
 
 __all__ = [
     "FRFPreview",
@@ -28,8 +30,6 @@ __all__ = [
     "view_measurement",
     "view_table",
 ]
-
-Key = tuple[str | int, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,19 +76,20 @@ class TableView:
 
 
 def view_measurement(path: Path, options: Mapping[str, Any]) -> MeasurementView:
-    """Return what a measured file has, also if it does not state the measured quantity."""
-    error = ""
-    for more in ({}, {"quantity": "accelerance"}):
-        if more and "quantity" in options:
-            break
-        try:
-            frf = _read_quietly(path, {**options, **more})
-        except InputError as found:
-            error = error or _without_path(found, path)
-        else:
-            lacks = "; state the measured quantity" if more else f", {frf.quantity}"
-            return MeasurementView(f"{_describe(frf)}{lacks}", "", _has_items(path))
-    return MeasurementView("", error, _has_items(path))
+    """Describe a measured file, also if it does not state the measured quantity."""
+    summary, error = "", ""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UpdynWarning)
+            read = read_any_quantity(path, dict(options))
+    except InputError as found:
+        error = _without_path(found, path)
+    else:
+        quantity = (
+            f", {read.frf.quantity}" if read.has_quantity else "; state the measured quantity"
+        )
+        summary = f"{_describe(read.frf)}{quantity}"
+    return MeasurementView(summary, error, _has_items(path))
 
 
 def view_table(path: Path, columns: Mapping[str, Any]) -> TableView:
@@ -130,12 +131,6 @@ def preview_frf(path: Path, options: Mapping[str, Any]) -> FRFPreview:
         frf.values.reshape(len(frf.freq), -1)[:, :n],
         coherence,
     )
-
-
-def _read_quietly(path: Path, options: Mapping[str, Any]) -> FRF:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UpdynWarning)
-        return read_frf(path, **options)
 
 
 def _describe(frf: FRF) -> str:

@@ -49,7 +49,7 @@ _TABLES = (".csv", ".txt", ".dat", ".asc", ".mat", ".npz", ".h5", ".hdf5")
 
 @dataclass(eq=False)
 class NewJob:
-    """Entries for a new job; `reading` has options of the reader, `view` what the file has."""
+    """Entries for a new job; `reading` has options of the reader, `view` describes the file."""
 
     model: str = ""
     measurement: str = ""
@@ -226,7 +226,7 @@ class Workspace:
         return self.form(task).entries(self.open_document.text)
 
     def faults(self, task: str) -> dict[str, str]:
-        """Return a message for each entry of the form of a task that prevents it, by key."""
+        """Return a message for each missing or invalid entry of the form of a task, by key."""
         return self.form(task).faults(self.open_document.text)
 
     def note(self, task: str, key: str, entry: str) -> None:
@@ -280,8 +280,9 @@ class Workspace:
             return cached[2]
         path, text = document.path, document.text
         view = self.ask(read_view)
-        hidden = {k: hide_folder(text, self.project.folder) for k, text in view.errors.items()}
-        view = replace(view, errors=hidden)
+        folder = self.project.folder
+        errors = {what: hide_folder(message, folder) for what, message in view.errors.items()}
+        view = replace(view, errors=errors)
         self._cached_view = path, text, view
         return view
 

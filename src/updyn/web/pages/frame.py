@@ -20,6 +20,7 @@ __all__ = [
     "add_frame",
     "complain",
     "embed_page",
+    "navigate_after",
     "run_slow",
     "show_errors",
     "show_fault",
@@ -158,7 +159,7 @@ def show_errors(action: Callable[..., Any]) -> Callable[..., None]:
 
 
 def show_fault(entry: ui.input | ui.select | ui.number, fault: str, hint: str = "") -> None:
-    """Show the fault of an entry below it; in place of the hint, and quietly, if it is missing."""
+    """Show the fault of an entry below it: a missing entry as a hint, others as an error."""
     is_missing = fault == REQUIRED
     entry.error = fault if fault and not is_missing else None
     entry.props["hint"] = fault if is_missing else hint
@@ -168,6 +169,16 @@ def complain(text: str) -> None:
     """Show a message that stays until it is closed."""
     close = [{"label": "Close", "color": "white"}]
     ui.notify(text, type="negative", timeout=0, actions=close, multi_line=True)
+
+
+async def navigate_after(place: str, function: Callable[..., Any], *arguments: Any) -> None:
+    """Run a slow function without blocking the page, then open another page; show its error."""
+    try:
+        await run.io_bound(function, *arguments)
+    except UpdynError as error:
+        complain(str(error))
+        return
+    ui.navigate.to(place)
 
 
 async def run_slow(function: Callable[..., T], *arguments: Any) -> T | None:

@@ -6,14 +6,13 @@ import functools
 from typing import Any
 
 import numpy as np
-from nicegui import events, run, ui
+from nicegui import events, ui
 
-from updyn.errors import UpdynError
 from updyn.web import edits
 from updyn.web.charts import SCALES, edges, frf_chart, unused_bands
 from updyn.web.figure import FigureView
 from updyn.web.looking import FindingRow, ModalView, TestView, count_counterparts, find_faults
-from updyn.web.pages.frame import complain, run_slow, show_errors, watch
+from updyn.web.pages.frame import navigate_after, run_slow, show_errors, watch
 from updyn.web.pages.job import has_no_job, show_view_errors
 from updyn.web.settings import WEB_PAGE
 from updyn.web.workspace import Workspace
@@ -55,20 +54,10 @@ async def show(workspace: Workspace) -> None:
 
 def _show_tables(workspace: Workspace, *, has_errors: bool) -> None:
     """Show a button for each file whose columns or variables can be selected."""
-
-    async def open_table(number: int) -> None:
-        try:
-            await run.io_bound(workspace.open_table, number)
-        except UpdynError as error:
-            complain(str(error))
-            return
-        ui.navigate.to("/table")
-
     with ui.row():
         for number, file in workspace.tables().items():
-            button = ui.button(
-                f"Select the FRFs in {file}", on_click=functools.partial(open_table, number)
-            )
+            open_table = functools.partial(navigate_after, "/table", workspace.open_table, number)
+            button = ui.button(f"Select the FRFs in {file}", on_click=open_table)
             button.props("no-caps icon=table_chart")
             if not has_errors:
                 button.props("flat dense")

@@ -10,7 +10,7 @@ from nicegui import events, run, ui
 from updyn.demos import DEMOS
 from updyn.errors import UpdynError
 from updyn.frf import QUANTITIES, TRANSMISSIBILITY
-from updyn.web.pages.frame import complain, show_errors
+from updyn.web.pages.frame import complain, navigate_after, show_errors
 from updyn.web.settings import WEB_PAGE
 from updyn.web.workspace import Workspace
 
@@ -148,7 +148,7 @@ def _show_new_job(workspace: Workspace) -> None:
 
 
 def _show_measurement(workspace: Workspace, is_reading: bool) -> None:
-    """Show what the measured file has, and a button for the columns of a table."""
+    """Show the summary or the error of the measured file, and a button to select its FRFs."""
     view = workspace.new_job.view
     if is_reading:
         with ui.row().classes("items-center"):
@@ -159,12 +159,7 @@ def _show_measurement(workspace: Workspace, is_reading: bool) -> None:
         return
 
     async def open_table() -> None:
-        try:
-            await run.io_bound(workspace.open_new_table)
-        except UpdynError as error:
-            complain(str(error))
-            return
-        ui.navigate.to("/table")
+        await navigate_after("/table", workspace.open_new_table)
 
     with ui.row().classes("items-start no-wrap w-full"):
         if view.error:

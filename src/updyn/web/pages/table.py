@@ -13,7 +13,7 @@ from updyn.io.inventory import Item
 from updyn.web.charts import frf_chart
 from updyn.web.figure import FigureView
 from updyn.web.form import REQUIRED
-from updyn.web.pages.frame import complain, show_fault
+from updyn.web.pages.frame import complain, navigate_after, show_fault
 from updyn.web.settings import WEB_PAGE
 from updyn.web.table_form import FORM_NAMES, Entry, Key, TableForm
 from updyn.web.table_preview import FRFPreview
@@ -62,7 +62,7 @@ class _TablePage:
             self._icon = ui.icon("hourglass_empty", size="sm")
             self._status = ui.label().classes("flex-1 min-w-48 whitespace-pre-wrap").mark("status")
             self._status.props("role=status")
-            ui.button("Cancel", on_click=self._leave).props("flat no-caps")
+            ui.button("Cancel", on_click=lambda: ui.navigate.to(self._place)).props("flat no-caps")
             self._use = ui.button(f"Use these {what}", on_click=self._apply).props("no-caps")
         with ui.row().classes("w-full items-stretch max-lg:flex-col lg:flex-nowrap"):
             with ui.card().classes("w-full lg:w-7/12"):
@@ -225,16 +225,13 @@ class _TablePage:
         self._form.remove_channel(number)
         await self._redraw()
 
-    def _leave(self) -> None:
-        ui.navigate.to("/" if self._table.test is None else "/measurement")
+    @property
+    def _place(self) -> str:
+        """The page that opened the form."""
+        return "/" if self._table.test is None else "/measurement"
 
     async def _apply(self) -> None:
-        try:
-            await run.io_bound(self._workspace.use_table)
-        except UpdynError as error:
-            complain(str(error))
-            return
-        self._leave()
+        await navigate_after(self._place, self._workspace.use_table)
 
     # -- preview -----------------------------------------------------------------------------------
     async def _update(self) -> None:
@@ -291,7 +288,10 @@ class _TablePage:
         self._status.set_text(text)
 
     def _find_entry(self, key: Key) -> Key:
-        """Return the key of the entry for an error: of a part of the options, its first item."""
+        """Return the key of the entry at which an error is shown.
+
+        An error of a table of options is shown at the first item in it.
+        """
         if key in self._shown or not key:
             return key
         inside = [shown for shown in self._shown if shown[: len(key)] == key]
@@ -300,7 +300,7 @@ class _TablePage:
 
     def _name_of(self, key: Key) -> str:
         shown = self._shown.get(key)
-        return str(key[-1]) if shown is None else str(shown._props["label"]).removesuffix(" *")
+        return str(key[-1]) if shown is None else str(shown.props["label"]).removesuffix(" *")
 
 
 class _Preview:
