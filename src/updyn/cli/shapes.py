@@ -6,7 +6,7 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
@@ -32,7 +32,7 @@ __all__ = ["shapes"]
 
 @dataclass(frozen=True, slots=True)
 class _Source:
-    """Modes or FRFs of a file, with the structure and further options of the writer."""
+    """Modes or FRFs of a file, with the structure; None if the file has no positions of nodes."""
 
     shapes: ModeSet | Modes | FRF
     structure: Model | Geometry | UpdateResult | None
@@ -81,16 +81,16 @@ def shapes(
         raise InputError(f"{target}: is the file to read")
     check_free([target], force=force)
     find_format(target, "write_shapes")
-    read = _read_source(source, freq is not None, mode, {"quantity": quantity}, {"unit": unit})
+    options = parse_reader_options(option, "--option")
+    read = _read_source(source, freq is not None, mode, quantity, unit)
     place = read.structure
     if structure is not None:
-        place = read_anything(structure, ("geometry", "model"), _by_kind({"unit": unit}))[1]
+        place = read_anything(structure, ("geometry", "model"), _unit_options(unit))[1]
     if place is None:
         raise InputError(
             f"{source}: has no positions of nodes; name the file of the model or of a geometry with"
             " --structure"
         )
-    options = parse_reader_options(option, "--option")
     select = _select_modes(mode, read.shapes)
     write_new(
         target,
@@ -109,22 +109,18 @@ def shapes(
     return DONE
 
 
-def _by_kind(unit: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
-    """Return the unit as an option of the readers of models and of geometries."""
-    given = {name: value for name, value in unit.items() if value is not None}
-    return {"model": dict(given), "geometry": dict(given)}
+def _unit_options(unit: str | None) -> dict[str, dict[str, str]]:
+    """Return the options of the readers of models and of geometries."""
+    given = {} if unit is None else {"unit": unit}
+    return {"model": given, "geometry": given}
 
 
 def _read_source(
-    path: Path,
-    is_operating: bool,
-    mode: list[int] | None,
-    of_frf: Mapping[str, Any],
-    unit: Mapping[str, Any],
+    path: Path, is_operating: bool, mode: list[int] | None, quantity: str | None, unit: str | None
 ) -> _Source:
-    """Return the shapes of a file with its structure, as far as it has one."""
-    options = _by_kind(unit)
-    options["frf"] = {name: value for name, value in of_frf.items() if value is not None}
+    """Return the shapes of a file with its structure."""
+    options = _unit_options(unit)
+    options["frf"] = {} if quantity is None else {"quantity": quantity}
     kinds = ("frf",) if is_operating else ("modes", "model", "result", "frf")
     kind, content = read_anything(path, kinds, options)
     if kind == "frf":
@@ -148,8 +144,8 @@ def _select_modes(numbers: list[int] | None, of: ModeSet | Modes | FRF) -> list[
     return [number - 1 for number in numbers]
 
 
-def _find_geometry(path: Path, options: Mapping[str, Any]) -> Geometry | None:
-    """Return the geometry in a file of modes; None if it has none."""
+def _find_geometry(path: Path, options: Mapping[str, str]) -> Geometry | None:
+    """Return the geometry in a file of modes; None if none can be read."""
     try:
         return read_geometry(path, **options)
     except InputError:

@@ -41,7 +41,10 @@ class ShapesTable(Table):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PredictedShapes:
-    """Modes of the updated structure, and measured ones at all DOFs; `note` states why not."""
+    """Modes of the updated structure and expanded measured shapes, at all DOFs of the model.
+
+    `note` is the reason if the measured shapes could not be expanded.
+    """
 
     modes: ModeSet
     expansion: Expansion | None
@@ -113,7 +116,7 @@ SHAPES = _ShapesJobTable()
 def _format_modes(modes: ModeSet) -> str:
     """Return frequencies and damping of the updated structure as text."""
     rows = [
-        [str(k + 1), f"{f:.6g}", _known(std), f"{loss:.4g}", _known(std_loss)]
+        [str(k + 1), f"{f:.6g}", _format_std(std), f"{loss:.4g}", _format_std(std_loss)]
         for k, (f, std, loss, std_loss) in enumerate(
             zip(
                 modes.frequency,
@@ -128,5 +131,5 @@ def _format_modes(modes: ModeSet) -> str:
     return f"Modes of the updated structure at {len(modes.dofs)} DOFs\n" + text_table(header, rows)
 
 
-def _known(std: float) -> str:
+def _format_std(std: float) -> str:
     return f"{std:.2g}" if np.isfinite(std) else "not determined"

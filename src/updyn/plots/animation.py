@@ -16,6 +16,7 @@ import numpy as np
 
 from updyn.arrays import ComplexArray, IndexArray, RealArray
 from updyn.errors import FormatError, OptionError
+from updyn.group import is_number
 from updyn.io.atomic import atomic_path
 from updyn.modal.shapes import Shapes
 from updyn.plots.canvas import Canvas, canvas
@@ -66,7 +67,7 @@ def write_shapes(
 
 
 def _check(view: Any, scale: Any, frames: Any, fps: Any, periods: Any) -> None:
-    if np.shape(view) != (2,) or not np.isfinite(np.asarray(view, dtype=np.float64)).all():
+    if np.shape(view) != (2,) or not all(is_number(x) and np.isfinite(x) for x in view):
         raise OptionError(
             f"view: expected azimuth and elevation in degrees, such as (38, 24), found {view!r}",
             key=("view",),
@@ -169,6 +170,7 @@ class _Drawing:
         axes.add_collection(faces)
         axes.add_collection(lines)
         (dots,) = axes.plot([], [], color=_MOVING, linestyle="none", marker="o", markersize=4)
+        loose = self.loose
         sized = [self._scale(number) for number in range(len(self.shapes))]
         axes.set_title("\n")
         made.figure.draw_without_rendering()
@@ -182,7 +184,7 @@ class _Drawing:
                 lines.set_segments(list(xy[body.lines]))
                 depth = (xyz @ self.eye[2])[body.faces].mean(axis=1)
                 faces.set_verts(list(xy[body.faces[np.argsort(depth, kind="stable")]]))
-                dots.set_data(*xy[self.loose].T)
+                dots.set_data(*xy[loose].T)
                 yield
 
     def _scale(self, number: int) -> tuple[ComplexArray, str]:

@@ -51,7 +51,7 @@ def amplitudes(u: ComplexArray) -> RealArray:
 
 
 def motion_of(shapes: Shapes) -> Motion:
-    """Return the motion of the structure of some shapes."""
+    """Return the structure with the displacements of its nodes in each shape."""
     model, dofs = shapes.model, shapes.modes.dofs
     if model is not None and np.isin(model.dofs.nodes, dofs.nodes).all():
         body = model_body(model)

@@ -138,6 +138,7 @@ def test_without_ffmpeg_the_program_is_named(tmp_path, monkeypatch):
     ("more", "message"),
     [
         ({"view": 3}, "view: expected azimuth and elevation"),
+        ({"view": ("a", "b")}, "view: expected azimuth and elevation"),
         ({"scale": 0.0}, "scale: expected a number above 0"),
         ({"fps": 0.5}, "fps: expected a whole number of at least 1"),
         ({"frames": 2}, "frames: expected a whole number of at least 3"),
