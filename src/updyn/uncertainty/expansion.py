@@ -243,13 +243,13 @@ class _Expander:
     target: ModalTarget
     posterior: Posterior
     rows: IndexArray
-    _slopes: dict[int, RealArray] = field(default_factory=dict)
+    #: The modes of the model, and the rigid-body modes after them, shape (N, n).
+    basis: RealArray = field(init=False)
+    _slopes: dict[int, RealArray] = field(default_factory=dict, init=False)
 
-    @property
-    def basis(self) -> RealArray:
-        """The modes of the model, and the rigid-body modes after them, shape (N, n)."""
+    def __post_init__(self) -> None:
         modes = self.updated.modes
-        return np.hstack([modes.shapes[:, : self.updated.number], modes.rigid])
+        self.basis = np.hstack([modes.shapes[:, : self.updated.number], modes.rigid])
 
     def expand(self, found: Combination) -> RealArray:
         """Return the expanded shape, shape (k,)."""
