@@ -81,7 +81,7 @@ class Assembly:
         return cls(setup, Problem.of(parts, _modal_parts(setup, session)), reduced, session)
 
     @property
-    def used_options(self) -> list[dict[str, Any]]:
+    def used_options(self) -> list[dict[str, object]]:
         """Options used for each part, for the record."""
         setup = self.setup
         common = {key: getattr(setup.method, key) for key in options_of(setup.options.method)}
@@ -127,7 +127,7 @@ class Assembly:
             return used if reduction is None else {**used, **reduction.record}
         solver = self.problem.parts[i].solver
         if self.reduced is None:
-            solved: Mapping[str, Any] = record_fallback(solver.solve_counts, solver.backend)
+            solved: Mapping[str, object] = record_fallback(solver.solve_counts, solver.backend)
         else:
             solved = self.reduced.record
         return {**used, **solved, **_rounding_channels(fitted.parts[i])}

@@ -606,7 +606,7 @@ def _format_combination(direction: Mapping[str, float]) -> str:
     return ", ".join(f"{weight:+.3g} {name}" for name, weight in largest_first)
 
 
-def _describe_reduction_error(options: Mapping[str, Any]) -> str:
+def _describe_reduction_error(options: Mapping[str, object]) -> str:
     """Return the error of a reduced model for FRFs or modes in words."""
     of_modes = "frequency error" in options
     error = options["frequency error" if of_modes else "error"]

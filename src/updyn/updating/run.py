@@ -11,7 +11,6 @@ import time
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import scipy
@@ -100,7 +99,7 @@ def _result(
     )
 
 
-def _further_record(setup: Setup, judged: Judged) -> dict[str, Any]:
+def _further_record(setup: Setup, judged: Judged) -> dict[str, object]:
     """Return the selection before the fit and the regularisation, for the record."""
     more = dict(setup.selection.option)
     if judged.fit.regularisation is not None:

@@ -277,7 +277,7 @@ def _combine_callbacks(
     callback: Callable[[Progress], bool | None] | None,
     progress: bool,
     method: str,
-    options: Mapping[str, Any],
+    options: Mapping[str, object],
 ) -> Iterator[Callable[[Progress], bool | None] | None]:
     """Yield the callback of a run, which combines that of the caller with the progress display."""
     if not progress:

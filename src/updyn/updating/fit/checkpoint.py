@@ -46,7 +46,7 @@ class Checkpoint:
     problem, and FormatError if it is not a checkpoint.
     """
 
-    def __init__(self, path: Path, head: Mapping[str, Any], *, resume: bool = False) -> None:
+    def __init__(self, path: Path, head: Mapping[str, object], *, resume: bool = False) -> None:
         self.path = path
         self._head = json.dumps(head, sort_keys=True)
         self._places: dict[bytes, tuple[int, int]] = {}
@@ -172,7 +172,7 @@ class Checkpoint:
 def checkpoint_session(
     session: Session,
     path: str | Path | None,
-    head: Callable[[], Mapping[str, Any]],
+    head: Callable[[], Mapping[str, object]],
     *,
     resume: bool,
 ) -> Iterator[None]:
@@ -195,7 +195,7 @@ def checkpoint_session(
 
 def fingerprint(
     problem: Problem, data: Sequence[FRF | ModeSet], options: Mapping[str, object]
-) -> dict[str, Any]:
+) -> dict[str, object]:
     """Return the identification of a run as plain data.
 
     `options` are other options that change the evaluations, without the number of steps: a run that

@@ -122,14 +122,14 @@ def judge_fit(
             noise = 0.0 if np.isnan(misfit) else misfit
             advice = unless_stopped(lambda: advise(analysis, problem, fit.x, noise), "")
     solvers = start_solvers or [part.solver for part in problem.parts]
-    comparisons: list[Callable[[], dict[str, Any]]] = []
+    comparisons: list[Callable[[], dict[str, object]]] = []
     splits = [split for split in data if isinstance(split, Split)]
     for part, split, first in zip(problem.parts, splits, solvers, strict=True):
         comparisons.append(partial(_correlate_part, part, fit.x, split, first))
     modal_splits = [split for split in data if isinstance(split, ModalSplit)]
     for modal, of_modes in zip(problem.modal, modal_splits, strict=True):
         comparisons.append(partial(correlate_measured_modes, modal, fit.x, of_modes))
-    correlation: tuple[Mapping[str, Any], ...] = tuple(
+    correlation: tuple[Mapping[str, object], ...] = tuple(
         unless_stopped(compare, _empty_figures(split))
         for compare, split in zip(comparisons, data, strict=True)
     )
@@ -200,7 +200,6 @@ def analyse_start(problem: Problem, noises: Sequence[NoiseModel]) -> tuple[Analy
 
 def linearise_at_start(problem: Problem, noises: Sequence[NoiseModel]) -> tuple[Local, float]:
     """Return the whitened output error at the start, and the median relative deviation."""
-    # Raises `SolverError` if the model cannot be solved there.
     x = problem.coordinates.start
     errors, shares = [], []
     for part, given in zip(problem.parts, noises, strict=True):
@@ -323,7 +322,7 @@ def _add_model_error(
     problem: Problem, fit: Fit, spread: RealArray, error: Discrepancy
 ) -> tuple[Fit, RealArray]:
     no_interval = error.lacks_interval(spread)
-    record: dict[str, Any] = {"model_error": error.share}
+    record: dict[str, object] = {"model_error": error.share}
     names = [name for name, lost in zip(_names(problem), no_interval, strict=True) if lost]
     if names:
         record["not_known"] = names
@@ -415,7 +414,7 @@ def _find_active_bounds(problem: Problem, x: RealArray) -> dict[str, str]:
 
 def _correlate_part(
     part: FRFPart, x: RealArray, split: Split, first: FieldSolver
-) -> dict[str, Any]:
+) -> dict[str, object]:
     part_of_all_data = part.with_data(split.whole)
     start_part = part_of_all_data.with_solver(first)
     start = part.coordinates.start
@@ -429,14 +428,14 @@ def _correlate_part(
         _correlate_subsets(start_part, start, parts),
         _correlate_subsets(part_of_all_data, end, parts),
     )
-    out: dict[str, Any] = {"before": before.get("fitted", {}), "after": after.get("fitted", {})}
+    out: dict[str, object] = {"before": before.get("fitted", {}), "after": after.get("fitted", {})}
     if split.held is not None:
         out["validation"] = {"before": before.get("held", {}), "after": after.get("held", {})}
     return out
 
 
-def _empty_figures(split: Split | ModalSplit) -> dict[str, Any]:
-    none: dict[str, Any] = {"before": {}, "after": {}}
+def _empty_figures(split: Split | ModalSplit) -> dict[str, object]:
+    none: dict[str, object] = {"before": {}, "after": {}}
     if split.held is not None:
         none["validation"] = {"before": {}, "after": {}}
     return none

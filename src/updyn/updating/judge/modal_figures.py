@@ -19,7 +19,7 @@ from updyn.updating.problem.modal import ModalPart, ModalTarget, drop_excluded_s
 __all__ = ["correlate_measured_modes"]
 
 
-def correlate_measured_modes(part: ModalPart, x: RealArray, split: ModalSplit) -> dict[str, Any]:
+def correlate_measured_modes(part: ModalPart, x: RealArray, split: ModalSplit) -> dict[str, object]:
     """Return the figures ``before``, ``after`` and, of held-out modes, ``validation`` with both.
 
     The figures are empty if modes cannot be computed.

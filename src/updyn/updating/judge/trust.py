@@ -99,7 +99,7 @@ def judge_result(
     remaining_gain: float | None,
     rank: tuple[int, int],
     n_solutions: int,
-    correlation: Sequence[Mapping[str, Any]],
+    correlation: Sequence[Mapping[str, object]],
     misfit: float,
     at_bound: tuple[Sequence[str], int],
     findings: Sequence[Finding],

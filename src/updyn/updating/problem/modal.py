@@ -308,7 +308,7 @@ class ModalPart:
     least_mac: float = MODE_PAIRS.similar_mac
     reduction: ModalReduction | None = None
 
-    def __reduce__(self) -> tuple[Any, ...]:
+    def __reduce__(self) -> tuple[object, ...]:
         about = (self.unknowns, self.coordinates, self.target, self.noise)
         return ModalPart, (self.system, *about, Session(), self.name, self.least_mac)
 

@@ -376,7 +376,9 @@ class ParameterSet(Sequence[Parameter]):
         import pandas as pd
 
         names = ("group", "quantity", "start", "lower", "upper")
-        columns: dict[str, Any] = {name: [getattr(p, name) for p in self.items] for name in names}
+        columns: dict[str, object] = {
+            name: [getattr(p, name) for p in self.items] for name in names
+        }
         columns["prior_std"] = [
             math.nan if p.prior_std is None else p.prior_std for p in self.items
         ]
@@ -792,7 +794,7 @@ def _select_groups(model: Model, quantity: str, patterns: str | Iterable[str]) -
     return found
 
 
-def _most_specific(table: Mapping[str, Any], parameter: Parameter) -> Any:
+def _most_specific(table: Mapping[str, object], parameter: Parameter) -> Any:
     if parameter.name in table:
         return table[parameter.name]
     for key, value in table.items():
@@ -802,7 +804,7 @@ def _most_specific(table: Mapping[str, Any], parameter: Parameter) -> Any:
 
 
 def _check_keys(
-    what: str, given: Mapping[str, Any] | None, items: Sequence[Parameter]
+    what: str, given: Mapping[str, object] | None, items: Sequence[Parameter]
 ) -> Mapping[str, Any]:
     """Return `given` after checking that each key matches an unknown."""
     if given is None:
@@ -823,7 +825,7 @@ def _check_keys(
     return given
 
 
-def check_bounds(given: Any, what: str) -> tuple[float, float]:
+def check_bounds(given: object, what: str) -> tuple[float, float]:
     """Return user input as two bounds; raise for anything else, naming `what`."""
     if isinstance(given, str) or not isinstance(given, Sequence | np.ndarray) or len(given) != 2:
         raise ParameterError(f"{what}: expected (lower, upper), found {given!r}", key=("bounds",))

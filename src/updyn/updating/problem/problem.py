@@ -83,7 +83,7 @@ class FRFPart:
         gains = Gains.find(self.coordinates.parameters, self.frf) if self.as_read else None
         object.__setattr__(self, "_gains", gains)
 
-    def __reduce__(self) -> tuple[Any, ...]:
+    def __reduce__(self) -> tuple[object, ...]:
         about = (self.unknowns, self.coordinates, self.frf, self.rows, self.columns, self.sign)
         return FRFPart, (self.solver, *about, Session(), self.name, self.as_read)
 

@@ -107,7 +107,7 @@ class Selection:
         }
 
     @property
-    def option(self) -> dict[str, Any]:
+    def option(self) -> dict[str, object]:
         """The record as an option of a run; empty if no unknown was joined or left out."""
         if not self.merged and not self.left_out:
             return {}

@@ -91,7 +91,7 @@ def options_of(name: str) -> dict[str, Any]:
     return {f.name: f.default for f in fields}
 
 
-def make_method(name: str, options: Mapping[str, Any]) -> Method:
+def make_method(name: str, options: Mapping[str, object]) -> Method:
     """Return a method from its name and options; OptionError if one is not valid."""
     made, defaults = METHODS.find(name), options_of(name)
     plain = {}

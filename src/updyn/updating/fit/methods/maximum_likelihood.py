@@ -642,8 +642,8 @@ def _information_of_modes(
 
 
 def _with_common_freedom(
-    problem: Problem, records: Sequence[Mapping[str, Any]]
-) -> list[Mapping[str, Any]]:
+    problem: Problem, records: Sequence[Mapping[str, object]]
+) -> list[Mapping[str, object]]:
     """Return the noise records with the same degrees of freedom, those of the intervals."""
     # These are 1 / sum s^2 / nu, with s the share of a test in the data (Satterthwaite, Biometrics
     # Bull. 2 (1946) 110).

@@ -68,7 +68,7 @@ class AlteredPart(FRFPart):
         values: list[Any] = [*_list_field_values(part), alteration]
         return cls(*values)
 
-    def __reduce__(self) -> tuple[Any, ...]:
+    def __reduce__(self) -> tuple[object, ...]:
         return _rebuild, (self.unaltered_part, self.alteration)
 
     @property

@@ -54,7 +54,7 @@ class WeightedData(FRF):
         field_values["variance"] = variance
         return cls(relative_noise=relative_noise, **field_values)
 
-    def __reduce__(self) -> tuple[Any, ...]:
+    def __reduce__(self) -> tuple[object, ...]:
         field_values = {one.name: getattr(self, one.name) for one in fields(self)}
         return _rebuild, (type(self), field_values)
 

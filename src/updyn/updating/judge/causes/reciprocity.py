@@ -118,7 +118,7 @@ class _Difference:
         factor, late = float(np.median(self.log_ratio.real)), self.estimate_delay()
         delay_phase = -2j * np.pi * self.freq * late
         times = f"a factor of {np.exp(factor):.3g}"
-        explanations: list[tuple[Any, str]] = [
+        explanations: list[tuple[object, str]] = [
             (1j * np.pi, "the sign"),
             (factor, times),
             (factor + 1j * np.pi, f"the sign and {times}"),
