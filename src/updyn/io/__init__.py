@@ -351,7 +351,7 @@ def read_contents(path: str | Path, *, format: str | None = None, **options: Any
 
 
 def write_modes(
-    modes: ModeSet, path: str | Path, *, format: str | None = None, **options: Any
+    modes: ModeSet, path: str | Path, *, format: str | None = None, **options: object
 ) -> None:
     """Write measured modes, to be read by `read_modes`.
 
@@ -402,7 +402,7 @@ def write_shapes(
     reference: str | None = None,
     select: ArrayLike | None = None,
     format: str | None = None,
-    **options: Any,
+    **options: object,
 ) -> None:
     """Write mode shapes or operating shapes on their structure, for other programs.
 
@@ -591,7 +591,7 @@ def write_properties(
         writer(changes, source, target)
 
 
-def _run_reader(path: str | Path, verb: str, format: str | None, options: dict[str, Any]) -> Any:
+def _run_reader(path: str | Path, verb: str, format: str | None, options: dict[str, object]) -> Any:
     reader, name = _find_function(path, verb, format)
     known = _check_option_names(reader, name, options, ("format",))
     with guard_reader(path, name):
@@ -614,7 +614,7 @@ class _GivenGroups:
     patterns: Mapping[str, Any] | None
 
 
-def _split_groups(reader: Callable[..., Any], groups: Mapping[str, Any]) -> _GivenGroups:
+def _split_groups(reader: Callable[..., object], groups: Mapping[str, Any]) -> _GivenGroups:
     """Return the groups of `read_model` by kind: only some readers know element numbers."""
     if "groups" not in _reader_options(reader) or not isinstance(groups, Mapping):
         return _GivenGroups(None, groups)
@@ -624,15 +624,15 @@ def _split_groups(reader: Callable[..., Any], groups: Mapping[str, Any]) -> _Giv
     return _GivenGroups(elements if elements or not patterns else None, patterns or None)
 
 
-def _reader_options(reader: Callable[..., Any]) -> set[str]:
+def _reader_options(reader: Callable[..., object]) -> set[str]:
     return {
         p.name for p in inspect.signature(reader).parameters.values() if p.kind is p.KEYWORD_ONLY
     }
 
 
 def _check_option_names(
-    reader: Callable[..., Any], kind: str, options: dict[str, Any], others: Iterable[str] = ()
-) -> dict[str, Any]:
+    reader: Callable[..., object], kind: str, options: dict[str, object], others: Iterable[str] = ()
+) -> dict[str, object]:
     """Return the options after checking their names; `others` are names for messages only."""
     known = _reader_options(reader)
     for name in options:

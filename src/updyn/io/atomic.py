@@ -8,7 +8,6 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
 
 from updyn.errors import FormatError
 from updyn.io.leftovers import new_name, remove_leftovers
@@ -74,7 +73,7 @@ def write_bytes(path: str | Path, *parts: bytes | memoryview) -> None:
         file.writelines(parts)
 
 
-def write_json(content: Any, path: str | Path) -> None:
+def write_json(content: object, path: str | Path) -> None:
     """Write plain values as JSON, atomically; infinities and NaN, which JSON lacks, are refused."""
     text = json.dumps(content, allow_nan=False, ensure_ascii=False, indent=2)
     with atomic_path(path) as temporary:

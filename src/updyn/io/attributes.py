@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -22,7 +21,7 @@ _LINEAR = ("scale_factor", "add_offset")
 
 
 def unpack(
-    values: NumberArray, attributes: Mapping[str, Any], name: str, path: str | Path
+    values: NumberArray, attributes: Mapping[str, object], name: str, path: str | Path
 ) -> NumberArray:
     """Return the unpacked values, with NaN for missing ones; texts are returned unchanged."""
     if values.dtype.kind not in "iufc" or not any(key in attributes for key in PACKING):
@@ -44,7 +43,7 @@ def unpack(
     return out
 
 
-def _numbers(given: Any, where: str, path: str | Path) -> NumberArray:
+def _numbers(given: object, where: str, path: str | Path) -> NumberArray:
     found = np.atleast_1d(np.asarray(given)).ravel()
     if found.dtype.kind not in "iufc":
         raise FormatError(f"{where} is {_format_value(given)!r}; expected numbers", path)
@@ -97,11 +96,11 @@ def _is_outside(
     return out
 
 
-def _format_value(given: Any) -> Any:
+def _format_value(given: object) -> object:
     return given.tolist() if isinstance(given, np.ndarray) else given
 
 
-def read_unit(attributes: Mapping[str, Any], name: str, path: str | Path) -> str:
+def read_unit(attributes: Mapping[str, object], name: str, path: str | Path) -> str:
     """Return the unit in the attributes ``units`` or ``unit`` (in any case), or an empty text."""
     labels: dict[str, str] = {}
     for key, given in attributes.items():
@@ -113,7 +112,7 @@ def read_unit(attributes: Mapping[str, Any], name: str, path: str | Path) -> str
     return next(iter(labels.values()), "")
 
 
-def _label(given: Any, key: str, name: str, path: str | Path) -> str:
+def _label(given: object, key: str, name: str, path: str | Path) -> str:
     if isinstance(given, np.ndarray) and given.size == 1:
         given = given.ravel().tolist()[0]
     if isinstance(given, bytes):

@@ -95,7 +95,7 @@ class Values:
         return None if self.unit is None else self.unit.quantity
 
 
-def check_keys(given: Any, known: Iterable[str], required: Iterable[str], key: Key) -> None:
+def check_keys(given: object, known: Iterable[str], required: Iterable[str], key: Key) -> None:
     """Raise an `OptionError` if a mapping has an unknown key or lacks a required one."""
     place = format_key(key)
     if not isinstance(given, Mapping) or not given:
@@ -108,7 +108,9 @@ def check_keys(given: Any, known: Iterable[str], required: Iterable[str], key: K
             raise OptionError(f"{place}: missing key {name!r}", key=key)
 
 
-def read_frequency(source: Source, name: Any, stated: Any, key: Key, unit_key: Key) -> RealArray:
+def read_frequency(
+    source: Source, name: object, stated: object, key: Key, unit_key: Key
+) -> RealArray:
     """Return frequencies in Hz, from the unit in the mapping (`stated`), else of the file."""
     numbers = as_reals(source.numbers(name, key), _format_name(name), source.path)
     label = source.unit(name)
@@ -141,7 +143,7 @@ def read_frequency(source: Source, name: Any, stated: Any, key: Key, unit_key: K
 
 
 def combine_parts(
-    source: Source, given: Mapping[str, Any], unit: Any, key: Key, unit_key: Key
+    source: Source, given: Mapping[str, Any], unit: object, key: Key, unit_key: Key
 ) -> Values:
     """Return complex values from their parts, or real ones of the part ``real`` alone."""
     parts = [part for part in PARTS if part in given]
@@ -298,7 +300,7 @@ def _read_channel(source: Source, given: Any, unit: Any, key: Key) -> _Channel:
     return _Channel(pair, found.values, coherence, found.quantity)
 
 
-def _read_label(given: Mapping[str, Any], side: str, key: Key) -> Dof:
+def _read_label(given: Mapping[str, object], side: str, key: Key) -> Dof:
     label = given[side]
     if not isinstance(label, str):
         raise OptionError(
@@ -313,7 +315,7 @@ def _read_label(given: Mapping[str, Any], side: str, key: Key) -> Dof:
 
 def _arrange(
     found: Mapping[tuple[Dof, Dof], _Channel], path: str | Path, key: Key
-) -> dict[str, Any]:
+) -> dict[str, object]:
     """Return the channels as arrays over lines, responses and references."""
     with locate_errors(path, format_key(key)):
         rows = DofSet(dict.fromkeys(pair[0] for pair in found))
@@ -338,7 +340,7 @@ def _arrange(
         raise OptionError(
             f"{format_key(key)}: some channels have a coherence, others none", key=key
         )
-    items: dict[str, Any] = {
+    items: dict[str, object] = {
         "responses": list(map(str, rows)),
         "references": list(map(str, columns)),
     }
@@ -352,7 +354,7 @@ def _arrange(
     return items
 
 
-def _stack(rows: Sequence[Sequence[Any]], path: str | Path, key: Key) -> NumberArray:
+def _stack(rows: Sequence[Sequence[object]], path: str | Path, key: Key) -> NumberArray:
     """Return vectors as one array over lines, responses and references."""
     vectors = [np.asarray(vector) for row in rows for vector in row]
     for vector in vectors:
@@ -371,5 +373,5 @@ def _format_pair(pair: tuple[Dof, Dof]) -> str:
     return f"{pair[0]}/{pair[1]}"
 
 
-def _format_name(name: Any) -> str:
+def _format_name(name: object) -> str:
     return f"column {name}" if isinstance(name, int) else repr(name)

@@ -13,7 +13,6 @@ import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -95,7 +94,7 @@ def read_frf(
     quantity: str | None = None,
     duplicates: str = "raise",
     real_valued: bool = False,
-    columns: Mapping[str, Any] | None = None,
+    columns: Mapping[str, object] | None = None,
 ) -> FRF:
     """Read FRFs from a table, by its header or by `columns` (`updyn.io.csv_columns`)."""
     if duplicates != "raise":

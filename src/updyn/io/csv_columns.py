@@ -37,7 +37,7 @@ _COMMENTS = ("quantity", "averages", "decay", "source", *EXCITATION)
 
 
 def read_columns(
-    path: str | Path, columns: Mapping[str, Any], *, quantity: str | None, real_valued: bool
+    path: str | Path, columns: Mapping[str, object], *, quantity: str | None, real_valued: bool
 ) -> FRF:
     """Read FRFs from the columns that a mapping selects."""
     key = ("columns",)
@@ -77,7 +77,7 @@ def read_columns(
     return build_frf(items, path, quantity=quantity, real_valued=real_valued)
 
 
-def find_stated_table(text: str, path: str | Path, columns: Mapping[str, Any]) -> TextTable:
+def find_stated_table(text: str, path: str | Path, columns: Mapping[str, object]) -> TextTable:
     """Return the table of a text, with the separator and the first row of a mapping if stated."""
     separator, first_row = columns.get("separator"), columns.get("first_row")
     if separator not in (None, *SEPARATORS):

@@ -10,7 +10,6 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -91,7 +90,7 @@ def propose_columns(path: str | Path, error: FormatError) -> FormatError | None:
     return out
 
 
-def guess_columns(table: TextTable) -> dict[str, Any] | None:
+def guess_columns(table: TextTable) -> dict[str, object] | None:
     """Return ``columns`` by the names of the columns; None if they name no complete channel."""
     frequency = _find_frequency(table)
     channels = [] if frequency is None else _find_channels(table, frequency)
@@ -100,14 +99,14 @@ def guess_columns(table: TextTable) -> dict[str, Any] | None:
     return {"frequency": frequency, "channels": [_select(channel) for channel in channels]}
 
 
-def _make_example(table: TextTable) -> dict[str, Any]:
+def _make_example(table: TextTable) -> dict[str, object]:
     """Return ``columns`` of one channel by numbers, as an example."""
     frequency = _find_frequency(table)
     channel = {part: _Guess(i, part, "", ()) for i, part in _EXAMPLE.items()}
     return {"frequency": 1 if frequency is None else frequency, "channels": [_select(channel)]}
 
 
-def _select(channel: _Channel) -> dict[str, Any]:
+def _select(channel: _Channel) -> dict[str, object]:
     """Return the table of a channel in ``columns``, with `UNKNOWN` for labels not in the names."""
     labels = next((one.labels for one in channel.values() if len(one.labels) in (1, 2)), ())
     response, reference = (*labels, UNKNOWN, UNKNOWN)[:2]

@@ -62,7 +62,7 @@ class TextTable:
         """Number of columns."""
         return len(self.rows[0][1])
 
-    def column(self, name: Any, key: Key) -> int:
+    def column(self, name: object, key: Key) -> int:
         """Return the position of a column, from its name in the header or its number from 1."""
         if isinstance(name, int) and not isinstance(name, bool):
             if not 1 <= name <= self.n_columns:
@@ -391,7 +391,7 @@ def _names_unit(label: str) -> bool:
 
 def _find_label(cell: str) -> str:
     """Return the unit in a cell of the header, or an empty text."""
-    in_brackets = [(square or round_).strip() for square, round_ in _BRACKET.findall(cell)]
+    in_brackets = [str(one[1] or one[2] or "").strip() for one in _BRACKET.finditer(cell)]
     if in_brackets and cell.rstrip()[-1:] in ("]", ")") and _names_unit(in_brackets[-1]):
         return in_brackets[-1]
     if find_unit(cell, "frequency"):

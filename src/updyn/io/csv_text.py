@@ -141,7 +141,7 @@ def read_averages(head: Comments, path: str | Path) -> int | None:
 def read_excitation(head: Comments, path: str | Path) -> dict[str, Any]:
     """Return the base and the force of a transmissibility that comments state, as items."""
     base, force = (single_comment(head, name, path) for name in EXCITATION)
-    items: dict[str, Any] = {} if base is None else {"base": base.split()}
+    items: dict[str, object] = {} if base is None else {"base": base.split()}
     return items if force is None else {**items, "force": force}
 
 

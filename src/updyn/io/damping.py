@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 from updyn.errors import FormatError
 from updyn.group import DAMPING, Group
@@ -12,7 +11,7 @@ from updyn.model import Model
 __all__ = ["DAMPING", "plain_damping", "refuse_damping"]
 
 
-def plain_damping(group: Group) -> dict[str, Any]:
+def plain_damping(group: Group) -> dict[str, object]:
     """Return the damping of a group by name; the table is two lists, lines in Hz and factors."""
     out = group.damping
     if group.loss_table is not None:

@@ -82,7 +82,7 @@ def read_geometry(path: str | Path, *, unit: str = "m") -> Geometry:
         return Geometry(numbers, xyz * scale, lines, faces=faces)
 
 
-def _positions(variables: Mapping[str, Any], path: str | Path) -> RealArray:
+def _positions(variables: Mapping[str, object], path: str | Path) -> RealArray:
     """Return positions in the unit of the file, shape (n, 3)."""
     if "coord" in variables:
         rows = list(np.atleast_2d(as_reals(variables["coord"], "coord", path)))

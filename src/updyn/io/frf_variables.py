@@ -76,7 +76,7 @@ class VariableSource:
         return self.units.get(str(name), "")
 
 
-def _as_texts(value: Any) -> Any:
+def _as_texts(value: object) -> object:
     """Return an array of texts as a list, and other items unchanged."""
     if isinstance(value, np.ndarray) and value.dtype.kind in "OSU":
         texts = [t.decode("utf-8", "replace") if isinstance(t, bytes) else t for t in value.flat]
@@ -85,8 +85,8 @@ def _as_texts(value: Any) -> Any:
 
 
 def select_items(
-    source: VariableSource, variables: Mapping[str, Any], order: Sequence[str] | None = None
-) -> dict[str, Any]:
+    source: VariableSource, variables: Mapping[str, object], order: Sequence[str] | None = None
+) -> dict[str, object]:
     """Return the items of FRFs, as arguments of `updyn.io.named.build_frf`."""
     check_keys(variables, _KEYS, (), _ROOT)
     stated = {k: v for k, v in variables.items() if k not in (*_UNITS, *_PARTS, "channels")}
@@ -112,7 +112,7 @@ def select_items(
 
 
 def _add_standard_items(
-    items: dict[str, Any], source: VariableSource, variables: Mapping[str, Any]
+    items: dict[str, object], source: VariableSource, variables: Mapping[str, object]
 ) -> None:
     """Add variables with the names of items, except values, which cause a warning."""
     by_channel = ("responses", "references") if "channels" in variables else ()
@@ -126,7 +126,7 @@ def _add_standard_items(
     warn_of_omitted(omitted, source.path)
 
 
-def _list_names(given: Any) -> list[Any]:
+def _list_names(given: object) -> list[object]:
     if isinstance(given, Mapping):
         return [name for value in given.values() for name in _list_names(value)]
     if isinstance(given, list | tuple):
@@ -134,7 +134,7 @@ def _list_names(given: Any) -> list[Any]:
     return [given]
 
 
-def _read_values(source: VariableSource, variables: Mapping[str, Any]) -> dict[str, Any]:
+def _read_values(source: VariableSource, variables: Mapping[str, object]) -> dict[str, object]:
     """Return ``H`` in SI units from an array, from its parts, or from channels."""
     ways = {
         "channels": "channels" in variables,
@@ -159,13 +159,13 @@ def _read_values(source: VariableSource, variables: Mapping[str, Any]) -> dict[s
         if error.key == (*_ROOT, "complex"):
             error.key = (*_ROOT, name)
         raise
-    items: dict[str, Any] = {name: found.values}
+    items: dict[str, object] = {name: found.values}
     if found.quantity is not None:
         items["quantity"] = found.quantity
     return items
 
 
-def _as_channel(values: Any, n_lines: int) -> Any:
+def _as_channel(values: object, n_lines: int) -> object:
     """Return the values of one channel as (lines, 1, 1), other values unchanged."""
     array = np.asarray(values)
     if array.ndim < 3 and array.size == n_lines:

@@ -160,7 +160,7 @@ def check_kind(root: Folder, path: str | Path, expected: str) -> None:
 
 
 # -- model --------------------------------------------------------------------------------------
-def put_model(parent: Any, model: Model, stored: dict[int, Any] | None = None) -> None:
+def put_model(parent: Any, model: Model, stored: dict[int, object] | None = None) -> None:
     """Write a model into an HDF5 group; matrices in `stored` (by identity) become links."""
     stored = {} if stored is None else stored
     _put_text(parent, "title", model.title)
@@ -291,7 +291,7 @@ def take_dofs(place: Folder, path: str | Path) -> DofSet:
         return DofSet.from_arrays(nodes, axes)
 
 
-def _put_matrix(place: Any, matrix: Matrix) -> Any:
+def _put_matrix(place: Any, matrix: Matrix) -> object:
     row = np.repeat(np.arange(matrix.shape[0]), np.diff(matrix.indptr))
     upper = matrix.indices >= row  # a mask keeps explicit zeros, which scipy.sparse.triu would drop
     indptr = np.concatenate([[0], np.cumsum(np.bincount(row[upper], minlength=matrix.shape[0]))])
@@ -331,7 +331,7 @@ def _take_matrix(place: Folder, path: str | Path) -> Matrix:
 
 
 # -- geometry -----------------------------------------------------------------------------------
-def put_geometry(place: Any, geometry: Geometry) -> None:
+def put_geometry(place: object, geometry: Geometry) -> None:
     """Write node positions into an HDF5 group."""
     _put_array(place, "node", geometry.nodes)
     _put_array(place, "xyz", geometry.xyz)
@@ -411,7 +411,7 @@ def take_array(parent: Folder, name: str, path: str | Path, kinds: str, n_dims: 
     return found
 
 
-def _check_meaning(meaning: Mapping[str, Any], place: str, path: str | Path) -> None:
+def _check_meaning(meaning: Mapping[str, object], place: str, path: str | Path) -> None:
     """Refuse an array whose attributes state packed numbers or units other than SI."""
     for name in PACKING:
         if name in meaning:
@@ -425,7 +425,7 @@ def _check_meaning(meaning: Mapping[str, Any], place: str, path: str | Path) -> 
         )
 
 
-def take_attribute(place: Folder, name: str, path: str | Path) -> Any:
+def take_attribute(place: Folder, name: str, path: str | Path) -> object:
     """Return an attribute; raise a FormatError if it is missing."""
     if name not in place.attributes:
         raise FormatError(

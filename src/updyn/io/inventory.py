@@ -53,7 +53,7 @@ class Inventory:
     head: tuple[str, ...] = ()
 
 
-def list_items(path: str | Path, columns: Mapping[str, Any] | None = None) -> Inventory:
+def list_items(path: str | Path, columns: Mapping[str, object] | None = None) -> Inventory:
     """Return the columns of a text table, or the variables of an npz, mat or HDF5 file.
 
     For a file name with fields, it is the first file. Of `columns`, ``separator`` and ``first_row``
@@ -71,7 +71,7 @@ def list_items(path: str | Path, columns: Mapping[str, Any] | None = None) -> In
     return _list_variables(load(chosen).read_source(path))
 
 
-def _list_columns(path: str | Path, columns: Mapping[str, Any]) -> Inventory:
+def _list_columns(path: str | Path, columns: Mapping[str, object]) -> Inventory:
     text = read_windows_text(path)
     table = find_stated_table(text, path, columns)
     numbers = range(1, table.n_columns + 1)

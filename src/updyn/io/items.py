@@ -65,7 +65,7 @@ __all__ = [
     "unreadable_error",
 ]
 
-Items = Mapping[str, Any]
+Items = Mapping[str, object]
 #: Longest name of a file.
 _LONGEST_NAME = 255
 
@@ -112,7 +112,7 @@ def build_sparse(
     return out
 
 
-def as_dofs(given: Any, name: str, path: str | Path) -> DofSet:
+def as_dofs(given: object, name: str, path: str | Path) -> DofSet:
     """Return DOFs from labels, or from a table of node and direction 1..6, negative if opposite."""
     with locate_errors(path, name):
         if isinstance(given, str):
@@ -174,7 +174,7 @@ def as_numbers(given: Any, name: str, path: str | Path) -> NumberArray:
     return np.asarray(given)
 
 
-def as_reals(given: Any, name: str, path: str | Path) -> NumberArray:
+def as_reals(given: object, name: str, path: str | Path) -> NumberArray:
     """Return an item as an array of real numbers."""
     array = as_numbers(given, name, path)
     if array.dtype.kind == "c":
@@ -182,7 +182,7 @@ def as_reals(given: Any, name: str, path: str | Path) -> NumberArray:
     return array
 
 
-def as_integers(given: Any, name: str, path: str | Path) -> IntArray:
+def as_integers(given: object, name: str, path: str | Path) -> IntArray:
     """Return an item as an array of integers, from any stored type."""
     array = as_reals(given, name, path)
     if (
@@ -194,7 +194,7 @@ def as_integers(given: Any, name: str, path: str | Path) -> IntArray:
     return array.astype(np.int64)
 
 
-def as_vector(given: Any, name: str, path: str | Path) -> NumberArray:
+def as_vector(given: object, name: str, path: str | Path) -> NumberArray:
     """Return real numbers in one row or column, as one dimension."""
     array = as_reals(given, name, path)
     if array.size != max(array.shape, default=1):
@@ -202,7 +202,7 @@ def as_vector(given: Any, name: str, path: str | Path) -> NumberArray:
     return array.reshape(-1)
 
 
-def as_number(given: Any, name: str, path: str | Path) -> float:
+def as_number(given: object, name: str, path: str | Path) -> float:
     """Return an item as one real number."""
     array = as_reals(given, name, path)
     if array.size != 1:
@@ -210,7 +210,7 @@ def as_number(given: Any, name: str, path: str | Path) -> float:
     return float(array.reshape(())[()])
 
 
-def as_text(given: Any, name: str, path: str | Path) -> str:
+def as_text(given: object, name: str, path: str | Path) -> str:
     """Return an item as one text."""
     if isinstance(given, list) and len(given) <= 1:
         given = given[0] if given else ""
@@ -241,7 +241,7 @@ def check_phase(values: NumberArray, real_valued: bool, name: str, path: str | P
         )
 
 
-def describe_kind(given: Any) -> str:
+def describe_kind(given: object) -> str:
     """Describe an item, for messages."""
     if isinstance(given, Mapping):
         return f"a struct with {format_names(given)}"
@@ -396,10 +396,10 @@ def read_windows_text(path: str | Path) -> str:
     )
 
 
-def refuse_repeated_names(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+def refuse_repeated_names(pairs: list[tuple[str, object]]) -> dict[str, object]:
     """Return a JSON object as a dict, or raise a ValueError for repeated names (a pairs hook)."""
     # `json.loads` would keep the last value of a repeated name.
-    found: dict[str, Any] = {}
+    found: dict[str, object] = {}
     for name, value in pairs:
         if name in found:
             raise ValueError(f"{name!r} occurs twice")

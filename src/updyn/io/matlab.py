@@ -62,7 +62,7 @@ _FIELD = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,62}")
 _READER = "scipy, or libhdf5 for version 7.3"
 
 
-def read_model(path: str | Path, *, variables: Mapping[str, Any] | None = None) -> Model:
+def read_model(path: str | Path, *, variables: Mapping[str, object] | None = None) -> Model:
     """Read a model; `variables` maps items to variables or fields (`updyn.io.model_variables`)."""
     stored = _variables(path)
     if variables is not None:
@@ -81,7 +81,7 @@ def read_frf(
     reference_labels: Iterable[str | Dof] | None = None,
     order: Sequence[str] | None = None,
     real_valued: bool = False,
-    variables: Mapping[str, Any] | None = None,
+    variables: Mapping[str, object] | None = None,
 ) -> FRF:
     """Read FRFs; options declare items that the file does not state, or has by other names.
 
@@ -166,8 +166,8 @@ def read_coherence(path: str | Path) -> Functions:
 
 @contextmanager
 def _iterate_usable(
-    variables: Mapping[str, Any], path: str | Path, items: Collection[str]
-) -> Iterator[Mapping[str, Any]]:
+    variables: Mapping[str, object], path: str | Path, items: Collection[str]
+) -> Iterator[Mapping[str, object]]:
     """Yield the usable variables of a file in which they have the names of the items."""
     # Unusable variables with other names are reported in a warning after the block; if the block
     # fails, they are reported as the likely reason.
@@ -190,10 +190,10 @@ def _iterate_usable(
 
 
 def _select_usable(
-    items: Mapping[str, Any], before: str = ""
-) -> tuple[dict[str, Any], dict[str, str]]:
+    items: Mapping[str, object], before: str = ""
+) -> tuple[dict[str, object], dict[str, str]]:
     """Return the usable items, and the reasons for the others by dotted name."""
-    found: dict[str, Any] = {}
+    found: dict[str, object] = {}
     unread: dict[str, str] = {}
     for name, item in items.items():
         if isinstance(item, Unread):
@@ -206,7 +206,7 @@ def _select_usable(
     return found, unread
 
 
-def _unwrap_struct(variables: Mapping[str, Any], path: str | Path) -> Mapping[str, Any]:
+def _unwrap_struct(variables: Mapping[str, object], path: str | Path) -> Mapping[str, object]:
     """Return the variables, or the fields of a single struct."""
     if not variables:
         raise FormatError("holds no variable", path)
@@ -235,7 +235,7 @@ def write_frf(frf: FRF, path: str | Path) -> None:
     _save(frf_items(frf), path, last="quantity")
 
 
-def _save(items: Mapping[str, Any], path: str | Path, last: str) -> None:
+def _save(items: Mapping[str, object], path: str | Path, last: str) -> None:
     from scipy.io import savemat
     from scipy.io.matlab import MatWriteError
 
@@ -258,8 +258,8 @@ def _save(items: Mapping[str, Any], path: str | Path, last: str) -> None:
         ) from error
 
 
-def _to_storable(items: Mapping[str, Any]) -> dict[str, Any]:
-    out: dict[str, Any] = {}
+def _to_storable(items: Mapping[str, object]) -> dict[str, object]:
+    out: dict[str, object] = {}
     for name, value in items.items():
         if isinstance(value, Mapping):
             out[name] = _to_storable(value)
@@ -276,7 +276,7 @@ def _to_storable(items: Mapping[str, Any]) -> dict[str, Any]:
     return out
 
 
-def read_variables(path: str | Path) -> dict[str, Any]:
+def read_variables(path: str | Path) -> dict[str, object]:
     """Read all variables by name, as ndarray (axes as in MATLAB), sparse array, list or dict."""
     variables = _variables(path)
     refuse_export(variables, path, "matrices")
@@ -286,13 +286,13 @@ def read_variables(path: str | Path) -> dict[str, Any]:
     return found
 
 
-def _variables(path: str | Path) -> dict[str, Any]:
+def _variables(path: str | Path) -> dict[str, object]:
     """Return all variables, with unusable ones as `Unread`."""
     found = box.load("updyn.foreign.matlab:load", path, what="MATLAB file", reader=_READER)
     return {name: _check_sparse(value, name, path) for name, value in found.items()}
 
 
-def _check_sparse(value: Any, name: str, path: str | Path) -> Any:
+def _check_sparse(value: object, name: str, path: str | Path) -> object:
     if isinstance(value, Sparse):
         parts = (value.data, value.indices, value.indptr)
         return build_sparse(sp.csc_array, *parts, value.shape, name, path)

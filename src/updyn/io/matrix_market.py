@@ -126,7 +126,7 @@ def _group(table: ModelFile, parts: Mapping[str, Any], number: int, n: int) -> t
         ) from error
 
 
-def _find_key(fault: str, matrices: Mapping[str, Any]) -> str:
+def _find_key(fault: str, matrices: Mapping[str, object]) -> str:
     """Return the key that an error of `Group` is about, identified by its first words."""
     for what in DAMPING:
         if fault.replace(" ", "_").startswith(what):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any
 
 from updyn.errors import OptionError
 from updyn.io.items import locate_errors
@@ -17,7 +16,7 @@ def read_model(
     path: str | Path,
     *,
     unit: str | None = None,
-    materials: Mapping[str, Mapping[str, Any]] | None = None,
+    materials: Mapping[str, Mapping[str, object]] | None = None,
     leave_out: Iterable[str] = (),
     ungrouped: str = "error",
     grounded: Iterable[str | int] = (),

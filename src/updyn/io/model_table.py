@@ -106,7 +106,7 @@ class ModelFile:
         ]
         return read_geometry(self.file(table, "nodes", "geometry"), *drawn)
 
-    def group_name(self, parts: Mapping[str, Any], number: int) -> str:
+    def group_name(self, parts: Mapping[str, object], number: int) -> str:
         """Return the name of group `number`, counted from 0; refuse a group without name."""
         if "name" not in parts:
             raise FormatError(
@@ -135,7 +135,7 @@ class ModelFile:
         return header
 
     def check_keys(
-        self, table: Mapping[str, Any], known: tuple[str, ...], name: str = "", number: int = 0
+        self, table: Mapping[str, object], known: tuple[str, ...], name: str = "", number: int = 0
     ) -> None:
         """Refuse unknown keys of a table, with the nearest known one."""
         where = f" in [{name}]" if name else ""

@@ -26,7 +26,9 @@ _REST = (*_LABELS, "title", "nodes", "xyz", "lines", "axes")
 _REMAINDER = "model"
 
 
-def stated_items(found: Items, variables: Mapping[str, Any], path: str | Path) -> dict[str, Any]:
+def stated_items(
+    found: Items, variables: Mapping[str, object], path: str | Path
+) -> dict[str, object]:
     """Return the items of a model, as arguments of `updyn.io.named.build_model`.
 
     Matrices or damping with the name of an item that are not selected cause a warning.
@@ -44,7 +46,7 @@ def stated_items(found: Items, variables: Mapping[str, Any], path: str | Path) -
                 key=("variables", item),
             )
     file = _File(found, path)
-    items: dict[str, Any] = {}
+    items: dict[str, object] = {}
     for item, name in variables.items():
         if item != "groups":
             items[item] = file.variable(name, ("variables", item))
@@ -86,7 +88,7 @@ class _File:
         self._path = path
         self.used: set[str] = set()
 
-    def variable(self, name: Any, key: tuple[str | int, ...]) -> Any:
+    def variable(self, name: Any, key: tuple[str | int, ...]) -> object:
         """Return a variable, or a field of a struct."""
         value = find_variable(self._found, name, self._path, key)
         self.used.add(name.split(".")[0])
@@ -113,7 +115,7 @@ class _File:
             )
         return out
 
-    def _parts(self, given: Any, key: tuple[str | int, ...]) -> dict[str, Any]:
+    def _parts(self, given: object, key: tuple[str | int, ...]) -> dict[str, object]:
         """Return K, M, C and so on of one group."""
         if isinstance(given, Mapping):
             parts = {}

@@ -146,7 +146,7 @@ def _text(items: Items, name: str, path: str | Path) -> str:
     return as_text(items[name], name, path) if name in items else ""
 
 
-def _groups(given: Any, path: str | Path) -> dict[str, Group]:
+def _groups(given: object, path: str | Path) -> dict[str, Group]:
     if not isinstance(given, Mapping) or not given:
         raise FormatError(
             f"groups: expected one item per group, found {describe_kind(given)}", path
@@ -187,7 +187,7 @@ def _group(parts: Items, name: str, path: str | Path) -> Group:
 
 def model_items(model: Model) -> dict[str, Any]:
     """Return a model as named items, with its matrices in CSR form."""
-    groups: dict[str, dict[str, Any]] = {}
+    groups: dict[str, dict[str, object]] = {}
     for name, group in model.groups.items():
         parts: dict[str, Any] = {}
         for key, what in _MATRICES.items():
@@ -198,7 +198,7 @@ def model_items(model: Model) -> dict[str, Any]:
         if table is not None:
             parts["loss_table"] = np.array([table.freq, table.relative])
         groups[name] = parts
-    items: dict[str, Any] = _marks("model")
+    items: dict[str, object] = _marks("model")
     if model.title:
         items["title"] = model.title
     return {
@@ -325,7 +325,7 @@ def _labels(items: Items, name: str, given: Iterable[str | Dof] | None, path: st
 
 
 def _order_axes(
-    given: Any,
+    given: object,
     name: str,
     shape: tuple[int, int, int],
     order: Sequence[str] | None,
@@ -373,7 +373,7 @@ def _format_advice(found: tuple[int, ...], expected: tuple[int, int, int]) -> st
 
 def frf_items(frf: FRF) -> dict[str, Any]:
     """Return an FRF as named items."""
-    items: dict[str, Any] = {
+    items: dict[str, object] = {
         **_marks("frf"),
         "freq": frf.freq,
         "H": frf.values,
@@ -396,7 +396,7 @@ def frf_items(frf: FRF) -> dict[str, Any]:
 
 
 # -- shared -------------------------------------------------------------------------------------
-def _marks(kind: str) -> dict[str, Any]:
+def _marks(kind: str) -> dict[str, object]:
     from updyn import __version__
 
     return {"updyn_kind": kind, "updyn_version": __version__}
@@ -439,10 +439,10 @@ def _geometry(items: Items, path: str | Path) -> Geometry | None:
         return Geometry(nodes, as_reals(items["xyz"], "xyz", path), lines, axes, faces)
 
 
-def _geometry_items(geometry: Geometry | None) -> dict[str, Any]:
+def _geometry_items(geometry: Geometry | None) -> dict[str, object]:
     if geometry is None:
         return {}
-    items: dict[str, Any] = {"nodes": geometry.nodes, "xyz": geometry.xyz}
+    items: dict[str, object] = {"nodes": geometry.nodes, "xyz": geometry.xyz}
     if len(geometry.lines):
         items["lines"] = geometry.lines
     if geometry.axes is not None:
@@ -454,7 +454,7 @@ def _geometry_items(geometry: Geometry | None) -> dict[str, Any]:
 
 def with_groups(items: Items, path: str | Path) -> Items:
     """Return the items with parts as ``groups`` and labels as ``as_dofs``."""
-    out = dict(items)
+    out: dict[str, Any] = dict(items)
     if "dof_ref" in out:
         if "dofs" in out:
             raise FormatError("holds both 'dofs' and 'dof_ref'; expected one of them", path)
@@ -524,7 +524,7 @@ def _empty(value: Any) -> bool:
     return bool(value == [])
 
 
-def refuse_triangle(matrix: Any, name: str, path: str | Path) -> None:
+def refuse_triangle(matrix: object, name: str, path: str | Path) -> None:
     """Refuse one triangle of a matrix, the usual storage of symmetric matrices in programs."""
     entry = sp.coo_array(matrix)
     if entry.ndim != 2 or entry.shape[0] != entry.shape[1]:

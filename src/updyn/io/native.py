@@ -31,7 +31,7 @@ def write_native(content: io.BytesIO, path: str | Path) -> None:
         write_bytes(path, buffer, _MARK + hashlib.sha256(buffer).hexdigest().encode() + b"\n")
 
 
-def load_native(function: str, path: str | Path, *arguments: Any, what: str) -> Any:
+def load_native(function: str, path: str | Path, *arguments: object, what: str) -> Any:
     """Load an HDF5 file, in this process after verification, in a child process without a digest.
 
     The arguments of ``"module:function"`` of `updyn.foreign` are the path, whether the digest is

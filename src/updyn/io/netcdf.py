@@ -210,7 +210,7 @@ def read_source(path: str | Path) -> VariableSource:
     return VariableSource(arrays, path, units)
 
 
-def _list_datasets(path: str | Path) -> dict[str, Any]:
+def _list_datasets(path: str | Path) -> dict[str, object]:
     """Return the datasets of a file, for messages; none if it is large or cannot be read."""
     if Path(path).stat().st_size > FILE_TEXT.listed_bytes:
         return {}
@@ -229,7 +229,7 @@ def _datasets(
     group: Mapping[str, Any], path: str | Path, before: str = ""
 ) -> tuple[dict[str, Any], dict[str, str]]:
     """Return the unpacked datasets of a group and its groups by dotted name, and their units."""
-    arrays: dict[str, Any] = {}
+    arrays: dict[str, object] = {}
     units: dict[str, str] = {}
     for key, item in group["members"].items():
         name = before + key

@@ -90,7 +90,7 @@ def read_frf(
     reference_labels: Iterable[str | Dof] | None = None,
     order: Sequence[str] | None = None,
     real_valued: bool = False,
-    variables: Mapping[str, Any] | None = None,
+    variables: Mapping[str, object] | None = None,
 ) -> FRF:
     """Read FRFs from an archive; options declare items that it does not state or names otherwise.
 
@@ -124,7 +124,7 @@ def write_frf(frf: FRF, path: str | Path) -> None:
     _save(frf_items(frf), path)
 
 
-def _save(items: dict[str, Any], path: str | Path) -> None:
+def _save(items: dict[str, object], path: str | Path) -> None:
     arrays = {name: np.asarray(value) for name, value in items.items()}
     # An open file, because numpy appends a suffix to a name without one.
     with atomic_path(path) as temporary, temporary.open("wb") as file:
@@ -180,10 +180,10 @@ def _array(stream: IO[bytes], name: str, path: str | Path) -> NumberArray:
     return to_native(flat.reshape(shape, order="F" if in_columns else "C"))
 
 
-def _nest_items(arrays: dict[str, NumberArray], path: str | Path) -> dict[str, Any]:
+def _nest_items(arrays: dict[str, NumberArray], path: str | Path) -> dict[str, object]:
     """Return the arrays with texts as lists, and ``NAME.K.data`` as sparse matrices of groups."""
-    top: dict[str, Any] = {}
-    groups: dict[str, dict[str, Any]] = {}
+    top: dict[str, object] = {}
+    groups: dict[str, dict[str, object]] = {}
     for name, array in arrays.items():
         group, dot, part = name.partition(".")
         if dot:
@@ -232,7 +232,7 @@ def _join_sparse(parts: dict[str, Any], name: str, path: str | Path) -> dict[str
     return out
 
 
-def _to_plain(array: NumberArray, name: str, path: str | Path) -> Any:
+def _to_plain(array: NumberArray, name: str, path: str | Path) -> object:
     if array.dtype.kind not in "US":
         return array
     if array.ndim > 1:

@@ -97,7 +97,7 @@ def propose_pattern(path: str | Path) -> Path | None:
     return best if best is not None and found[best] > 1 else None
 
 
-def _fill_fields(option: Any, fields: Mapping[str, str]) -> Any:
+def _fill_fields(option: object, fields: Mapping[str, str]) -> Any:
     if isinstance(option, str):
         return _FIELD.sub(lambda match: fields.get(match[1], match[0]), option)
     if isinstance(option, Mapping):

@@ -29,14 +29,14 @@ __all__ = ["build_pulse_records", "is_pulse"]
 _NEEDED = ("NumberOfChannels", "SampleFrequency", "NumberOfSamplesPerChannel")
 
 
-def is_pulse(variables: Mapping[str, Any]) -> bool:
+def is_pulse(variables: Mapping[str, object]) -> bool:
     """Return whether the variables of a file are those of an export."""
     head = variables.get("File_Header")
     return isinstance(head, Mapping) and set(_NEEDED) <= set(head)
 
 
 def build_pulse_records(
-    variables: Mapping[str, Any], path: str | Path, channels: Sequence[str] | None
+    variables: Mapping[str, object], path: str | Path, channels: Sequence[str] | None
 ) -> Records:
     """Return the record of an export, of all channels or some, in the units of the file."""
     n_channels, rate, n_samples = (_positive(variables, name, path) for name in _NEEDED)
@@ -78,7 +78,7 @@ def _positive(variables: Mapping[str, Any], name: str, path: str | Path) -> floa
     return number
 
 
-def _text(head: Any, name: str, number: int, path: str | Path) -> str:
+def _text(head: object, name: str, number: int, path: str | Path) -> str:
     if not isinstance(head, Mapping) or name not in head:
         raise FormatError(f"Channel_{number}_Header: no field {name!r}", path)
     return str(np.asarray(head[name]).reshape(-1)[0]).strip() if np.size(head[name]) else ""

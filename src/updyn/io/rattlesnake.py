@@ -41,7 +41,7 @@ _DIRECTION = re.compile(r"([+-]?)(R?[XYZ])([+-]?)")
 _TEXTS = ("node_number", "node_direction", "comment", "unit")
 
 
-def is_rattlesnake(names: Mapping[str, Any], attributes: Mapping[str, Any]) -> bool:
+def is_rattlesnake(names: Mapping[str, object], attributes: Mapping[str, object]) -> bool:
     """Return whether a file with these members and attributes has the layout."""
     return {"time_data", "channels"} <= set(names) and "sample_rate" in attributes
 
@@ -148,7 +148,7 @@ def build_rattlesnake_frf(
 
 
 def _listed_channels(
-    modal: Mapping[str, Any], side: str, table: Sequence[_Channel], path: str | Path
+    modal: Mapping[str, object], side: str, table: Sequence[_Channel], path: str | Path
 ) -> list[_Channel]:
     """Return the responses or the references of a modal test."""
     name = f"{side}_channel_indices"
@@ -258,7 +258,7 @@ class _Channel:
         return (self.label or self.texts) + (" force" if is_force else "")
 
 
-def _read_table(table: Any, path: str | Path) -> list[_Channel]:
+def _read_table(table: object, path: str | Path) -> list[_Channel]:
     members = table.get("members", {}) if isinstance(table, Mapping) else {}
     columns = []
     for name in _TEXTS:
@@ -298,7 +298,7 @@ def _sample_rate(root: Mapping[str, Any], path: str | Path) -> float:
     return rate
 
 
-def _modal_group(members: Mapping[str, Any]) -> Mapping[str, Any] | None:
+def _modal_group(members: Mapping[str, object]) -> Mapping[str, Any] | None:
     """Return the group of a modal test; None for continuous streams."""
     for item in members.values():
         if isinstance(item, Mapping) and "frf_data_real" in item["members"]:

@@ -17,7 +17,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -34,7 +33,7 @@ _AXES = ("record", "channel", "time")
 
 
 def build_records(
-    items: Mapping[str, Any],
+    items: Mapping[str, object],
     path: str | Path,
     *,
     values: str | Sequence[str] | Mapping[str, str] | None,
@@ -68,7 +67,7 @@ def build_records(
         return Records.of(array, step, names, labels, Path(path).name)
 
 
-def refuse_without_values(**options: Any) -> None:
+def refuse_without_values(**options: object) -> None:
     """Refuse options that describe the datasets of `values`."""
     for name, given in options.items():
         if given is not None:
@@ -83,7 +82,7 @@ def _arrays_by_channel(values: Sequence[str] | Mapping[str, str]) -> dict[str, s
 
 
 def _one_array(
-    arrays: Mapping[str, Any],
+    arrays: Mapping[str, object],
     name: str,
     channels: Sequence[str] | None,
     order: Sequence[str] | None,
@@ -103,7 +102,7 @@ def _one_array(
 
 
 def _arrays_of_channels(
-    arrays: Mapping[str, Any],
+    arrays: Mapping[str, object],
     named: Mapping[str, str],
     channels: Sequence[str] | None,
     order: Sequence[str] | None,
@@ -135,7 +134,7 @@ def _size(array: RealArray) -> str:
     return f"{array.shape[0]} records of {array.shape[2]} samples"
 
 
-def _array(arrays: Mapping[str, Any], name: str, path: str | Path) -> RealArray:
+def _array(arrays: Mapping[str, object], name: str, path: str | Path) -> RealArray:
     variable, column = split_column(name)
     if variable not in arrays:
         raise FormatError(f"no array {variable!r}; {suggest(variable, sorted(arrays))}", path)
@@ -182,7 +181,7 @@ def _order_axes(
 
 
 def _step(
-    arrays: Mapping[str, Any],
+    arrays: Mapping[str, object],
     time: str | None,
     rate: float | str | None,
     units: Mapping[str, str],
@@ -219,9 +218,9 @@ def _rate_factor(label: str, name: str, path: str | Path) -> float:
     return unit.factor
 
 
-def _flatten(items: Mapping[str, Any], before: str = "") -> dict[str, Any]:
+def _flatten(items: Mapping[str, object], before: str = "") -> dict[str, object]:
     """Return nested items by their dotted names."""
-    out: dict[str, Any] = {}
+    out: dict[str, object] = {}
     for name, item in items.items():
         if isinstance(item, Mapping):
             out |= _flatten(item, f"{before}{name}.")
@@ -230,7 +229,7 @@ def _flatten(items: Mapping[str, Any], before: str = "") -> dict[str, Any]:
     return out
 
 
-def _format_arrays(arrays: Mapping[str, Any]) -> str:
+def _format_arrays(arrays: Mapping[str, object]) -> str:
     texts = [f"{name!r} ({describe_kind(item)})" for name, item in sorted(arrays.items())]
     more = f", ... ({len(texts)} in all)" if len(texts) > 8 else ""
     return (", ".join(texts[:8]) or "nothing") + more

@@ -95,7 +95,7 @@ class RecordGroup:
 
 
 def build_group_records(
-    stored: Sequence[Mapping[str, Any]],
+    stored: Sequence[Mapping[str, object]],
     path: str | Path,
     *,
     group: str | Sequence[str] | None,
@@ -212,7 +212,7 @@ def _choose_channels(
 
 def _check_timing(chosen: Sequence[GroupChannel], place: str, path: str | Path) -> None:
     """Refuse channels of several rates, lengths or starts."""
-    alike: dict[Any, list[GroupChannel]] = {}
+    alike: dict[object, list[GroupChannel]] = {}
     for channel in chosen:
         alike.setdefault(channel.timing, []).append(channel)
     if len(alike) == 1:

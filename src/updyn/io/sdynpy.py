@@ -10,7 +10,6 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -26,7 +25,7 @@ FIELDS = ("mass", "stiffness", "damping", "transformation", "coordinate", "enfor
 _NEEDED = FIELDS[:5]
 
 
-def is_system(names: Mapping[str, Any]) -> bool:
+def is_system(names: Mapping[str, object]) -> bool:
     """Return whether the names of an archive are all or nearly all of those of a system."""
     return "coordinate" in names and sum(name in names for name in _NEEDED) >= 3
 

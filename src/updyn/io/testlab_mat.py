@@ -69,7 +69,7 @@ class _Struct:
 
     def find(self, key: str) -> Any:
         """Return a field; None if it is missing."""
-        item: Any = self.fields
+        item: object = self.fields
         for part in key.split("."):
             item = item.get(part) if isinstance(item, Mapping) else None
         if isinstance(item, Unread):
@@ -111,18 +111,18 @@ class Functions:
     values: dict[Pair, NumberArray]
 
 
-def is_export(variables: Mapping[str, Any]) -> bool:
+def is_export(variables: Mapping[str, object]) -> bool:
     """Return whether the variables of a MATLAB file include a struct of the export."""
     return bool(_select_structs(variables, ""))
 
 
-def refuse_export(variables: Mapping[str, Any], path: str | Path, wanted: str) -> None:
+def refuse_export(variables: Mapping[str, object], path: str | Path, wanted: str) -> None:
     """Raise an `AbsentError` if the variables are an export, which has no `wanted`."""
     if is_export(variables):
         raise AbsentError(f"{_EXPORT}: it has no {wanted}", path)
 
 
-def read_exported_coherence(variables: Mapping[str, Any], path: str | Path) -> Functions:
+def read_exported_coherence(variables: Mapping[str, object], path: str | Path) -> Functions:
     """Return the coherence in an export; raise an `AbsentError` if it has none."""
     structs = [s for s in _select_structs(variables, path) if s.kind == "Coherence"]
     if not structs:
@@ -131,7 +131,7 @@ def read_exported_coherence(variables: Mapping[str, Any], path: str | Path) -> F
 
 
 def read_export(
-    variables: Mapping[str, Any],
+    variables: Mapping[str, object],
     path: str | Path,
     *,
     quantity: str | None = None,
@@ -193,7 +193,7 @@ def _convert(
 
 
 # -- structs -------------------------------------------------------------------------------------
-def _select_structs(variables: Mapping[str, Any], path: str | Path) -> list[_Struct]:
+def _select_structs(variables: Mapping[str, object], path: str | Path) -> list[_Struct]:
     return [
         _Struct(name, value, path)
         for name, value in variables.items()
@@ -202,7 +202,7 @@ def _select_structs(variables: Mapping[str, Any], path: str | Path) -> list[_Str
 
 
 def _select_used(
-    variables: Mapping[str, Any], path: str | Path
+    variables: Mapping[str, object], path: str | Path
 ) -> tuple[list[_Struct], list[_Struct]]:
     """Return the structs of FRFs, at least one, and of coherence; warn about other variables."""
     by_kind: dict[str, list[_Struct]] = {}

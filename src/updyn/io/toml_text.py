@@ -22,7 +22,7 @@ _CUT = re.compile(r"^[^\n#]*=[^\n\"'#\]}]*[0-9_.]\Z", re.MULTILINE)
 _LONG = re.compile(r"(?<![\w.\"'])[+-]?[0-9][0-9_]{18,}")
 
 
-def parse_toml(text: str) -> dict[str, Any]:
+def parse_toml(text: str) -> dict[str, object]:
     """Parse a TOML text; raise a `tomllib.TOMLDecodeError` for all faults."""
     # Faults include nesting more than 50 deep, integers above 64 bits, and a number as the last
     # line without a line break.
@@ -44,7 +44,7 @@ def parse_toml(text: str) -> dict[str, Any]:
     return document
 
 
-def format_toml(value: Any) -> str:
+def format_toml(value: object) -> str:
     """Return a value as TOML; keys must be bare."""
     if isinstance(value, dict):
         items = (f"{key} = {format_toml(item)}" for key, item in value.items())
@@ -64,11 +64,11 @@ def format_mapping(mapping: Mapping[str, Any]) -> str:
     return "\n".join([f"{{ {', '.join([*items, 'channels = ['])}", *rows, "] }"])
 
 
-def _check(document: dict[str, Any], text: str) -> None:
+def _check(document: dict[str, object], text: str) -> None:
     """Check all values, level by level."""
-    level: list[Any] = [document]
+    level: list[object] = [document]
     for _ in range(DECK.toml_depth):
-        below: list[Any] = []
+        below: list[object] = []
         for value in level:
             if isinstance(value, dict):
                 below += value.values()

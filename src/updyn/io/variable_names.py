@@ -6,7 +6,6 @@ import re
 import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 from updyn.arrays import NumberArray
 from updyn.errors import FormatError, OptionError, UpdynWarning, suggest
@@ -19,15 +18,15 @@ _COLUMN = re.compile(r"(.+?)\s*\(\s*:\s*,\s*([0-9]+)\s*\)")
 
 
 def find_variable(
-    found: Items, name: Any, path: str | Path, key: tuple[str | int, ...] = ()
-) -> Any:
+    found: Items, name: object, path: str | Path, key: tuple[str | int, ...] = ()
+) -> object:
     """Return a variable, or a field of a struct; a `FormatError` gives the nearest names.
 
     An unreadable variable, or a struct that contains one, is an error.
     """
     if not isinstance(name, str):
         raise OptionError(f"{format_key(key)} = {name!r}: expected the name of a variable", key=key)
-    value: Any = found
+    value: object = found
     if name in found:
         value = found[name]
     else:
@@ -74,7 +73,7 @@ def warn_of_omitted(omitted: Sequence[str], path: str | Path) -> None:
         )
 
 
-def _refuse_unread(value: Any, path: str | Path) -> None:
+def _refuse_unread(value: object, path: str | Path) -> None:
     """Refuse an unusable item, or a struct that contains one."""
     if isinstance(value, Unread):
         raise FormatError(value.reason, path)

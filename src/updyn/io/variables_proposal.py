@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -61,7 +60,7 @@ def flatten(found: Items, before: str = "") -> dict[str, NumberArray]:
     return out
 
 
-def guess_variables(arrays: Mapping[str, NumberArray]) -> dict[str, Any] | None:
+def guess_variables(arrays: Mapping[str, NumberArray]) -> dict[str, object] | None:
     """Return ``variables`` by an array of values or by tables; None without both."""
     tables = [name for name, array in arrays.items() if _is_table(array)]
     for freq, lines in arrays.items():

@@ -198,7 +198,7 @@ def _label(key: Any) -> str:
     return f"{int(key) // 6}:{DIRECTIONS[int(key) % 6]}"
 
 
-def write_dmig(matrices: Mapping[str, Any], dofs: DofSet, path: str | Path) -> None:
+def write_dmig(matrices: Mapping[str, object], dofs: DofSet, path: str | Path) -> None:
     """Write symmetric matrices, each shape (N, N), as DMIG cards in large fields."""
     # A name is a letter, then up to 7 letters and digits. A field has 16 characters, which keep at
     # least 10 digits of a number.
