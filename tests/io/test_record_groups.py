@@ -135,6 +135,9 @@ def test_tdms_channels_without_a_step(tmp_path):
     with pytest.raises(OptionError, match=r"no sampling rate; .*time = 'Time'.* or rate"):
         updyn.read_records(path)
     check(updyn.read_records(path, time="Time"), [[FORCE[0], MOTION[0]]])
+    minutes = tdms_channel("data", "Time (min)", STEP / 60.0 * np.arange(8), **bare)
+    named = write_tdms(tmp_path / "b.tdms", [minutes, *hit(0, "data", **bare)])
+    check(updyn.read_records(named, time="Time (min)"), [[FORCE[0], MOTION[0]]])
     check(updyn.read_records(path, rate=4.0, channels=["hammer", "3:-Z"]), [[FORCE[0], MOTION[0]]])
     with pytest.raises(OptionError, match="time and rate; expected one"):
         updyn.read_records(path, rate=4.0, time="Time")
@@ -149,9 +152,9 @@ def test_times_of_day_of_a_tdms_file(tmp_path):
     bare = {"wf_increment": None, "wf_start_offset": None, "wf_start_time": None}
     days = START + (1000 * STEP * np.arange(8)).astype("timedelta64[ms]")
     path = write_tdms(
-        tmp_path / "a.tdms", [tdms_channel("data", "Time", days, **bare), *hit(0, "data", **bare)]
+        tmp_path / "a.tdms", [tdms_channel("data", "Log ms", days, **bare), *hit(0, "data", **bare)]
     )
-    check(updyn.read_records(path, time="Time"), [[FORCE[0], MOTION[0]]])
+    check(updyn.read_records(path, time="Log ms"), [[FORCE[0], MOTION[0]]])
 
 
 def test_many_groups_are_listed_in_part(tmp_path):

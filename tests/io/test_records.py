@@ -399,6 +399,12 @@ def test_a_table_with_a_rate(tmp_path):
     assert named.shape == (1, 3, 3)
 
 
+@pytest.mark.parametrize("name", ["elapsed_ms", "Time - ms", "time in ms", "ms"])
+def test_a_unit_at_the_end_of_the_name_of_times(tmp_path, name):
+    path = put(tmp_path / "a.csv", f"{name},a\n0,1.0\n500,3.0\n1000,2.0\n")
+    check(updyn.read_records(path, time=name), ["a"], [""], np.array([[[1.0, 3.0, 2.0]]]), 0.5)
+
+
 @pytest.mark.parametrize(
     ("old", "new", "options", "message"),
     [

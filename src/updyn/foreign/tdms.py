@@ -58,9 +58,10 @@ def _open(file: BinaryIO) -> TdmsFile:
 def _describe(channel: TdmsChannel) -> dict[str, object]:
     """Return name, unit, length and timing of a channel."""
     stated = channel.properties
+    unit = stated.get("unit_string") or stated.get("NI_UnitDescription") or ""
     return {
         "name": channel.name,
-        "unit": str(stated.get("unit_string") or stated.get("NI_UnitDescription") or ""),
+        "unit": "s" if channel.dtype.kind == "M" else str(unit),
         "n_samples": len(channel),
         "step": _number(stated.get("wf_increment")),
         "offset": _number(stated.get("wf_start_offset")) or 0.0,

@@ -20,7 +20,7 @@ from updyn.errors import FormatError, OptionError, suggest
 from updyn.io.csv_text import check_comments, plain_numbers, split_axis
 from updyn.io.items import locate_errors, read_windows_text, require_file
 from updyn.io.text_numbers import find_rounding, parse_rows
-from updyn.signals.records import Records, find_step
+from updyn.signals.records import Records, find_step, find_time_unit
 from updyn.units import CHANNEL, Unit, find_unit, strip_brackets, suggest_unit
 
 __all__ = ["read_records"]
@@ -194,7 +194,7 @@ def _time_column(
 
 def _factor(clock: _RecordColumn, path: str | Path, line: int) -> float:
     """Return the factor that converts times to s."""
-    unit = find_unit(clock.unit or "s", "time")
+    unit = find_unit(clock.unit, "time") if clock.unit else find_time_unit(clock.name)
     if unit is None:
         raise FormatError(
             f"header: column {clock.cell!r} of times: unit {clock.unit!r};"

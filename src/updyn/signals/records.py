@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -13,12 +14,15 @@ from numpy.typing import ArrayLike
 from updyn.arrays import NumberArray, RealArray
 from updyn.errors import DataError, key_path, suggest
 from updyn.signals.settings import RECORD_TIME
-from updyn.units import find_unit, merge_units, suggest_unit
+from updyn.units import Unit, find_unit, merge_units, suggest_unit
 
 if TYPE_CHECKING:
     import xarray
 
-__all__ = ["Records", "as_records", "chain_records", "find_step", "seconds"]
+__all__ = ["Records", "as_records", "chain_records", "find_step", "find_time_unit", "seconds"]
+
+#: A name with a last word in square or in round brackets, or without.
+_TIME_NAME = re.compile(r"(?:.*?)(?:\[([^\[\]]+)\]|\(([^()]+)\)|(?:^|(?<=[\s/_-]))([^\s/_-]+))")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -185,10 +189,10 @@ def _check_common(common: str, units: Sequence[str], channels: Sequence[str]) ->
 def seconds(times: NumberArray, label: str, name: str = "time") -> RealArray:
     """Return times in s, from 0; `label` is the unit of numbers, such as ``"ms since 2020-01-01"``.
 
-    Numbers without a label are in s.
+    Numbers without a label are in the unit at the end of their name, else in s.
     """
     stated = label.partition(" since ")[0].strip()
-    unit = find_unit(stated or "s", "time")
+    unit = find_unit(stated, "time") if stated else find_time_unit(name)
     if unit is None:
         raise DataError(f"{name}: unit {label!r}; {suggest_unit(stated, 'time')}")
     if times.dtype.kind not in "iufmM":
@@ -200,6 +204,17 @@ def seconds(times: NumberArray, label: str, name: str = "time") -> RealArray:
     if times.dtype.kind in "mM":
         return np.asarray(passed / np.timedelta64(1, "s"), dtype=np.float64)
     return np.asarray(passed * unit.factor, dtype=np.float64)
+
+
+def find_time_unit(name: str) -> Unit:
+    """Return the unit at the end of a name of times, such as ``t_ms`` or ``Time (min)``; else s."""
+    # Without brackets only parts of a second, because t_h or t_min may be names of channels.
+    found = _TIME_NAME.fullmatch(name)
+    if found is not None:
+        unit = find_unit(found[1] or found[2] or found[3], "time")
+        if unit is not None and (found[3] is None or unit.factor < 1.0):
+            return unit
+    return Unit("time", 1.0)
 
 
 def find_step(times: RealArray, rounding: RealArray | None = None) -> float:
