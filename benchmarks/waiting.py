@@ -151,9 +151,7 @@ def _wing() -> Job:
 
 #: What people have, by name.
 JOBS: dict[str, Callable[[], Job]] = {
-    "gear train": lambda: _of_bench(
-        "gear train", structures.train(_gear_train(), [1, 2, 5, 7], [1])
-    ),
+    "gear train": lambda: _of_bench("gear train", _gear_train()),
     "few lines": lambda: _job("few lines", models.chain(30, 5), 3, 1, 10, 8),
     "building": lambda: _of_bench("building", structures.building()),
     "long record": lambda: _job("long record", models.chain(40, 8), 12, 1, 15000, 12),
