@@ -35,7 +35,7 @@ class PlantResponse:
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NumberArray:
         return np.array(self.values, dtype=dtype, copy=copy)
 
-    def __getitem__(self, item: Any) -> object:
+    def __getitem__(self, item: Any) -> Any:
         """Return part of the values, as of an array."""
         return self.values[item]
 

@@ -60,7 +60,7 @@ class Backend(Protocol):
     #: processed in single precision. Optional; False by default.
     has_single: bool
 
-    def __init__(self, pattern: object, *, real: bool = False, single: bool = False) -> None: ...
+    def __init__(self, pattern: csc_array, *, real: bool = False, single: bool = False) -> None: ...
 
     @staticmethod
     def available() -> bool:
@@ -130,7 +130,7 @@ class SparseSolver:
         # It starts again in another process, as library data cannot be transferred.
         return partial(SparseSolver, real=self.real, single=self.single), (self.backend,)
 
-    def solve(self, A: object, B: NumberArray, freq: float, held: str = "") -> NumberArray:
+    def solve(self, A: csc_array, B: NumberArray, freq: float, held: str = "") -> NumberArray:
         """Solve A X = B, A sparse CSC, symmetric and sorted with a full diagonal, and check X.
 
         `freq` in Hz and `held`, the held DOFs, are for messages. Raises SolverError if A is
@@ -201,7 +201,7 @@ class SparseSolver:
                     return
             yield _BackendChoice(name)
 
-    def _factor(self, choice: _BackendChoice, A: object) -> Factors:
+    def _factor(self, choice: _BackendChoice, A: csc_array) -> Factors:
         if choice not in self._analysed:
             single = {"single": True} if choice.single else {}
             self._analysed[choice] = BACKENDS[choice.name](A, real=self.real, **single)
@@ -501,7 +501,7 @@ _TINY = np.finfo(float).tiny
 
 
 def _combination_bound(
-    A: object, scale: RealArray, x: NumberArray, b: NumberArray, size: RealArray
+    A: csc_array, scale: RealArray, x: NumberArray, b: NumberArray, size: RealArray
 ) -> np.float64:
     """Return a bound of the backward errors of columns from a random combination of them."""
     r = len(size)

@@ -28,7 +28,7 @@ class SuperLU:
         """Return True, as scipy contains SuperLU."""
         return True
 
-    def __init__(self, pattern: object, *, real: bool = False, single: bool = False) -> None:
+    def __init__(self, pattern: csc_array, *, real: bool = False, single: bool = False) -> None:
         del pattern, real
         self._single = single
 

@@ -111,7 +111,7 @@ STRUCTURE = StructureSection()
 
 
 def structure_of(results: Sequence[UpdateResult]) -> str:
-    """Return picture and legend of a structure with the sensors of all its tests; empty without."""
+    """Return picture and legend of a structure with all sensors; empty without a geometry."""
     # The model with the most degrees of freedom is drawn.
     result = _find_largest(results)
     if result is None:

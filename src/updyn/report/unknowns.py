@@ -136,7 +136,7 @@ def _parameter_notes(result: UpdateResult, parameter: Parameter) -> list[str]:
 
 
 def estimates(result: UpdateResult, chosen: Sequence[Parameter]) -> Figure | None:
-    """Return the estimates of one kind of unknown with 95 % intervals and bounds; None without."""
+    """Return estimates of one kind of unknown with intervals and bounds; None without unknowns."""
     # Factors are shown relative to their start, on a logarithmic axis.
     if not chosen:
         return None
