@@ -170,6 +170,9 @@ def test_a_step_in_another_unit_and_spectra(tmp_path):
     path = write_tdms(tmp_path / "a.tdms", hit(0, wf_increment=250.0, wf_xunit_string="ms"))
     check(updyn.read_records(path), [[FORCE[0], MOTION[0]]])
     path = write_tdms(tmp_path / "b.tdms", hit(0, wf_xunit_string="Hz"))
+    named = write_tdms(tmp_path / "c.tdms", hit(0, wf_xname="Frequency"))
+    with pytest.raises(FormatError, match="'hammer': abscissa in 'Hz'; expected time"):
+        updyn.read_records(named)
     with pytest.raises(FormatError, match="'hammer': abscissa in 'Hz'; expected time"):
         updyn.read_records(path)
 
@@ -270,6 +273,24 @@ def test_the_unit_of_the_conversion_of_an_mdf_channel(tmp_path):
         mdf.groups[0].channels[1].conversion.unit = "g"
         mdf.save(path)
     check(updyn.read_records(path), [[1.0 + 0.5 * np.arange(8)]], ["a"], ["g"])
+
+
+def test_channels_of_one_name_get_their_numbers(tmp_path):
+    twice = [Signal(row, TIMES, name="a", unit="N") for row in (FORCE[0], MOTION[0])]
+    path = write_mdf(tmp_path / "a.mf4", ("g", twice))
+    names = ["a (channel 1)", "a (channel 2)"]
+    check(updyn.read_records(path), [[FORCE[0], MOTION[0]]], names, ["N", "N"])
+    check(updyn.read_records(path, channels=names[:1]), [[FORCE[0]]], names[:1], ["N"])
+
+
+def test_times_of_an_mdf_file_in_another_unit_are_refused(tmp_path):
+    path = tmp_path / "a.mf4"
+    with MDF(version="4.10") as mdf:
+        mdf.append(signals(), acq_name="g")
+        mdf.groups[0].channels[0].unit = "ms"
+        mdf.save(path)
+    with pytest.raises(FormatError, match=r"abscissa in 'ms \(.*expected time, in MDF files in s"):
+        updyn.read_records(path)
 
 
 def test_jittered_times_and_invalid_samples_of_an_mdf_file_are_refused(tmp_path):

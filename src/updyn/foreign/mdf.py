@@ -26,6 +26,8 @@ __all__ = ["load"]
 #: Types of channels that are the abscissa of their group, stored or implied by the sample number.
 _MASTERS = (2, 3)
 _TIME = 1
+#: Units of times, which the format requires to be in s.
+_SECONDS = ("", "s", "sec", "second", "seconds")
 
 
 def load(path: str, wanted: Sequence[str] | None) -> list[dict[str, object]]:
@@ -95,7 +97,8 @@ def _list_channels(group: Any) -> list[tuple[int, Any]]:
 def _abscissa(group: Any) -> str:
     """Return the unit of the abscissa of a group: "s", or for messages its name."""
     for channel in group.channels:
-        if channel.channel_type in _MASTERS and channel.sync_type != _TIME:
+        is_time = channel.sync_type == _TIME and channel.unit in _SECONDS
+        if channel.channel_type in _MASTERS and not is_time:
             return f"{channel.unit} ({channel.name})"
     return "s"
 

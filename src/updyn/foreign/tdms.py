@@ -59,6 +59,7 @@ def _describe(channel: TdmsChannel) -> dict[str, object]:
     """Return name, unit, length and timing of a channel."""
     stated = channel.properties
     unit = stated.get("unit_string") or stated.get("NI_UnitDescription") or ""
+    is_spectrum = str(stated.get("wf_xname", "")).casefold() == "frequency"
     return {
         "name": channel.name,
         "unit": "s" if channel.dtype.kind == "M" else str(unit),
@@ -66,7 +67,7 @@ def _describe(channel: TdmsChannel) -> dict[str, object]:
         "step": _number(stated.get("wf_increment")),
         "offset": _number(stated.get("wf_start_offset")) or 0.0,
         "start": str(stated.get("wf_start_time", "")),
-        "abscissa": str(stated.get("wf_xunit_string") or "s"),
+        "abscissa": str(stated.get("wf_xunit_string") or ("Hz" if is_spectrum else "s")),
     }
 
 

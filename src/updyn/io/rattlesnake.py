@@ -11,7 +11,6 @@ All channels have the same window.
 from __future__ import annotations
 
 import re
-from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -58,7 +57,6 @@ def build_rattlesnake_records(
     members = root["members"]
     rate = _sample_rate(root, path)
     table = _read_table(members["channels"], path)
-    names = _unique_names(table)
     stored = []
     for name, item in sorted(members.items()):
         if not _STREAM.fullmatch(name):
@@ -73,15 +71,15 @@ def build_rattlesnake_records(
                 "name": name,
                 "channels": [
                     {
-                        "name": channel,
-                        "unit": listed.unit,
+                        "name": channel.name,
+                        "unit": channel.unit,
                         "n_samples": row.size,
                         "step": 1.0 / rate,
                         "start": "",
                         "abscissa": "s",
                         "values": row,
                     }
-                    for channel, listed, row in zip(names, table, values, strict=True)
+                    for channel, row in zip(table, values, strict=True)
                 ],
             }
         )
@@ -271,15 +269,6 @@ def _read_table(table: object, path: str | Path) -> list[_Channel]:
         texts = f"{node} {direction}".strip() or comment or f"channel {number}"
         channels.append(_Channel(_find_label(node, direction), texts, unit))
     return channels
-
-
-def _unique_names(channels: Sequence[_Channel]) -> list[str]:
-    """Return the names of channels, with their numbers if several have the same name."""
-    counts = Counter(channel.name for channel in channels)
-    return [
-        c.name if counts[c.name] == 1 else f"{c.name} (channel {number})"
-        for number, c in enumerate(channels, 1)
-    ]
 
 
 def _find_label(node: str, direction: str) -> str:

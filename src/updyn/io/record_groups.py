@@ -11,8 +11,9 @@ Each group becomes one record. Options select it::
 from __future__ import annotations
 
 import warnings
+from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -81,9 +82,13 @@ class RecordGroup:
 
     @classmethod
     def of(cls, stored: Mapping[str, Any]) -> RecordGroup:
-        """Return a loaded group."""
-        channels = tuple(GroupChannel.of(channel) for channel in stored["channels"])
-        return cls(str(stored["name"]), channels, stored.get("times"))
+        """Return a loaded group; channels of the same name get their numbers from 1."""
+        channels = [GroupChannel.of(channel) for channel in stored["channels"]]
+        counts = Counter(channel.name for channel in channels)
+        for at, channel in enumerate(channels):
+            if counts[channel.name] > 1:
+                channels[at] = replace(channel, name=f"{channel.name} (channel {at + 1})")
+        return cls(str(stored["name"]), tuple(channels), stored.get("times"))
 
     def format(self) -> str:
         """Return name, channels, length and rate, for messages."""
@@ -203,7 +208,7 @@ def _choose_channels(
         if channel.abscissa:
             raise FormatError(
                 f"{place}: channel {channel.name!r}: abscissa in {channel.abscissa!r}; expected"
-                " time",
+                " time, in MDF files in s",
                 path,
             )
     _check_timing(chosen, place, path)
