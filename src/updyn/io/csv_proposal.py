@@ -19,7 +19,15 @@ from updyn.io.csv_table import TextTable, find_table
 from updyn.io.items import is_file, read_windows_text
 from updyn.io.toml_text import format_mapping
 
-__all__ = ["FREQUENCY", "UNKNOWN", "WORDS", "guess_columns", "has_word", "propose_columns"]
+__all__ = [
+    "FREQUENCY",
+    "UNKNOWN",
+    "WORDS",
+    "guess_columns",
+    "has_word",
+    "name_column",
+    "propose_columns",
+]
 
 #: Words of a frequency, and of the parts of a channel in the order of the search; those of three
 #: letters or more are beginnings of words.
@@ -136,9 +144,9 @@ def _is_word(word: str, stems: Iterable[str]) -> bool:
     return any(word == stem or (len(stem) > 2 and word.startswith(stem)) for stem in stems)
 
 
-def _name(table: TextTable, at: int) -> Name:
+def name_column(table: TextTable, at: int) -> Name:
     """Return the name of a column, or its number if the name is empty or not unique."""
-    cell = table.header[at]
+    cell = table.header[at] if table.header else ""
     return cell if cell and table.header.count(cell) == 1 else at + 1
 
 
@@ -146,7 +154,7 @@ def _find_frequency(table: TextTable) -> Name | None:
     """Return the first column with the name of a frequency."""
     for at, cell in enumerate(table.header):
         if has_word(cell, FREQUENCY) and not any(has_word(cell, w) for w in WORDS.values()):
-            return _name(table, at)
+            return name_column(table, at)
     return None
 
 
@@ -154,7 +162,7 @@ def _find_channels(table: TextTable, frequency: Name) -> list[_Channel]:
     """Return the channels by the names of the columns; none if one of them is incomplete."""
     found: list[_Guess] = []
     for at, cell in enumerate(table.header):
-        name = _name(table, at)
+        name = name_column(table, at)
         part = _find_part(table, at)
         if part is not None and name != frequency:
             labels = tuple(map(":".join, _LABEL.findall(cell)))

@@ -11,7 +11,7 @@ from updyn.arrays import NumberArray
 from updyn.errors import FormatError
 from updyn.io.channels import Name
 from updyn.io.csv_columns import find_stated_table
-from updyn.io.csv_proposal import guess_columns
+from updyn.io.csv_proposal import guess_columns, name_column
 from updyn.io.csv_table import SEPARATORS, TextTable, format_cell
 from updyn.io.formats import find_format, load
 from updyn.io.frf_variables import VariableSource
@@ -76,8 +76,8 @@ def _list_columns(path: str | Path, columns: Mapping[str, object]) -> Inventory:
     table = find_stated_table(text, path, columns)
     numbers = range(1, table.n_columns + 1)
     items = tuple(
-        Item(_select(table, at), table.title(at), table.unit(at), _first_cells(table, at - 1))
-        for at in numbers
+        Item(name_column(table, n - 1), table.title(n), table.unit(n), _first_cells(table, n - 1))
+        for n in numbers
     )
     names = "with names" if table.header else "without names"
     layout = (
@@ -87,12 +87,6 @@ def _list_columns(path: str | Path, columns: Mapping[str, object]) -> Inventory:
     lines = text.split("\n", FILE_TEXT.first_lines)[: FILE_TEXT.first_lines]
     head = tuple(line[: FILE_TEXT.first_line_characters] for line in lines)
     return Inventory("columns", layout, items, guess_columns(table) or {}, head)
-
-
-def _select(table: TextTable, number: int) -> Name:
-    """Return the name of a column in a mapping, or its number if the name is not unique."""
-    name = table.title(number)
-    return name if name and table.header.count(name) == 1 else number
 
 
 def _first_cells(table: TextTable, at: int) -> str:
