@@ -27,7 +27,7 @@ import io
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -44,6 +44,9 @@ from updyn.io.items import build_sparse, check_names, locate_errors
 from updyn.io.native import load_native, write_native
 from updyn.io.settings import MATRIX_FILE
 from updyn.model import Model
+
+if TYPE_CHECKING:
+    import h5py
 
 __all__ = [
     "Folder",
@@ -120,7 +123,7 @@ class Folder:
 
 
 # -- identification of HDF5 files of updyn ------------------------------------------------------
-def put_kind(file: Any, kind: str) -> None:
+def put_kind(file: h5py.File, kind: str) -> None:
     """Write the attributes that identify the kind of file."""
     from updyn import __version__
 
@@ -160,7 +163,7 @@ def check_kind(root: Folder, path: str | Path, expected: str) -> None:
 
 
 # -- model --------------------------------------------------------------------------------------
-def put_model(parent: Any, model: Model, stored: dict[int, object] | None = None) -> None:
+def put_model(parent: h5py.Group, model: Model, stored: dict[int, object] | None = None) -> None:
     """Write a model into an HDF5 group; matrices in `stored` (by identity) become links."""
     stored = {} if stored is None else stored
     _put_text(parent, "title", model.title)
@@ -185,7 +188,7 @@ def put_model(parent: Any, model: Model, stored: dict[int, object] | None = None
                 stored[id(matrix)] = _put_matrix(place.create_group(what), matrix)
 
 
-def _put_members(place: Any, group: Group) -> None:
+def _put_members(place: h5py.Group, group: Group) -> None:
     """Write the original groups of a merged group, and which matrices they have."""
     members = group.origin.members
     if not members:
@@ -212,7 +215,7 @@ def _take_origin(place: Folder, path: str | Path) -> GroupOrigin:
     return GroupOrigin(members=members)
 
 
-def _put_damping(place: Any, group: Group) -> None:
+def _put_damping(place: h5py.Group, group: Group) -> None:
     damping = group.damping
     for name in damping.keys() & VALUES.keys():
         place.attrs[name] = damping[name]
@@ -291,7 +294,7 @@ def take_dofs(place: Folder, path: str | Path) -> DofSet:
         return DofSet.from_arrays(nodes, axes)
 
 
-def _put_matrix(place: Any, matrix: Matrix) -> object:
+def _put_matrix(place: h5py.Group, matrix: Matrix) -> object:
     row = np.repeat(np.arange(matrix.shape[0]), np.diff(matrix.indptr))
     upper = matrix.indices >= row  # a mask keeps explicit zeros, which scipy.sparse.triu would drop
     indptr = np.concatenate([[0], np.cumsum(np.bincount(row[upper], minlength=matrix.shape[0]))])
@@ -361,7 +364,7 @@ def take_geometry(place: Folder, path: str | Path) -> Geometry:
 
 
 # -- items --------------------------------------------------------------------------------------
-def _put_array(place: Any, name: str, array: NumberArray) -> None:
+def _put_array(place: h5py.Group, name: str, array: NumberArray) -> None:
     big = array.size >= MATRIX_FILE.compressed_entries
     packed = (
         {"compression": "gzip", "compression_opts": 1, "shuffle": True, "fletcher32": True}
@@ -371,7 +374,7 @@ def _put_array(place: Any, name: str, array: NumberArray) -> None:
     place.create_dataset(name, data=array, **packed)
 
 
-def _put_text(place: Any, name: str, text: str) -> None:
+def _put_text(place: h5py.Group, name: str, text: str) -> None:
     """Write a text of fixed length, because the heap of variable-length texts has no checksum."""
     if "\0" in text:
         raise InputError(f"{name} {text!r} contains a NUL character, which HDF5 cannot store")

@@ -371,7 +371,9 @@ def _warn_of_masses(matrices: Sequence[Mapping[str, Matrix]], inner: BoolArray, 
             return
 
 
-def _restrict_matrices(matrices: Mapping[str, Any], keep: BoolArray) -> dict[str, Any]:
+def _restrict_matrices(
+    matrices: Mapping[str, sp.csr_array], keep: BoolArray
+) -> dict[str, sp.csr_array]:
     return {what: A[keep][:, keep] for what, A in matrices.items()}
 
 
@@ -520,8 +522,8 @@ def _condense(
 
 
 def _schur(
-    K: Any, r: IndexArray, i: IndexArray, part: AbaqusGroup, dofs: DofSet, path: Path
-) -> Any:
+    K: sp.csr_array, r: IndexArray, i: IndexArray, part: AbaqusGroup, dofs: DofSet, path: Path
+) -> sp.csr_array:
     from scipy.sparse.linalg import splu
 
     coupling = sp.csc_array(K[i][:, r])

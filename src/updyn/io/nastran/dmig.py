@@ -49,7 +49,7 @@ class DMIGMatrix:
     """
 
     name: str
-    matrix: Any
+    matrix: sp.csr_array
     dofs: DofSet
 
 
@@ -214,7 +214,7 @@ def write_dmig(matrices: Mapping[str, object], dofs: DofSet, path: str | Path) -
         temporary.write_text(text, encoding="ascii", newline="\n")
 
 
-def _check_matrix(name: str, given: Any, n: int, path: Path) -> Any:
+def _check_matrix(name: str, given: Any, n: int, path: Path) -> sp.csc_array:
     """Return a matrix as CSC; refuse one that DMIG cannot hold."""
     if _NAME.fullmatch(name) is None:
         raise FormatError(
@@ -229,7 +229,7 @@ def _check_matrix(name: str, given: Any, n: int, path: Path) -> Any:
     return matrix
 
 
-def _cards(name: str, matrix: Any, dofs: DofSet) -> Iterator[str]:
+def _cards(name: str, matrix: sp.csc_array, dofs: DofSet) -> Iterator[str]:
     yield f"{'DMIG':<8}{name:<8}{0:>8}{_SYMMETRIC:>8}{2:>8}{0:>8}\n"
     places = []
     for node, axis in zip(dofs.nodes.tolist(), dofs.axes.tolist(), strict=True):

@@ -15,7 +15,6 @@ import threading
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -182,10 +181,10 @@ class MystranMatrices:
         the fixed ones.
     """
 
-    stiffness: Any
-    mass: Any
+    stiffness: sp.csr_array
+    mass: sp.csr_array
     dofs: DofSet
-    ties: Any
+    ties: sp.csr_array
     tied: IndexArray
     held: IndexArray
 
@@ -333,7 +332,7 @@ def _records(path: Path, user: Path) -> bytes:
         ) from error
 
 
-def _terms(path: Path, shape: tuple[int, int], user: Path) -> Any:
+def _terms(path: Path, shape: tuple[int, int], user: Path) -> sp.csr_array:
     """Read a sparse matrix: two records of one word, then the terms."""
     raw = _records(path, user)
     count = -1
@@ -356,7 +355,7 @@ def _terms(path: Path, shape: tuple[int, int], user: Path) -> Any:
     return sp.csr_array(sp.coo_array((terms["value"], places), shape=shape))
 
 
-def _symmetric(path: Path, n: int, user: Path) -> Any:
+def _symmetric(path: Path, n: int, user: Path) -> sp.csr_array:
     if not path.is_file():  # the structure has no mass
         return sp.csr_array((n, n))
     found = _terms(path, (n, n), user)

@@ -19,7 +19,7 @@ from typing import Any, BinaryIO, Literal, Protocol, TypeAlias, TypeVar
 import numpy as np
 import scipy.sparse as sp
 
-from updyn.arrays import NumberArray
+from updyn.arrays import IndexArray, NumberArray, RealArray
 from updyn.errors import FormatError, suggest
 from updyn.io.atomic import atomic_path
 from updyn.io.nastran.fields import parse_nastran_real
@@ -57,7 +57,7 @@ class OP4Matrix:
     """
 
     name: str
-    matrix: Any
+    matrix: sp.csc_array
     form: int
 
 
@@ -132,7 +132,7 @@ def write_op4(
             _write_binary(ready, temporary, layout, single, ">" if big_endian else "<")
 
 
-def runs(rows: Any) -> list[tuple[int, int]]:
+def runs(rows: IndexArray) -> list[tuple[int, int]]:
     """Return start and end (past the last) of runs of consecutive numbers in ascending `rows`."""
     breaks = np.flatnonzero(np.diff(rows) != 1) + 1
     edges = [0, *breaks.tolist(), len(rows)]
@@ -170,9 +170,9 @@ class EntryCollector:
 
     def __init__(self, path: Path, name: str, rows: int, columns: int) -> None:
         self._path, self._name, self.shape = path, name, (rows, columns)
-        self._rows: list[Any] = []
-        self._columns: list[Any] = []
-        self._values: list[Any] = []
+        self._rows: list[IndexArray] = []
+        self._columns: list[IndexArray] = []
+        self._values: list[RealArray] = []
 
     def add(self, row: int, column: int, values: Any, line: int | None = None) -> None:
         """Add consecutive values of a column; rows and columns are counted from 1."""
@@ -189,7 +189,7 @@ class EntryCollector:
         self._columns.append(np.full(len(values), column - 1))
         self._values.append(np.asarray(values, dtype=np.float64))
 
-    def matrix(self) -> Any:
+    def matrix(self) -> sp.csc_array:
         """Return the sparse matrix of the entries."""
         if not self._values:
             return sp.csc_array(self.shape, dtype=np.float64)
@@ -213,7 +213,7 @@ class EntryCollector:
         )
 
 
-def complete_triangles(path: Path, name: str, matrix: Any, form: int) -> Any:
+def complete_triangles(path: Path, name: str, matrix: sp.csc_array, form: int) -> sp.csc_array:
     """Return both triangles of a matrix of form 6; refuse one that is not symmetric."""
     if form != SYMMETRIC:
         return matrix
@@ -267,7 +267,7 @@ def _check_matrix(name: str, given: Any, path: Path, layout: Layout) -> OP4Matri
     return OP4Matrix(name.upper(), matrix, form)
 
 
-def _columns(matrix: Any) -> Iterator[tuple[int, Any, Any]]:
+def _columns(matrix: sp.csc_array) -> Iterator[tuple[int, IndexArray, RealArray]]:
     """Yield number (from 1), rows and values of the non-empty columns of a CSC matrix."""
     for j in range(matrix.shape[1]):
         some = slice(matrix.indptr[j], matrix.indptr[j + 1])
@@ -310,7 +310,7 @@ _TEXT_FORMAT = re.compile(r"(\d{1,4})\s*[EDed]\s*(\d{1,4})\s*\.\s*(\d+)")
 _TEXT_FIELDS = {False: (3, 26, 16), True: (5, 16, 8)}
 
 
-def _read_text(path: Path) -> Iterator[tuple[str, Any, int]]:
+def _read_text(path: Path) -> Iterator[tuple[str, sp.csc_array, int]]:
     """Yield name, entries (sparse) and form of each matrix."""
     with path.open(encoding="latin-1") as file:
         lines = _OP4Lines(path, file)
@@ -352,7 +352,7 @@ class _OP4Lines:
             raise self.error(f"{line.strip()[:60]!r}; expected {what}") from error
 
 
-def _text_matrix(lines: _OP4Lines, header: str) -> tuple[str, Any, int]:
+def _text_matrix(lines: _OP4Lines, header: str) -> tuple[str, sp.csc_array, int]:
     letter = re.search(r"[A-Za-z]", header)
     if letter is None or letter.start() not in (32, 40, 64):
         raise lines.error(
@@ -489,7 +489,7 @@ def _byte_order(start: bytes) -> tuple[str, int] | None:
     return None
 
 
-def _read_binary(path: Path, order: str, word: int) -> Iterator[tuple[str, Any, int]]:
+def _read_binary(path: Path, order: str, word: int) -> Iterator[tuple[str, sp.csc_array, int]]:
     """Yield name, entries (sparse) and form of each matrix."""
     with path.open("rb") as file:
         records = _OP4Records(file, path, order)
@@ -528,7 +528,7 @@ class _OP4Records:
         return FormatError(f"record {self.number}: {what}", self.path)
 
 
-def _binary_matrix(records: _OP4Records, header: bytes, word: int) -> tuple[str, Any, int]:
+def _binary_matrix(records: _OP4Records, header: bytes, word: int) -> tuple[str, sp.csc_array, int]:
     order = records.order
     integer = _INTEGERS[word]
     if _HEADER_WORDS.get(len(header)) != word:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -155,7 +155,7 @@ def normalise_columns(R: RealArray) -> RealArray:
     return np.asarray(R / np.where(size > 0.0, size, 1.0))
 
 
-def collinearity_index(s: NDArray[np.floating[Any]]) -> float:
+def collinearity_index(s: NDArray[np.floating]) -> float:
     """Return the collinearity index from the singular values of unit columns; inf if singular."""
     if s[-1] <= NULL_SPACE.rank_tolerance * s[0]:
         return float("inf")

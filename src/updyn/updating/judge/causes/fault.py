@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, Self
+from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,7 +33,7 @@ __all__ = [
     "remove_channels",
 ]
 
-_Complex = NDArray[np.complexfloating[Any, Any]]
+_Complex = NDArray[np.complexfloating]
 
 #: Prefix of the label of a reference in the text of a fault.
 FORCE = "force "

@@ -9,7 +9,7 @@ Raftery, J. Am. Stat. Assoc. 90 (1995) 773). The spread of held quantities maxim
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +27,7 @@ from updyn.updating.judge.causes.settings import HELD_QUANTITIES
 
 __all__ = ["QuadraticMisfit", "QuadraticOutcome"]
 
-_Complex = NDArray[np.complexfloating[Any, Any]]
+_Complex = NDArray[np.complexfloating]
 
 
 @dataclass(frozen=True, slots=True)
