@@ -120,6 +120,7 @@ def test_shapes_and_tables_do_not_go_together(tmp_path: Path) -> None:
         ("freqency,damping\n1,2\n", "column 'freqency'; did you mean 'frequency'"),
         ("frequency [m]\n1\n", r"unit 'm' of 'frequency'; expected a unit of frequency"),
         ("frequency,damping [dB]\n1,2\n", "unit 'dB' of 'damping'; expected '%' or none"),
+        ("frequency,damping\n1,0.5\n2,1.5\n", r":3: damping 1.5 is at .* column 'damping \[%\]'"),
         ("damping,std_damping\n1,2\n", "'frequency' is missing"),
         ("frequency,damping,loss_factor\n1,2,3\n", "damping and loss factors; state one of them"),
         ("frequency,frequency\n1,2\n", "'frequency' occurs twice"),

@@ -8,7 +8,7 @@ header, each line is one mode.
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +38,8 @@ _COLUMNS = {
 #: Column of the covariance with a mode, whose number is from 1, in Hz^2.
 _COVARIANCE = re.compile(r"cov_frequency_(\d+)")
 _HEADER = re.compile(r"(\w+)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))?")
+#: Value at critical damping.
+_CRITICAL = {"damping": 1.0, "loss_factor": 2.0}
 #: Units of fractions: name, factor.
 _SHARES = {"": 1.0, "-": 1.0, "1": 1.0, "%": 0.01}
 _COMMENT = re.compile(rb"(?:#.*)?")
@@ -128,6 +130,7 @@ def _modes_by_line(
     if not len(table):
         raise FormatError("a header without lines of numbers", path, lines[0][0])
     values = {kind: table[:, i] * factor for i, (kind, factor) in enumerate(columns)}
+    _check_damping(values, lines[1:], path)
     for kind in ("damping", "std_damping"):
         if kind in values:
             values[kind.replace("damping", "loss_factor")] = 2.0 * values.pop(kind)
@@ -138,6 +141,21 @@ def _modes_by_line(
         if covariance is not None:
             chosen["cov_frequency"] = covariance[np.ix_(number, number)]
         return ModeSet(source=Path(path).name, **chosen)
+
+
+def _check_damping(
+    values: Mapping[str, RealArray], lines: Sequence[tuple[int, str]], path: str | Path
+) -> None:
+    """Refuse critical damping, which is probably in per cent without a unit."""
+    for kind in values.keys() & _CRITICAL.keys():
+        too_large = np.flatnonzero(values[kind] >= _CRITICAL[kind])
+        if len(too_large):
+            raise FormatError(
+                f"{kind} {values[kind][too_large[0]]:g} is at or above critical damping; for per"
+                f" cent name the column '{kind} [%]'",
+                path,
+                lines[too_large[0]][0],
+            )
 
 
 def _pop_covariance(values: dict[str, RealArray], path: str | Path, line: int) -> RealArray | None:
