@@ -66,6 +66,16 @@ def test_names_and_paths(tmp_path, write):
 
 
 @pytest.mark.parametrize("write", WRITERS)
+def test_units_in_the_names_of_frequencies(tmp_path, write):
+    path = write(tmp_path / "x", {"f_MHz": LINES / 2**20, "omega_rad_s": 6.28 * LINES, "Y": H})
+    frf = updyn.read_frf(path, variables={"freq": "f_MHz", "H": "Y"}, quantity="mobility", **LABELS)
+    np.testing.assert_allclose(frf.freq, LINES * 1e6 / 2**20, rtol=1e-14)
+    variables = {"freq": "omega_rad_s", "H": "Y"}
+    with pytest.raises(OptionError, match="'omega_rad_s' may be in rad/s or in Hz"):
+        updyn.read_frf(path, variables=variables, quantity="mobility", **LABELS)
+
+
+@pytest.mark.parametrize("write", WRITERS)
 def test_parts_with_units_and_another_order_of_axes(tmp_path, write):
     angle = np.angle(H, deg=True).transpose(1, 0, 2)
     size = 20.0 * np.log10(np.abs(H) / 1e-3).transpose(1, 0, 2)

@@ -11,6 +11,7 @@ source states, else Hz and SI. A `Source` returns the numbers by name, the same 
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -55,8 +56,8 @@ _DEGREES = ("deg", "degree", "degrees", "°", "grad")
 _RADIANS = ("rad", "radian", "radians")
 #: Units of phases that are refused.
 OTHER_ANGLES = ("mrad", "turn", "turns", "cycle", "cycles", "rev")
-#: Names of an angular frequency, which people also use for a frequency.
-_ANGULAR = ("omega", "ω", "w", "angular frequency", "circular frequency")
+#: Names, and words in names, of an angular frequency, which people also use for a frequency.
+_ANGULAR, _ANGULAR_WORDS = ("ω", "w"), {"omega", "rad", "angular", "circular"}
 _EXAMPLE = '{ response = "3:Z", reference = "1:Z", real = 2, imaginary = 3 }'
 
 #: A column or variable: its name, or the number of a column from 1.
@@ -114,6 +115,8 @@ def read_frequency(
     """Return frequencies in Hz, from the unit in the mapping (`stated`), else of the file."""
     numbers = as_reals(source.numbers(name, key), _format_name(name), source.path)
     label = source.unit(name)
+    if stated is None and not label:
+        label = _find_unit_in_title(source.title(name), name, key)
     unit = find_unit(label, "frequency") if label else None
     if stated is None and label and unit is None:
         raise FormatError(
@@ -121,10 +124,6 @@ def read_frequency(
             " frequency_unit",
             source.path,
             key=key,
-        )
-    if stated is None and not label and source.title(name).casefold() in _ANGULAR:
-        raise OptionError(
-            f"{_format_name(name)} may be in rad/s or in Hz; state frequency_unit", key=key
         )
     if stated is not None:
         wanted = find_unit(stated, "frequency") if isinstance(stated, str) else None
@@ -140,6 +139,18 @@ def read_frequency(
         unit = wanted
     freq = np.asarray(numbers, dtype=np.float64).reshape(-1)
     return freq if unit is None else freq * unit.factor
+
+
+def _find_unit_in_title(title: str, name: object, key: Key) -> str:
+    """Return the unit in a name such as ``f_kHz``, or an empty text; refuse ``omega``."""
+    words = re.split(r"[\s_]+", title)
+    if find_unit(words[-1], "frequency"):
+        return words[-1]
+    if title.casefold() in _ANGULAR or _ANGULAR_WORDS & {word.casefold() for word in words}:
+        raise OptionError(
+            f"{_format_name(name)} may be in rad/s or in Hz; state frequency_unit", key=key
+        )
+    return ""
 
 
 def combine_parts(
