@@ -187,7 +187,7 @@ def _bars(
     rows: RealArray,
     colour: str,
     names: list[str],
-) -> dict[str, Any]:
+) -> dict[str, object]:
     return {
         "type": "scatter",
         "mode": "markers",

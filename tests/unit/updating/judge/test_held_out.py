@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 import updyn
+from updyn.updating.fit.start_problem import build_start_problem
 from updyn.updating.judge.held_out import predictive_figures
 from updyn.updating.problem.data import Test
 from updyn.updating.problem.noise import EstimatedByChannel, Stated
-from updyn.updating.fit.start_problem import build_start_problem
 
 NOISE = Stated(0.02, 0.01)
 

@@ -57,7 +57,13 @@ from updyn.updating.judge.settings import SIGNIFICANCE
 from updyn.updating.problem.noise import NoiseModel
 from updyn.updating.problem.problem import FRFPart
 
-__all__ = ["find_causes", "find_obstacle", "is_far_from_start", "weight_by_noise"]
+__all__ = [
+    "count_search_lines",
+    "find_causes",
+    "find_obstacle",
+    "is_far_from_start",
+    "weight_by_noise",
+]
 
 
 def is_far_from_start(part: FRFPart, x: RealArray) -> bool:
@@ -81,6 +87,12 @@ def find_obstacle(part: FRFPart, noise: NoiseModel) -> str:
     return ""
 
 
+def count_search_lines(frf: FRF) -> int:
+    """Return the number of lines of the search, fewer with many channels."""
+    affordable = CAUSE_SEARCH.most_values // (len(frf.responses) * len(frf.references))
+    return max(CAUSE_SEARCH.fewest_lines, min(CAUSE_SEARCH.lines, affordable))
+
+
 def find_causes(
     part: FRFPart, noise: NoiseModel, points: Sequence[RealArray] = ()
 ) -> list[Finding]:
@@ -99,7 +111,7 @@ def find_causes(
     whole = part.with_data(frf)
     if find_obstacle(whole, noise):
         return stated
-    part, held = free_held_quantities(whole.thin(CAUSE_SEARCH.lines))
+    part, held = free_held_quantities(whole.thin(count_search_lines(whole.frf)))
     trial_models = choose_trial_models(part)
     known = [np.concatenate([x, held]) for x in points]
     explained = _explain_data(part, whole, trial_models, known, stated, noise)

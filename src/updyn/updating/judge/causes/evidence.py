@@ -303,6 +303,19 @@ class Evidence:
         e = self.misfit(self.frf)
         return float(np.sqrt(2.0 * e @ e / e.size)) + CAUSE_MISFIT.perfect_rms
 
+    def adapt_to(self, frf: FRF) -> RealArray:
+        """Return the misfit of data in units of `rms_misfit` after all unknowns have adapted.
+
+        It is above the offsets of the unknowns from their start, shape (2 m + n,).
+        """
+        b = np.concatenate([self.misfit(frf) / self.rms_misfit, self.offset_to_start])
+        return self.project_out_unknowns(frf, b)
+
+    @cached_property
+    def adapted_misfit(self) -> RealArray:
+        """`adapt_to` of the data themselves."""
+        return self.adapt_to(self.frf)
+
     def project_out_unknowns(self, frf: FRF, b: RealArray) -> RealArray:
         """Return the residual after all unknowns have adapted, to first order.
 

@@ -30,9 +30,8 @@ def compare_band_halves(evidence: Evidence, fault: Fault, correlation: float) ->
     ]
     D = np.stack(effects, axis=1) / evidence.rms_misfit
     size = np.linalg.norm(D, axis=0)
-    b = np.append(evidence.misfit(evidence.frf) / evidence.rms_misfit, evidence.offset_to_start)
     D = evidence.project_out_unknowns(evidence.frf, D)
-    b = evidence.project_out_unknowns(evidence.frf, b)
+    b = evidence.adapted_misfit
     Q, R = np.linalg.qr(D)
     if (np.abs(np.diag(R)) <= CAUSE_MISFIT.dependent_share * size).any():
         return 0.0

@@ -25,10 +25,8 @@ def fit_first_order(evidence: Evidence, fault: _MaybeFault) -> tuple[float, _May
     frf = evidence.frf
     if fault is not None and not (fault.has_free_size and fault.value == 0.0):
         frf = fault.repair_with_model(evidence)
-    unit = evidence.rms_misfit
-    offset = evidence.offset_to_start
-    b = np.concatenate([evidence.misfit(frf) / unit, offset])
-    b = evidence.project_out_unknowns(frf, b)
+    unit, offset = evidence.rms_misfit, evidence.offset_to_start
+    b = evidence.adapted_misfit if frf is evidence.frf else evidence.adapt_to(frf)
     if fault is not None and fault.has_free_size:
         d = np.zeros_like(b)
         d[: -len(offset)] = stack_real_imag(evidence.weight * fault.slope(evidence)) / unit
@@ -37,7 +35,7 @@ def fit_first_order(evidence: Evidence, fault: _MaybeFault) -> tuple[float, _May
         # An effect that the unknowns can produce is attributed to them.
         if np.linalg.norm(d) > CAUSE_MISFIT.dependent_share * size:
             step = float(d @ b / (d @ d))
-            b -= step * d
+            b = b - step * d
             fault = replace(fault, value=fault.value + step)
     e, held = b[: -len(offset)], b[-len(offset) :]
     power = 2.0 * float(e @ e) * unit**2 / e.size

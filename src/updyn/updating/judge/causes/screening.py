@@ -67,7 +67,7 @@ class _Misfit:
         ]
         return self.evidence.project_out_unknowns(self.evidence.frf, np.stack(columns, axis=1))
 
-    def residual(self, change: ComplexArray | float = 0.0) -> RealArray:
+    def residual(self, change: ComplexArray) -> RealArray:
         """Return the residual with a weighted change of the model, after all unknowns adapted."""
         return self._project_changes([self.e - change], self.evidence.offset_to_start)[:, 0]
 
@@ -79,7 +79,7 @@ class _Misfit:
     def compute_gains(self, elements: Sequence[AddedElement], units: Sequence[float]) -> RealArray:
         """Return the decrease of the sum of squares by each element, to first order from size 0."""
         D = self._slopes([replace(one, value=0.0) for one in elements]) * np.asarray(units)
-        along = np.maximum(self.residual() @ D, 0.0)
+        along = np.maximum(self.evidence.adapted_misfit @ D, 0.0)
         return np.asarray(along**2 / np.maximum(np.sum(D**2, axis=0), _TINY))
 
     def find_best_size(self, element: AddedElement, unit: float) -> _ScreenedElement:
@@ -89,7 +89,9 @@ class _Misfit:
 
     def _screen_element(self, element: AddedElement) -> _ScreenedElement:
         weight, R = self.evidence.weight, self.evidence.receptances
-        b = self.residual(weight * R.log_change(element) if element.value else 0.0)
+        b = self.evidence.adapted_misfit
+        if element.value:
+            b = self.residual(weight * R.log_change(element))
         d = self._slopes([element])[:, 0]
         step = float(d @ b) / max(float(d @ d), _TINY)
         low, high = 0.0, np.inf

@@ -13,6 +13,12 @@ class CauseSearchSettings:
     #: [lines] Lines of the data in the search; more lines take longer. Why: limit of effort; the
     #: size of the likeliest fault is fitted to all lines afterwards.
     lines: int = 60
+    #: [values] Values of the data in the search from which on it has fewer lines, down to
+    #: `fewest_lines`. Why: limit of effort; a sensor of many references has enough values.
+    most_values: int = 20_000
+    #: [lines] Least number of lines of the search. Why: a rule of thumb; delays and filters differ
+    #: over the band.
+    fewest_lines: int = 20
     #: [lines] Lines with usable values below which a test, a sensor or a pair of FRFs is not
     #: examined. Why: fewer values determine neither a fault nor its odds (a rule of thumb).
     least_lines: int = 8

@@ -15,7 +15,11 @@ from updyn.updating.judge.causes.calibration import Calibration
 from updyn.updating.judge.causes.candidates import has_small_residual
 from updyn.updating.judge.causes.dead_channel import DeadChannel
 from updyn.updating.judge.causes.delay import Delay
-from updyn.updating.judge.causes.diagnosis import find_obstacle, is_far_from_start
+from updyn.updating.judge.causes.diagnosis import (
+    count_search_lines,
+    find_obstacle,
+    is_far_from_start,
+)
 from updyn.updating.judge.causes.drive_point import (
     DrivePoint,
     _count_lines,
@@ -448,3 +452,14 @@ def test_a_suspension_of_soft_springs(chain12):
 
 def test_a_first_loss_factor_of_a_mode():
     assert MissingMode((), 10.0).loss == 0.01
+
+
+@pytest.mark.parametrize(
+    ("responses", "references", "lines"),
+    [(12, 1, 60), (83, 4, 60), (100, 4, 50), (100, 9, 22), (500, 10, 20)],
+)
+def test_the_search_has_fewer_lines_if_channels_are_many(responses, references, lines):
+    labels = [f"{i + 1}:X" for i in range(responses)]
+    values = np.ones((80, responses, references), dtype=complex)
+    frf = updyn.FRF(np.arange(1.0, 81.0), values, labels, labels[:references], "accelerance")
+    assert count_search_lines(frf) == lines
