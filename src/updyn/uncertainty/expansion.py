@@ -97,7 +97,7 @@ def expand_modes(
     >>> result = updyn.update(model, frf, unknowns, starts=0)
     >>> expansion = updyn.expand_modes(result, updyn.identify_modes(frf).select([0, 1]))
     >>> len(frf.responses), expansion.modes.shapes.shape
-    (4, (12, 2))
+    (5, (12, 2))
     """
     if method not in METHODS:
         raise OptionError(f"method {method!r}: {suggest(str(method), METHODS)}")

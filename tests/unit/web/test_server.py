@@ -104,7 +104,7 @@ def test_a_job_that_cannot_be_opened(
     path = tmp_path / "bad.toml"
     if content is not None:
         path.write_bytes(content)
-    assert refused([str(path)], capsys) == f"{path}: {message}"
+    assert refused([str(path)], capsys).endswith(f"bad.toml: {message}")
 
 
 def test_a_job_that_is_a_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
