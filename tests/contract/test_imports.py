@@ -77,6 +77,10 @@ def test_the_core_loads_numpy_and_scipy_and_nothing_else_from_outside():
     assert extra == set()
 
 
+def test_the_readers_load_no_identification_of_modes():
+    assert fresh("import sys\nimport updyn.io\nprint('updyn.modal' in sys.modules)") == "False"
+
+
 def seconds(code: str) -> float:
     """Least time of one statement in five fresh interpreters: noise of the machine only adds."""
     timed = f"import time\nt = time.perf_counter()\n{code}\nprint(time.perf_counter() - t)"

@@ -20,7 +20,6 @@ from updyn.frf import check_quantity
 from updyn.io.formats import FORMATS, find_format, load
 from updyn.io.items import guard_reader, locate_errors, parse_selection
 from updyn.io.point_files import has_fields, read_point_files
-from updyn.modal.shapes import Updated, make_shapes
 
 if TYPE_CHECKING:
     import xarray
@@ -30,6 +29,7 @@ if TYPE_CHECKING:
     from updyn.frf import FRF
     from updyn.geometry import Geometry
     from updyn.modal import ModeSet
+    from updyn.modal.shapes import Updated
     from updyn.model import Model
     from updyn.signals.records import Records
 
@@ -445,6 +445,8 @@ def write_shapes(
     >>> updyn.read_geometry("modes.unv").nodes
     array([1, 2])
     """
+    from updyn.modal.shapes import make_shapes  # on use; its import is slow
+
     writer, name = _find_function(path, "write_shapes", format)
     known = _check_option_names(writer, name, options, ("freq", "reference", "select", "format"))
     made = make_shapes(shapes, structure, freq=freq, reference=reference, select=select)
