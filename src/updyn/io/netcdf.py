@@ -111,8 +111,7 @@ def read_frf(
             f"duplicates={duplicates!r}: this format holds every response and reference once;"
             " expected 'raise'"
         )
-    _refuse_classic(path)
-    found = load_netcdf(path, "frf", "netCDF-4 file", wanted=("frf", "frf_real"))
+    found = _load(path, "frf", "frf", "frf_real")
     if order is None and is_rattlesnake(found.root.members, found.root.attributes):
         root = load_native("updyn.foreign.hdf5:load", path, what="netCDF-4 file")
         if holds_frf(root):
@@ -172,8 +171,7 @@ def read_records(
             rate=rate,
             units=units,
         )
-    _refuse_classic(path)
-    found = load_netcdf(path, "records", "netCDF-4 file", wanted=(_RECORDS,))
+    found = _load(path, "records", _RECORDS)
     if is_rattlesnake(found.root.members, found.root.attributes):
         refuse_without_values(order=order, time=time, rate=rate)
         root = load_native("updyn.foreign.hdf5:load", path, what="netCDF-4 file")
@@ -266,13 +264,14 @@ class NetCDFContent:
         return xr.Dataset(variables, attrs=self.root.attributes)
 
 
-def _refuse_classic(path: str | Path) -> None:
-    """Raise if a file is of the classic format of netCDF, as meshes of Exodus may be."""
+def _load(path: str | Path, kind: str, *wanted: str) -> NetCDFContent:
+    """Load a file as `load_netcdf`; refuse the classic format, which meshes of Exodus may have."""
     with Path(path).open("rb") as file:
         if file.read(3) == b"CDF":
             raise AbsentError(
                 "a netCDF file of the classic format (version 3); expected netCDF-4 (HDF5)", path
             )
+    return load_netcdf(path, kind, "netCDF-4 file", wanted=wanted)
 
 
 def load_netcdf(
@@ -326,8 +325,7 @@ def write_frf(frf: FRF, path: str | Path) -> None:
 
 def read_modes(path: str | Path) -> ModeSet:
     """Read modes written by `write_modes`."""
-    _refuse_classic(path)
-    found = load_netcdf(path, "modes", "netCDF-4 file", wanted=("frequency",))
+    found = _load(path, "modes", "frequency")
     check_kind(found.root, path, "modes")
     data = found.data()
     for name in ("frequency", "shapes", "scaled"):
