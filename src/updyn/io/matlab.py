@@ -112,7 +112,7 @@ def read_frf(
             order=order,
             real_valued=real_valued,
         )
-    with proposing_variables(stored, path), _iterate_usable(stored, path, FRF_ITEMS) as found:
+    with proposing_variables(stored), _iterate_usable(stored, path, FRF_ITEMS) as found:
         return build_frf(
             found,
             path,

@@ -131,7 +131,7 @@ def read_frf(
         check_kind(found.root, path, "frf")
     elif not {"frf", "frf_real"} & set(found.root.members):
         held = ", ".join(sorted(found.root.members)[:8]) or "nothing"
-        with proposing_variables(_list_datasets(path), path):
+        with proposing_variables(_list_datasets(path)):
             raise AbsentError(
                 f"holds no variable 'frf' (see updyn.io.netcdf); it holds: {held}", path
             )

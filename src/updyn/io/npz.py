@@ -101,7 +101,7 @@ def read_frf(
         items = _nest_items(arrays, path)
     else:
         items = select_items(VariableSource(arrays, path), variables, order)
-    with proposing_variables({} if variables else arrays, path):
+    with proposing_variables({} if variables else arrays):
         return build_frf(
             items,
             path,

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from pathlib import Path
 
 import numpy as np
 
@@ -28,7 +27,7 @@ _COHERENCE = ("coh", "gamma", "cxy")
 
 
 @contextmanager
-def proposing_variables(found: Items, path: str | Path) -> Iterator[None]:
+def proposing_variables(found: Items) -> Iterator[None]:
     """Add the arrays and a proposal to a `FormatError`, if the file has other names of FRFs."""
     try:
         yield
