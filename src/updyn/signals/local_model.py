@@ -129,7 +129,7 @@ class _FittedModels:
     #: QR factors of F / A projected off this basis.
     Q: ComplexArray
     R: ComplexArray
-    #: Q^H X, shape (n, n_r (degree + 1)).
+    #: Q^H X, shape (n, n_r (degree + 1), n_i).
     along: ComplexArray
     #: Residual of the responses, shape (n, records width, n_i).
     residual: ComplexArray
