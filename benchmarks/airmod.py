@@ -49,7 +49,7 @@ def read(folder: Path) -> Model:
 
 
 def tests(folder: Path) -> RepeatedTests:
-    """Return the frequencies of 14 modes in all tests, some of which found none."""
+    """Return the frequencies of 14 modes in each test; nan for modes that it did not find."""
     table = np.loadtxt(folder / "test_frequencies.csv", delimiter=",")
     return RepeatedTests(table[:, np.array(MODES) - 1])
 
@@ -155,7 +155,7 @@ def print_update(model: Model, data: ModeSet, sought: ParameterSet) -> None:
 
 
 def print_prior(model: Model, found: RepeatedTests) -> None:
-    """Print the standard deviations of the unknowns with a prior, by what is known of the data."""
+    """Print the standard deviations with a prior, for three covariances of the data."""
     sought = unknowns(model, PRIOR_STD)
     data = {
         "mean": found.mean_modes(),

@@ -5,7 +5,7 @@
 Prints the table of docs/structures.md, which omits rigid-body modes. Needs MYSTRAN and CalculiX
 (``ccx``).
 
-References, none of which has elements:
+References, computed without finite elements:
 
 frame
     Bernoulli-Euler members without rotary inertia, with their dynamic stiffness; frequencies by the
@@ -41,13 +41,13 @@ from updyn.model import Model
 
 E, RHO, NU = 2.1e11, 7850.0, 0.3
 G = E / (2.0 * (1.0 + NU))
-#: Frequencies below this one are rigid-body motions, in Hz.
+#: Frequencies below this value, in Hz, belong to rigid-body modes.
 ELASTIC = 0.5
 
 
 @dataclass(frozen=True)
 class Structure:
-    """One structure: its nodes and elements, its exact frequencies in Hz, and how programs get it.
+    """One structure: its nodes and elements, its exact frequencies in Hz, and its decks.
 
     `calculix` has the nodes and elements for CalculiX, which may have additional nodes.
     """
@@ -90,7 +90,7 @@ def with_midsides(number: np.ndarray) -> np.ndarray:
 
 
 def _take(number: np.ndarray, offsets: np.ndarray, step: int) -> np.ndarray:
-    """Elements whose nodes have some offsets from their first node."""
+    """Elements with the given offsets of their nodes from the first node."""
     cells = [range(0, n - 1, step) for n in number.shape]
     first = np.stack(np.meshgrid(*cells, indexing="ij"), axis=-1).reshape(-1, number.ndim)
     return number[tuple(np.moveaxis(first[:, None] + offsets, -1, 0))]
@@ -183,7 +183,7 @@ HEIGHT, WIDTH = 0.01, 0.02
 SECTION = Section(
     HEIGHT * WIDTH, HEIGHT * WIDTH**3 / 12.0, WIDTH * HEIGHT**3 / 12.0, 0.2287 * WIDTH * HEIGHT**3
 )
-#: Joints of the portal in m, of which the first and last are held, and members between them.
+#: Joints of the portal in m (the first and the last are fixed), and members between them.
 JOINTS = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0], [1.3, 0.0, 1.0], [1.3, 0.0, 0.0]])
 MEMBERS = [(0, 1), (1, 2), (2, 3)]
 #: The smaller side of the sections is in the plane of the portal.
@@ -220,7 +220,7 @@ def member_stiffness(omega: float, length: float) -> np.ndarray:
 
 
 def clamped_modes(omega: float, length: float) -> int:
-    """Number of natural frequencies of a member with held ends below a frequency."""
+    """Number of natural frequencies of a member with clamped ends below a frequency."""
     found = floor(omega * length / pi * sqrt(RHO / E))
     polar = RHO * (SECTION.Iyy + SECTION.Izz)
     found += floor(omega * length / pi * sqrt(polar / (G * SECTION.J)))
@@ -307,7 +307,7 @@ Orders = tuple[int, ...]
 def products(terms: Sequence[int], size: Sequence[float]) -> Callable[[Orders, Orders], np.ndarray]:
     """Return a function for the integrals of two derivatives of products of Legendre polynomials.
 
-    The integrals are over a body of some sides; both derivatives have an order by each axis.
+    The integrals are over a box with sides `size`; each derivative has an order for each axis.
     """
     tables = []
     for n, side in zip(terms, size, strict=True):
@@ -401,8 +401,8 @@ def plate(name: str, thickness: float, exact: np.ndarray) -> Structure:
 def block(order: int, n: int = 6, cells: tuple[int, int, int] = (20, 6, 2)) -> Structure:
     """A free block of 1 m x 0.3 m x 0.1 m, of bricks of first or second order.
 
-    MYSTRAN integrates the shear of bricks of 8 nodes reducedly, which is its default, and those of
-    20 nodes fully: with its default, the second frequency is 17 % too low.
+    MYSTRAN uses reduced integration of the shear for 8 nodes, its default, and full integration for
+    20 nodes: with the default, the second frequency would be 17 % too low.
     """
     size = (1.0, 0.3, 0.1)
     if order == 1:

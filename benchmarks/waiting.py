@@ -1,10 +1,10 @@
-"""How long people wait for each command, and which share of it is not linear algebra.
+"""Processor time of each command, and its share outside linear algebra.
 
 Jobs of 7 to 10,000 DOFs, 3 to 1,000 channels and 10 to 15,000 lines, with 1 % noise and a floor.
 For each: `info` of both files, `new`, `check`, `correlate`, `modes`, `run` with its report, `plan`
 and `plant`, with the defaults of `new`. Printed: seconds of processor time, with child processes;
 with `--shares`, which needs py-spy (``pip install py-spy``), the share of the time outside BLAS,
-LAPACK and sparse solvers. An asterisk marks what exceeds its target.
+LAPACK and sparse solvers. An asterisk marks times above the target.
 
     OMP_NUM_THREADS=1 python benchmarks/waiting.py [JOB ...] [--commands check,run] [--shares]
 """
@@ -30,7 +30,7 @@ from updyn.demos.gear_train import true_model
 from updyn.elements.structure.build import structure
 from updyn.elements.structure.shells import Shell
 
-#: Longest acceptable processor time in s: targets of this project, from what users put up with.
+#: Longest acceptable processor time in s: targets of this project.
 TARGETS = {
     "info model": 2.0,
     "info test": 2.0,
@@ -149,7 +149,7 @@ def _wing() -> Job:
     return Job("wing", model, sensors, sensors[:1], _lines(model, 4095, 12))
 
 
-#: What people have, by name.
+#: Typical jobs, by name.
 JOBS: dict[str, Callable[[], Job]] = {
     "gear train": lambda: _of_bench("gear train", _gear_train()),
     "few lines": lambda: _job("few lines", models.chain(30, 5), 3, 1, 10, 8),
@@ -170,7 +170,7 @@ def _gear_train() -> structures.Bench:
 
 
 def write_job(job: Job, folder: Path) -> None:
-    """Write the files of a job, but for the job file."""
+    """Write the model and the measurement of a job."""
     updyn.write_model(job.start(), folder / "model.h5")
     updyn.write_frf(job.measure(), folder / "test.npz")
 
@@ -207,7 +207,7 @@ class Wait:
 
 
 def run(folder: Path, command: str, shares: bool) -> Wait:
-    """Run a command and return how long it takes."""
+    """Run a command and return its processor time."""
     words = [sys.executable, "-m", "updyn", *arguments(command)]
     samples = folder / "samples.txt"
     if shares:
@@ -234,7 +234,7 @@ def read_share(samples: Path) -> float:
 
 
 def waits(job: Job, commands: list[str], shares: bool) -> Iterator[tuple[str, Wait]]:
-    """Yield each command of a job and how long it takes; `new` always runs."""
+    """Yield each command of a job with its processor time; `new` always runs."""
     with tempfile.TemporaryDirectory() as made:
         folder = Path(made)
         write_job(job, folder)
