@@ -114,7 +114,7 @@ def read_foreign_files_here(
         return
 
     def load(
-        function: str, path: Any, *arguments: Any, what: str, reader: str, beside: Any = ()
+        function: str, path: Any, *arguments: Any, what: str, reader: str, extra_files: Any = ()
     ) -> Any:
         found = box.load_in_process(function, path, *arguments, what=what)
         return plain.decode(memoryview(b"".join(plain.encode(found))))

@@ -509,7 +509,7 @@ def _check_change(name: str, group: Group, quantity: str, value: float) -> None:
 
 
 def _negative(matrix: Matrix) -> str | None:
-    """Return how a matrix is indefinite beyond rounding; None if it is not."""
+    """Return the evidence that a matrix is indefinite beyond rounding; None without any."""
     # Above 600 DOFs, only the diagonal and the 2 x 2 minors are checked, which finds wrong signs
     # but not every indefinite matrix.
     used = np.unique(matrix.indices)

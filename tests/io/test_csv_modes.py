@@ -96,7 +96,7 @@ def test_the_covariance_of_frequencies_is_written_and_read_back(tmp_path: Path) 
 def test_a_universal_file_leaves_the_covariance_out_with_a_warning(tmp_path: Path) -> None:
     covariance = [[1.0, 0.5], [0.5, 1.0]]
     modes = ModeSet([3.0, 4.0], np.eye(2), ["1:X", "2:X"], cov_frequency=covariance)
-    with pytest.warns(UpdynWarning, match="covariance of the frequencies is left out"):
+    with pytest.warns(UpdynWarning, match="covariance of the frequencies is not written"):
         updyn.write_modes(modes, tmp_path / "modes.uff")
 
 

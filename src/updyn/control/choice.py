@@ -36,7 +36,7 @@ def check_route(route: str, task: PlantTask, error: str) -> tuple[str, ...]:
 
 
 def choose_route(task: PlantTask, routes: tuple[str, ...], tolerance: float) -> CandidateSelection:
-    """Return the selection of the first route that holds the tolerance, at least as stated."""
+    """Return the selection of the first route that meets the tolerance, at least as stated."""
     # A rational approximation among several routes is preferred if it needs fewer states.
     reached: dict[str, CandidateSelection] = {}
     refused: dict[str, ModelError] = {}

@@ -266,10 +266,10 @@ def _spread_lines(low: float, high: float) -> tuple[RealArray, RealArray]:
 def select_fewest(
     conversion: Conversion, target: ResponseTarget, tolerance: float, *, lenient: bool = False
 ) -> CandidateSelection:
-    """Return the fewest candidates that hold a tolerance; those below the band are always kept.
+    """Return the fewest candidates that meet a tolerance; those below the band are always kept.
 
     With `lenient`, the tolerance applies only to the errors that a plant states; the others may be
-    those of all candidates. If all candidates do not hold it, all are returned.
+    those of all candidates. If all candidates together do not meet it, all are returned.
     """
     # Candidates are ranked by the largest change without each one, as a share of the peak of its
     # channel or line by line: modal cost (after R. E. Skelton & P. C. Hughes, J. Dynamic Systems,

@@ -296,7 +296,11 @@ class _MeshContent:
 
 def _load_mesh(path: Path) -> _MeshContent:
     found = box.load(
-        "updyn.foreign.mesh:load", path, what="mesh", reader="meshio", beside=_find_hdf5_files(path)
+        "updyn.foreign.mesh:load",
+        path,
+        what="mesh",
+        reader="meshio",
+        extra_files=_find_hdf5_files(path),
     )
     cells = [_CellBlock(*one) for one in found.pop("cells")]
     for one in cells:

@@ -30,18 +30,18 @@ def load(
     *arguments: object,
     what: str,
     reader: str,
-    beside: Iterable[str | Path] = (),
+    extra_files: Iterable[str | Path] = (),
 ) -> Any:
     """Return plain data from ``"module:function"`` of this package, called in a child process.
 
-    `beside` are files that are read with the file.
+    `extra_files` are read with the file.
     """
-    others = list(map(str, beside))
+    others = list(map(str, extra_files))
     limits = limits_of(path, others)
     request = {
         "load": function,
         "path": str(path),
-        "beside": others,
+        "extra_files": others,
         "arguments": arguments,
     }
     found = _run_request(request, limits, f"cannot be read: its reader ({reader})")

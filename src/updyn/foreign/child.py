@@ -68,7 +68,8 @@ def _end_with(request: Mapping[str, object], descriptor: int) -> NoReturn:
 def answer(request: Mapping[str, Any], descriptor: int) -> None:
     """Load the file of a request as plain data, and write the answer to a file descriptor.
 
-    The request has ``load`` (a text ``"module:function"``), ``path``, ``beside`` and ``arguments``.
+    The request has ``load`` (a text ``"module:function"``), ``path``, ``extra_files`` and
+    ``arguments``.
     """
     path = request["path"]
     with os.fdopen(os.dup(descriptor), "wb") as out:
@@ -78,7 +79,7 @@ def answer(request: Mapping[str, Any], descriptor: int) -> None:
         out.flush()
         if "value" in found:
             load = found["value"]
-            _set_limits(limits_of(path, request["beside"]))
+            _set_limits(limits_of(path, request["extra_files"]))
             found = _run_guarded(lambda: load(path, *request["arguments"]))
         for part in encode(found):
             out.write(part)

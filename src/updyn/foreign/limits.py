@@ -47,9 +47,9 @@ class ReadLimits:
             )
 
 
-def limits_of(path: str | Path, beside: Iterable[str | Path] = ()) -> ReadLimits:
-    """Return the limits for a file; `beside` are files that are read with it."""
+def limits_of(path: str | Path, extra_files: Iterable[str | Path] = ()) -> ReadLimits:
+    """Return the limits for a file; `extra_files` are read with it."""
     try:
-        return ReadLimits(str(path), sum(Path(p).stat().st_size for p in (path, *beside)))
+        return ReadLimits(str(path), sum(Path(p).stat().st_size for p in (path, *extra_files)))
     except OSError as error:
         raise FormatError(f"cannot be read: {error.strerror}", path) from error

@@ -51,7 +51,7 @@ def load(path: str, wanted: Sequence[str] | None) -> list[dict[str, object]]:
 
 
 def _open(file: BinaryIO) -> TdmsFile:
-    """Return an open file of which only the description was read."""
+    """Open a file and read only its description."""
     return TdmsFile(file, read_metadata_only=True, keep_open=True)
 
 

@@ -56,7 +56,7 @@ _DEGREES = ("deg", "degree", "degrees", "°", "grad")
 _RADIANS = ("rad", "radian", "radians")
 #: Units of phases that are refused.
 OTHER_ANGLES = ("mrad", "turn", "turns", "cycle", "cycles", "rev")
-#: Names, and words in names, of an angular frequency, which people also use for a frequency.
+#: Names, and words in names, of an angular frequency, which are also used for a frequency.
 _ANGULAR, _ANGULAR_WORDS = ("ω", "w"), {"omega", "rad", "angular", "circular"}
 _EXAMPLE = '{ response = "3:Z", reference = "1:Z", real = 2, imaginary = 3 }'
 

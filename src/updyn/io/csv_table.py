@@ -328,7 +328,7 @@ def _qualify_names(names: tuple[str, ...], above: Sequence[tuple[str, ...]]) -> 
 
 
 def _find_axis_units(above: Sequence[tuple[str, ...]]) -> tuple[str, ...]:
-    """Return the units by column of lines that are called axis units, as in text of QuickDAQ."""
+    """Return the units by column from lines named axis units, as in text of QuickDAQ."""
     axes = {cells[0].casefold(): cells[1:] for cells in above}
     if "y axis units" not in axes:
         return ()

@@ -244,7 +244,7 @@ def _window_decay(modal: Mapping[str, Any], frames_per_second: float, path: str 
 
 @dataclass(frozen=True, slots=True)
 class _Channel:
-    """A row of the channel table; the label is empty if its texts are no DOF."""
+    """A row of the channel table; the label is empty if its texts are not a DOF."""
 
     label: str
     texts: str

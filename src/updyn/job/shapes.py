@@ -66,7 +66,7 @@ class _ShapesJobTable(JobTable):
         assert table is not None
         names = [part.test.name or "" for part in job.parts]
         if len(names) > 1 and table.test not in names:
-            problem = f"test {table.test!r}" if table.test else "state test, whose model is meant"
+            problem = f"test {table.test!r}" if table.test else "state test, to select its model"
             raise JobError(f"{problem}; {suggest(table.test, names)}", key=("shapes", "test"))
         if len(names) == 1 and table.test:
             raise JobError("the job has one test only; leave test out", key=("shapes", "test"))

@@ -51,7 +51,7 @@ def _openblas() -> ThreadpoolController:
 
 
 def limit(n: int) -> None:
-    """Limit the threads of MKL, and so of PARDISO, in this process; without MKL do nothing."""
+    """Limit the threads of MKL and thus of PARDISO in this process; no effect without MKL."""
     # Call it before the first factorisation: PARDISO plans its analysis for the number of threads.
     # MKL is limited directly, as it may hang with an additional limit by threadpoolctl.
     if n < 1:

@@ -184,7 +184,7 @@ def _identify_noise_free(measured: Measured) -> list[Mode]:
 
 
 def _fit_exactly(measured: Measured, begin: ComplexArray, most: int) -> RationalFit | None:
-    """Return an exact rational fit of the data by vector fitting; None if there is none."""
+    """Return an exact rational fit of the data by vector fitting, or None."""
     # Most noisy data are excluded by a subset of the lines, at lower cost.
     Y = measured.cube.reshape(len(measured.x), -1)
     combinations = np.linalg.svd(Y, full_matrices=False)[2].conj().T

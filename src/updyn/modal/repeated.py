@@ -17,7 +17,7 @@ __all__ = ["RepeatedTests"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RepeatedTests:
-    """Natural frequencies of several tests, as of one structure reassembled or of specimens.
+    """Natural frequencies of repeated tests, of one structure reassembled or of several specimens.
 
     A frequency that a test did not find is nan. It is assumed to be missing at random: whether a
     test finds a mode does not depend on its frequency.
@@ -34,8 +34,8 @@ class RepeatedTests:
     mean : ndarray of float, shape (m,)
         Mean over the tests that found the mode, in Hz.
     std : ndarray of float, shape (m,)
-        Standard deviation of a single test in Hz; nan for modes that one test found, or all tests
-        at the same frequency.
+        Standard deviation of a single test in Hz; nan for modes found by one test
+        only, or at the same frequency by all tests.
     correlation : ndarray of float, shape (m, m)
         Correlation between the modes, with unit diagonal. Each pair is estimated from the tests
         that found both modes; pairs with fewer than 4 such tests count as uncorrelated. Negative
@@ -49,7 +49,7 @@ class RepeatedTests:
     Raises
     ------
     DataError
-        If the array has no two dimensions, a mode was found in no test, or a frequency is not
+        If the array is not two-dimensional, a mode was found in no test, or a frequency is not
         finite and above 0.
 
     Examples
@@ -105,8 +105,8 @@ class RepeatedTests:
     def covariance_of_mean(self) -> RealArray:
         """Covariance of the means in Hz^2, shape (m, m).
 
-        Two means over n_i and n_j tests, of which n_ij found both modes, have n_ij / (n_i n_j)
-        times the covariance of a single test.
+        It is that of a single test times n_ij / (n_i n_j), for means over n_i and n_j tests, n_ij
+        of which found both modes.
         """
         found = np.isfinite(self.frequency).astype(np.float64)
         return np.asarray(self.covariance * (found.T @ found) / (self.count[:, None] * self.count))
@@ -128,7 +128,7 @@ class RepeatedTests:
 
 
 def _check(table: RealArray) -> None:
-    """Refuse tables that are no frequencies of tests."""
+    """Refuse tables that are not frequencies of tests."""
     if table.ndim != 2 or not table.size:
         raise DataError(
             f"repeated tests: expected (tests, modes), found an array of shape {table.shape}"

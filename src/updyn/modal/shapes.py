@@ -21,7 +21,7 @@ __all__ = ["Shapes", "Updated", "make_shapes"]
 
 
 class Updated(Protocol):
-    """The outcome of an update, as a structure."""
+    """An object with an updated model, such as an `UpdateResult`."""
 
     @property
     def model(self) -> Model:

@@ -192,7 +192,7 @@ def _complete_switch(finished: Path, folder: Path, plan: _Plan) -> None:
 
 
 def recover(folder: Path) -> None:
-    """Complete or remove the switches that killed processes left in a folder, if it exists."""
+    """Complete or remove the switches that killed processes did not finish in a folder."""
     found = list(_find_interrupted(folder)) if folder.is_dir() else []
     if not found:
         return

@@ -201,7 +201,7 @@ def merge_draws(parts: Sequence[Draws]) -> Draws:
         raise OptionError("merge_draws: expected draws of at least one bootstrap, found none")
     ranges = []
     for number, one in enumerate(parts, 1):
-        _check_alike(parts[0], one, number)
+        _check_joinable(parts[0], one, number)
         ranges += [(*piece, number) for piece in _list_ranges(one)]
     ranges.sort()
     for (seed, first, n, part), (other_seed, other_first, _, other) in pairwise(ranges):
@@ -227,7 +227,7 @@ def merge_draws(parts: Sequence[Draws]) -> Draws:
     )
 
 
-def _check_alike(first: Draws, other: Draws, number: int) -> None:
+def _check_joinable(first: Draws, other: Draws, number: int) -> None:
     """Refuse draws that cannot be joined with the first ones."""
     if (
         not isinstance(other, Draws)
@@ -247,7 +247,7 @@ def _check_alike(first: Draws, other: Draws, number: int) -> None:
 
 
 def _list_ranges(draws: Draws) -> list[tuple[int, int, int]]:
-    """Return seed, first number and number of the refits, of each bootstrap in some draws."""
+    """Return seed, first number and count of the refits of each bootstrap in some draws."""
     options = draws.options
     single = [options.get("seed", 0), options.get("first", 0), options["n"]]
     return [(int(s), int(first), int(n)) for s, first, n in options.get("ranges", [single])]
@@ -352,7 +352,7 @@ def _make_draws(
     acceleration: RealArray,
     options: dict[str, Any],
 ) -> Draws:
-    """Return the refits that succeeded as draws, with a message on limits of their use."""
+    """Return the refits that succeeded as draws, with messages on their limitations."""
     update = result.first
     parameters = update.parameters
     values = np.array(succeeded).reshape(len(succeeded), len(parameters))

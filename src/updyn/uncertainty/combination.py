@@ -106,15 +106,15 @@ def combine(A: RealArray, shape: RealArray, noise: RealArray, columns: IndexArra
 
 
 def order_by_distance(frequency: RealArray, mode: int) -> list[IndexArray]:
-    """Return clusters of close modes by distance in frequency from a mode, its own first."""
+    """Return clusters of close modes by distance in frequency from a mode in the first one."""
     clusters = cluster_modes(frequency)
     distances = [np.abs(frequency[one] - frequency[mode]).min() for one in clusters]
     return [clusters[i] for i in np.argsort(distances, kind="stable")]
 
 
 def choose_columns(A: RealArray, shape: RealArray, near: Sequence[IndexArray]) -> IndexArray:
-    """Return the columns of the first clusters that predict left-out sensors best."""
-    # Each further cluster has to lower the error. Close modes enter together.
+    """Return the columns of as many of the first clusters as reduce the leave-one-out error."""
+    # Close modes are added together.
     best, least = near[0], np.inf
     rounding = np.sqrt(EXPANSION.least_variance) * np.linalg.norm(shape)
     for count in range(1, len(near) + 1):

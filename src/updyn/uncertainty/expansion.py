@@ -55,12 +55,12 @@ def expand_modes(
         identified from its FRFs (`updyn.identify_modes`).
     method : {"local", "serep"}
         ``"local"``: each measured shape is a least-squares combination of the mode of the model
-        that is paired with it and of its neighbours in frequency, as many as predict the sensors
-        best that are left out (local correspondence; R. Brincker, A. Skafte, M. Lopez-Aenlle, A.
-        Sestieri, W. D'Ambrogio & A. Canteli, Mech. Syst. Signal Process. 45 (2014) 91). Sensors
-        are weighted by their variance. ``"serep"``: all measured shapes are unweighted
-        combinations of the same modes, the paired ones (J. C. O'Callahan, P. Avitabile & R.
-        Riemer, Proc. IMAC VII (1989) 29).
+        that is paired with it and of its neighbours in frequency, as many as reduce the
+        leave-one-out error of the sensors (local correspondence; R. Brincker, A. Skafte, M.
+        Lopez-Aenlle, A. Sestieri, W. D'Ambrogio & A. Canteli, Mech. Syst. Signal Process. 45 (2014)
+        91). Sensors are weighted by their inverse variance. ``"serep"``: all measured shapes are
+        unweighted combinations of the same modes, the paired ones (J. C. O'Callahan, P. Avitabile &
+        R. Riemer, Proc. IMAC VII (1989) 29).
     dofs : iterable of str or Dof, optional
         Signed DOFs of the expanded shapes. By default all DOFs of the model.
     test, tier
@@ -166,7 +166,7 @@ class Expansion:
         The expanded modes: measured frequencies and damping, real shapes in the scale of the
         measured ones, and their standard deviations.
     method : {"local", "serep"}
-        How they were expanded.
+        Method of the expansion.
     combined : tuple of tuple of int
         For each mode, the combined modes of the updated model, from 0, without rigid-body modes;
         -1 for each rigid-body mode.
@@ -177,8 +177,8 @@ class Expansion:
         Standard deviation of the residual at the sensors in excess of their noise, relative to the
         rms of the shape.
     unpaired : tuple of float
-        Frequencies in Hz of the measured modes that are not expanded: the updated model has none
-        like them.
+        Frequencies in Hz of the measured modes that are not expanded, because no mode of the
+        updated model is paired with them.
     """
 
     modes: ModeSet
@@ -192,7 +192,7 @@ class Expansion:
         return f"Expansion({len(self.modes)} modes at {len(self.modes.dofs)} DOFs, {self.method})"
 
     def summary(self) -> str:
-        """Return a table of the modes, with their errors at sensors that are left out."""
+        """Return a table of the modes, with their leave-one-out errors."""
         rows = [
             [
                 str(k + 1),
@@ -288,7 +288,7 @@ class _Expander:
         return self._slopes[column]
 
     def _level(self, shape: RealArray) -> RealArray:
-        """Return the size of motions, as `ModalTarget` divides by it, at each DOF, shape (k,)."""
+        """Return the scale of motions, by which `ModalTarget` divides, at each DOF, shape (k,)."""
         dofs = self.updated.model.dofs
         rotates, of_sensors = dofs.axes[self.rows] >= 3, dofs.axes[self.target.rows] >= 3
         level = np.zeros(len(shape))

@@ -43,7 +43,7 @@ def predict_modes(
     dofs : iterable of str or Dof, optional
         Signed DOFs of the shapes, measured or not. By default all DOFs of the model.
     test : str, optional
-        Of several tests, the one whose model is used.
+        Test whose model is used; required if the update has several.
     tier : {"dense", "sparse", "reduced"}, optional
         ``"reduced"``: a reduced model about the estimate with certified error, by default above
         3,000 DOFs. Else the full model.

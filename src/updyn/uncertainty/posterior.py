@@ -1,4 +1,4 @@
-"""`Posterior`: covariance of the unknowns of an update or of draws, with what is undetermined."""
+"""`Posterior`: covariance and null space of the unknowns of an update or of draws."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Posterior:
             raise OptionError(f"{len(source)} draws are too few for a covariance")
         if getattr(METHODS.find(source.first.method), LIKELIHOOD):
             return cls._of_likelihood(source)
-        # Only the null space in words is recorded: each unknown in it counts as undetermined.
+        # The null space is recorded as text only: each unknown in it counts as undetermined.
         involved = np.flatnonzero(~np.diag(known))
         return cls(np.where(known, covariance, 0.0), np.eye(len(covariance))[:, involved])
 

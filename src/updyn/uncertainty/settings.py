@@ -68,11 +68,11 @@ class PredictedBandSettings:
 class ExpansionSettings:
     """Numbers of the expansion of measured shapes."""
 
-    #: [sensors] Least number of sensors in excess of the combined modes. Why: the error of left-out
-    #: sensors is random with one or two (a rule of thumb).
+    #: [sensors] Least number of sensors in excess of the combined modes. Why: the leave-one-out
+    #: error is too random with one or two (a rule of thumb).
     spare_sensors: int = 3
-    #: [1] More modes have to reduce the error below this share of the least one so far. Why: the
-    #: smallest of many errors is too small by chance; a rule of thumb.
+    #: [1] Share of the least error so far below which more modes have to reduce the error. Why:
+    #: the smallest of many errors is too small by chance; a rule of thumb.
     least_gain: float = 0.8
     #: [1] Singular values below this share of the largest make modes at the sensors dependent. Why:
     #: the amplitudes would amplify the noise a thousand times.

@@ -26,7 +26,7 @@ def groups_of_faces(model: Model) -> IndexArray:
     """Return the group of each face of the model's geometry, shape (k,); -1 if unknown."""
     # It is the group whose stiffness matrix couples all pairs of nodes of the face, diagonals
     # included, and whose weakest coupling is the strongest of all groups. Nodes without DOFs are
-    # ignored; with one node left the rule for lines applies, with none the group is unknown.
+    # ignored; with one other node the rule for lines applies; without any the group is unknown.
     assert model.geometry is not None
     return _groups_of_cells(model, model.geometry.face_corners)
 

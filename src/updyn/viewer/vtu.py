@@ -56,7 +56,7 @@ def group_changes(result: UpdateResult) -> dict[str, RealArray]:
     names, at = list(result.start.groups), result.parameters.changes(list(result.values.values()))
     out: dict[str, RealArray] = {}
     for quantity in dict.fromkeys(q for change in at.values() for q in change):
-        values = np.array([_unchanged(result.start, name, quantity) for name in names])
+        values = np.array([_start_value(result.start, name, quantity) for name in names])
         std = np.full(len(names), np.nan)
         for number, name in enumerate(names):
             if quantity in at.get(name, {}):
@@ -67,7 +67,7 @@ def group_changes(result: UpdateResult) -> dict[str, RealArray]:
     return out
 
 
-def _unchanged(model: Model, name: str, quantity: str) -> float:
+def _start_value(model: Model, name: str, quantity: str) -> float:
     """Return the factor or value of a group without an unknown; nan for a loss table."""
     if quantity not in VALUES:
         return 1.0

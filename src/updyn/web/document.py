@@ -62,7 +62,7 @@ class JobDocument:
         try:
             document = tomlkit.parse(self.text)
         except (TOMLKitError, RecursionError) as error:
-            raise JobError(f"not TOML: {error}; mend the text first", self.path.name) from error
+            raise JobError(f"not TOML: {error}; correct the text first", self.path.name) from error
         change(document)
         return tomlkit.dumps(document)
 

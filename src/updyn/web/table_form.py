@@ -33,7 +33,7 @@ FORM_NAMES = {
     ("magnitude_dB", "phase_rad"): "decibels and phase in radians",
     ("complex",): "one complex value",
 }
-#: Units that a form offers, of which others can be typed, and quantities.
+#: Units and quantities that a form offers; other units can be typed.
 _FREQUENCIES = {unit: unit for unit in ("Hz", "kHz", "rad/s", "rpm")}
 _VALUES = {unit: unit for unit in ("m/s^2/N", "g/N", "m/s/N", "mm/s/N", "m/N", "mm/N")}
 _QUANTITIES = {name: name for name in (*QUANTITIES, TRANSMISSIBILITY)}
@@ -58,7 +58,7 @@ _AXES = {"freq": "lines", "response": "responses", "reference": "references"}
 _ORDERS = {
     ", ".join(order): " x ".join(_AXES[axis] for axis in order) for order in permutations(_AXES)
 }
-_FOUND = "found, if empty"
+_FOUND = "detected, if empty"
 
 
 @dataclass(frozen=True, slots=True)
@@ -249,7 +249,7 @@ class TableForm:
         return found
 
     # -- result ------------------------------------------------------------------------------------
-    def finished(self) -> dict[str, Any]:
+    def build_options(self) -> dict[str, Any]:
         """Return the options of `updyn.read_frf` and keys of ``[test]``."""
         found = copy.deepcopy(self.options)
         for entry in self.entries():
@@ -280,11 +280,11 @@ class TableForm:
         """
         faults = self.faults()
         if not faults:
-            return self.finished()
+            return self.build_options()
         is_ready = all(key[-1] in ("response", "reference", "quantity") for key in faults)
         if not is_ready or has_fields(self.file):
             return None
-        options = self.finished()
+        options = self.build_options()
         if ("quantity",) in faults:
             options["quantity"] = next(iter(QUANTITIES))
         for number, channel in enumerate(options[self.root].get("channels", ()), 1):

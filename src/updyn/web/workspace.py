@@ -374,7 +374,7 @@ class Workspace:
         found = FRFPreview(faults) if faults else self.preview_table()
         if found is None or found.errors:
             raise InputError("the columns are not complete; see the entries")
-        options = form.finished()
+        options = form.build_options()
         if table.test is None:
             job = self.new_job
             job.quantity = str(options.pop("quantity", ""))

@@ -135,7 +135,7 @@ def test_as_many_edits_can_be_taken_back_as_it_says(path: Path) -> None:
 def test_an_edit_of_what_is_not_toml_says_so(path: Path, text: str) -> None:
     job = JobDocument(path)
     job.replace("typed", text)
-    with pytest.raises(JobError, match=r"job\.toml: not TOML: .*; mend the text first"):
+    with pytest.raises(JobError, match=r"job\.toml: not TOML: .*; correct the text first"):
         job.edit("band", set_band)
     assert job.text == text
     job.save()  # unfinished work may be saved

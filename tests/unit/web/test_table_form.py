@@ -71,7 +71,7 @@ def test_what_is_missing_is_named_at_its_entry(folder: Path) -> None:
         (*CHANNEL, "response"): " 2:X ", (*CHANNEL, "reference"): "2:X", ("quantity",): "mobility",
     })  # fmt: skip
     assert form.faults() == {}
-    assert form.finished() == {
+    assert form.build_options() == {
         "quantity": "mobility",
         "columns": {
             "frequency": "f [Hz]",
@@ -130,8 +130,8 @@ def test_units_of_the_file_are_stated_and_define_the_quantity(tmp_path: Path) ->
     assert form.hints() == {
         ("columns", "frequency_unit"): "kHz, by the file",
         ("columns", "unit"): "g/N, by the file",
-        ("columns", "separator"): "found, if empty",
-        ("columns", "first_row"): "found, if empty",
+        ("columns", "separator"): "detected, if empty",
+        ("columns", "first_row"): "detected, if empty",
     }
     assert ("quantity",) not in form.faults()
 
@@ -150,12 +150,12 @@ def test_arrays_of_all_channels(tmp_path: Path) -> None:
         ("response_labels",): "1:Z, 2:Z", ("reference_labels",): "1:Z, 3:Z",
         ("order",): "response, freq, reference",
     })  # fmt: skip
-    found = preview_frf(path, form.finished())
+    found = preview_frf(path, form.build_options())
     assert found.errors == {}
     assert found.channels == (("1:Z", "1:Z"), ("1:Z", "3:Z"), ("2:Z", "1:Z"), ("2:Z", "3:Z"))
     np.testing.assert_array_equal(found.values[:, 3], values[1, :, 1])
     form.choose_array(False)
-    assert form.finished() == {
+    assert form.build_options() == {
         "quantity": "mobility", "variables": {"freq": "f", "channels": [{}]},
     }  # fmt: skip
 

@@ -248,8 +248,8 @@ class Cascade:
         return wires, entries, taps
 
     def _differentiate_outputs(self, closed: StateSpace, outer: bool) -> StateSpace:
-        """Return a closed loop with displacements that serve as velocities differentiated."""
-        # The torque rolls off and causes no jump in them; an input that does gives nan in D.
+        """Return a closed loop whose velocity outputs are differentiated displacements."""
+        # The torque rolls off and causes no jump in them; an input that causes one gives nan in D.
         C, D = closed.C.copy(), closed.D.copy()
         for row, power in ((0, int(not outer)), (2, self._powers[2])):
             if power == 1 and row < len(C):

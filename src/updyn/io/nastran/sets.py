@@ -41,7 +41,7 @@ class NumberSet:
 
 
 def read_sets(case: Iterable[NastranLine]) -> list[NumberSet]:
-    """Return the sets of case control; sets that are not lists of numbers are left out."""
+    """Return the sets of case control; sets that are not lists of numbers are omitted."""
     # A later set of the same number replaces an earlier one.
     found: dict[int, NumberSet] = {}
     for number, text in _join_lines(case):

@@ -84,8 +84,8 @@ def _write(columns: _Columns, geometry: Geometry | None, path: str | Path, datas
     check_nodes(list(columns.dofs), geometry, path)
     if columns.modes.cov_frequency is not None:
         warnings.warn(
-            f"{path}: the covariance of the frequencies is left out; a universal file cannot hold"
-            " it",
+            f"{path}: the covariance of the frequencies is not written; a universal file"
+            " cannot store it",
             UpdynWarning,
             stacklevel=4,
         )

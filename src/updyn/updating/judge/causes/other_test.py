@@ -43,7 +43,7 @@ class OtherTest(Fault):
     @classmethod
     def propose_faults(cls, evidence: Evidence) -> Iterable[Self]:
         """Yield each sensor with several factors, if there are others for comparison."""
-        # The values of a sensor that was left out have a variance above their square.
+        # The values of an omitted sensor have a variance above their square.
         frf = evidence.frf
         assert frf.variance is not None
         clear = np.abs(frf.values) ** 2 > frf.variance
