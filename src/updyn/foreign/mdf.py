@@ -31,7 +31,7 @@ _SECONDS = ("", "s", "sec", "second", "seconds")
 
 
 def load(path: str, wanted: Sequence[str] | None) -> list[dict[str, object]]:
-    """Load the groups of a file, with the values of the `wanted` ones, by default of the only one.
+    """Load the groups of a file, with values for the `wanted` groups; None: for a single group.
 
     The step of other groups is that of their first two samples.
     """

@@ -25,7 +25,7 @@ __all__ = ["load"]
 
 
 def load(path: str, wanted: Sequence[str] | None) -> list[dict[str, object]]:
-    """Load the groups of a file, with the values of the `wanted` ones, by default of the only one.
+    """Load the groups of a file, with values for the `wanted` groups; None: for a single group.
 
     Steps and offsets of the first sample are in the unit of the abscissa; None if not stated.
     """

@@ -56,9 +56,9 @@ class Inventory:
 def list_items(path: str | Path, columns: Mapping[str, object] | None = None) -> Inventory:
     """Return the columns of a text table, or the variables of an npz, mat or HDF5 file.
 
-    For a file name with fields, it is the first file. Of `columns`, ``separator`` and ``first_row``
-    are used. A `FormatError` is raised if the file cannot
-    be read, or has neither.
+    A file name with fields selects the first file. `columns` may have ``separator`` and
+    ``first_row``; other keys are ignored. A `FormatError` is raised if the file cannot be read, or
+    has neither columns nor variables.
     """
     if has_fields(path):
         files = find_point_files(path)

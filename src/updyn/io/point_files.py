@@ -83,8 +83,8 @@ def find_point_files(path: str | Path) -> list[PointFile]:
 def propose_pattern(path: str | Path) -> Path | None:
     """Return a file name with fields that matches a file and most others of its folder.
 
-    Of two numbers with as many files, the last one is taken. None if no other file differs from it
-    by a number, or by a number and a direction.
+    If several numbers match as many files, the last number is used. None if no other file differs
+    from it by a number, or by a number and a direction.
     """
     path = Path(path)
     found: dict[Path, int] = {}

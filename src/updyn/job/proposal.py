@@ -57,10 +57,10 @@ class Inputs:
 
     `model_options` and `frf_options` are the reader options of the user. If the file needs a
     mapping of its columns or variables, `frf_options` has the one guessed from their names, and
-    `guessed` is its key. `matching` is None, and
-    `unmatched` has labels of the test, if some are not DOFs of the model; `match_error` is the
-    error of matching by label, and `match_options` are those of `match` without ``by``.
-    `counterparts` is None if the sensor positions are unknown.
+    `guessed` is its key. If some labels of the test are not DOFs of the model, `matching` is None,
+    `unmatched` has these labels, `match_error` is the error of matching by label, and
+    `match_options` are those of `match` without ``by``. `counterparts` is None if the sensor
+    positions are unknown.
     """
 
     model_file: Path

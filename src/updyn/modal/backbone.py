@@ -24,8 +24,8 @@ def motion(x: ComplexArray, pole: complex, shift: complex, width: float) -> Real
 
     `width` is the distance of the half-power points from the pole.
     """
-    # With X = (x - pole) / width and C = shift / width, a |X - C a|^2 = 1. Of up to three
-    # solutions, above 1.54 widths, the smallest is returned.
+    # With X = (x - pole) / width and C = shift / width, a |X - C a|^2 = 1. The smallest
+    # solution is returned; there are up to three above 1.54 widths.
     X, C = (x - pole) / width, shift / width
     square, crossed = np.abs(X) ** 2, 2.0 * (X.conj() * C).real
     # 1 / a = square / 3 + t is the largest root of b^3 - square b^2 + crossed b - |C|^2 (Cardano).

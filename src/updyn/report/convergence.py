@@ -277,8 +277,8 @@ def _with_integer_ticks(axis: dict[str, object], last: int) -> dict[str, object]
 
 def value_paths(result: UpdateResult, chosen: Sequence[Parameter]) -> Figure | None:
     """Return the values of unknowns of one kind over the iterations; None without any."""
-    # Factors are relative to their start. Fits are separated by gaps. Of many unknowns, those with
-    # the largest range are named.
+    # Factors are relative to their start. Fits are separated by gaps. If unknowns are many, only
+    # those with the largest range are named.
     made, steps = _collect_steps(result)
     if not chosen or not steps:
         return None

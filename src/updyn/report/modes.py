@@ -142,7 +142,7 @@ def _mode_axis(frequency: RealArray, title: str, most: int) -> dict[str, object]
 
 def comac_bars(table: ModalTable) -> Figure | None:
     """Return COMAC by sensor before and after the update; None without paired modes."""
-    # Of many sensors, those with the lowest COMAC in the last model are shown.
+    # If sensors are many, only those with the lowest COMAC in the last model are shown.
     found = {}
     for name, correlation in table.correlations.items():
         values = correlation.comac()

@@ -63,8 +63,8 @@ class IdentifiedModes:
     @cached_property
     def channels(self) -> IndexArray:
         """Ascending flat positions of the channels that are drawn."""
-        # All lines of a channel are kept, because the synthesis needs them. Of too many channels,
-        # those with the lowest FRAC are drawn. Channels that are zero at all lines are omitted.
+        # All lines of a channel are kept, because the synthesis needs them. If channels are too
+        # many, those with the lowest FRAC are drawn. Channels of zeros only are omitted.
         nonzero = np.flatnonzero(self.frf.values.any(axis=0))
         most = max(1, REPORT_SIZE.frf_bytes // (8 * len(self.frf.freq)))
         return np.sort(self._sort_by_agreement(nonzero)[:most])

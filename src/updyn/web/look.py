@@ -18,7 +18,7 @@ HEAD = f"""<style>
 body, body.body--dark {{ background: var(--ground); color: var(--text); }}
 body.body--dark {{ --q-primary: var(--after) !important; --q-positive: var(--good) !important;
   --q-negative: var(--bad) !important; }}
-/* Of declarations with !important, those of the first layer win. */
+/* The first layer has precedence for declarations with !important. */
 @layer theme {{
   body.body--dark :is(.bg-primary, .bg-positive, .bg-negative, .q-notification .text-white) {{
     color: var(--ground) !important; }}
