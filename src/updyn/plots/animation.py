@@ -164,7 +164,6 @@ class _Drawing:
         body, axes = self.motion.body, made.first
         flat = self.eye[:2].T
         axes.set_axis_off()
-        axes.set_aspect("equal")
         axes.add_collection(
             LineCollection(list(self.still_lines @ flat), colors=_STILL, linewidths=0.7)
         )
@@ -224,3 +223,4 @@ class _Drawing:
         middle = 0.5 * (low + high)
         made.first.set_xlim(middle[0] - half[0], middle[0] + half[0])
         made.first.set_ylim(middle[1] - half[1], middle[1] + half[1])
+        made.first.set_aspect("equal")  # last, as it would shrink the axes to other limits

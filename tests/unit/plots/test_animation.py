@@ -61,6 +61,22 @@ def test_a_complex_mode_travels():
         )
 
 
+def test_the_bar_fills_the_width_below_the_title():
+    """It is 2 m long; the margins are 3 % of that."""
+    shapes = make_shapes(wave(), bar())
+    with canvas(None, {"shape": 1.0}, (640, 480)) as made:
+        next(animation._Drawing(shapes, motion_of(shapes), camera(*SIDE), 0.1).draw(made, [0.0], 1))
+        assert made.first.get_xlim() == pytest.approx((-0.06, 2.06))
+        box = made.first.get_position()
+        assert box.width > 0.95
+        assert 0.8 < box.height < 0.95
+
+
+def test_an_animation_without_options():
+    given = animation.write_shapes.__kwdefaults__
+    assert (given["scale"], given["frames"], given["fps"], given["periods"]) == (0.1, 24, 12, 1)
+
+
 def test_amplitudes_are_those_of_the_ellipses():
     rng = np.random.default_rng(1)
     u = rng.standard_normal((5, 3)) + 1j * rng.standard_normal((5, 3))
