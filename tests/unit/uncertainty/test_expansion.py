@@ -223,6 +223,9 @@ def test_noise_and_excess_of_a_combination() -> None:
     stated = np.mean([one.root @ one.root.T for one in fits], axis=0)
     np.testing.assert_allclose(np.diag(stated), np.diag(spread), rtol=0.2)
     assert combine(A, exact, noise, columns).excess == 0.0
+    root = combine(A, exact, 0.0 * noise, columns).root  # of 1e-12 of the shape at each sensor
+    one = root.T @ A.T @ A @ root / (1e-24 * exact @ exact)
+    np.testing.assert_allclose(one, np.eye(3), atol=1e-10)
     left_out = []
     for i in range(12):
         kept = np.delete(np.arange(12), i)
