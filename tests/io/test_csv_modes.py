@@ -121,6 +121,7 @@ def test_shapes_and_tables_do_not_go_together(tmp_path: Path) -> None:
         ("frequency [m]\n1\n", r"unit 'm' of 'frequency'; expected a unit of frequency"),
         ("frequency,damping [dB]\n1,2\n", "unit 'dB' of 'damping'; expected '%' or none"),
         ("frequency,damping\n1,0.5\n2,1.5\n", r":3: damping 1.5 is at .* column 'damping \[%\]'"),
+        ("frequency,loss_factor\n1,1.9\n2,2\n", ":3: loss_factor 2 is at .* critical"),
         ("damping,std_damping\n1,2\n", "'frequency' is missing"),
         ("frequency,damping,loss_factor\n1,2,3\n", "damping and loss factors; state one of them"),
         ("frequency,frequency\n1,2\n", "'frequency' occurs twice"),

@@ -38,7 +38,7 @@ _COLUMNS = {
 #: Column of the covariance with a mode, whose number is from 1, in Hz^2.
 _COVARIANCE = re.compile(r"cov_frequency_(\d+)")
 _HEADER = re.compile(r"(\w+)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))?")
-#: Value at critical damping.
+#: [1] Values at critical damping. Why: a loss factor is twice the damping ratio.
 _CRITICAL = {"damping": 1.0, "loss_factor": 2.0}
 #: Units of fractions: name, factor.
 _SHARES = {"": 1.0, "-": 1.0, "1": 1.0, "%": 0.01}

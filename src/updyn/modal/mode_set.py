@@ -14,6 +14,7 @@ from updyn.arrays import BoolArray, ComplexArray, NumberArray, RealArray
 from updyn.dofs import Dof, DofSet, positions
 from updyn.errors import DataError
 from updyn.frf import check_band
+from updyn.modal.settings import FREQUENCY_COVARIANCE
 from updyn.modal.stabilisation import Diagram
 from updyn.notebook import PlotCurve, card, curves, render_view, table
 
@@ -459,7 +460,8 @@ def _cov_frequency(given: ArrayLike, f: RealArray) -> RealArray | None:
             " expected a finite number above 0"
         )
     correlation = known / np.sqrt(variance[:, None] * variance)
-    if not np.allclose(correlation, correlation.T, rtol=0.0, atol=1e-9):
+    most = FREQUENCY_COVARIANCE.asymmetry
+    if not np.allclose(correlation, correlation.T, rtol=0.0, atol=most):
         raise DataError("modes: cov_frequency: expected a symmetric matrix")
     least = float(np.linalg.eigvalsh(correlation).min())
     if not least > len(correlation) * np.finfo(float).eps:
@@ -475,7 +477,8 @@ def _std_of_covariance(covariance: RealArray, given: ArrayLike | None, f: RealAr
     std = np.sqrt(np.diag(covariance))
     if given is not None:
         stated = _row("std_frequency", given, len(f))
-        differs = ~np.isclose(stated, std, rtol=1e-6, atol=0.0, equal_nan=True)
+        close = FREQUENCY_COVARIANCE.std_difference
+        differs = ~np.isclose(stated, std, rtol=close, atol=0.0, equal_nan=True)
         if differs.any():
             raise DataError(
                 f"modes: std_frequency at {f[differs][0]:g} Hz is {stated[differs][0]:g}, and the"

@@ -505,6 +505,18 @@ class RepeatedTestSettings:
     least_shrinkage: float = 1e-3
 
 
+@dataclass(frozen=True)
+class FrequencyCovarianceSettings:
+    """Tolerances of a given covariance of frequencies."""
+
+    #: [1] Largest difference of two correlations that a symmetric matrix has twice. Why: rounding
+    #: of computed covariances is far smaller.
+    asymmetry: float = 1e-9
+    #: [1] Largest relative difference of a given standard deviation from the root of its variance.
+    #: Why: either may be rounded to seven digits.
+    std_difference: float = 1e-6
+
+
 CHANNEL_FIT = ChannelFitSettings()
 NOISE_ENVELOPE = NoiseEnvelopeSettings()
 POLE_REFINEMENT = PoleRefinementSettings()
@@ -525,3 +537,4 @@ SYNTHESIS = SynthesisSettings()
 MODE_DERIVATIVE = ModeDerivativeSettings()
 MODE_REDUCTION = ModeReductionSettings()
 REPEATED_TESTS = RepeatedTestSettings()
+FREQUENCY_COVARIANCE = FrequencyCovarianceSettings()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
+
 import numpy as np
 import pytest
 
@@ -146,6 +148,16 @@ def test_a_covariance_may_be_unknown_for_some_modes() -> None:
     modes = ModeSet(MEAN, cov_frequency=covariance)
     assert modes.std_frequency == pytest.approx([0.1, np.nan, 0.2], nan_ok=True)
     assert ModeSet(MEAN, cov_frequency=np.full((3, 3), np.nan)).cov_frequency is None
+
+
+@pytest.mark.parametrize(("share", "is_accepted"), [(0.8, True), (1.2, False)])
+def test_tolerances_of_covariances(share: float, is_accepted: bool) -> None:
+    """Opposite correlations may differ by 1e-9, deviations by 1e-6 of themselves."""
+    skew = COVARIANCE + share * 1e-9 * STD[:, None] * STD * np.triu(np.ones((3, 3)), 1)
+    cases = ({}, skew), ({"std_frequency": (1.0 + share * 1e-6) * STD}, COVARIANCE)
+    for given, covariance in cases:
+        with nullcontext() if is_accepted else pytest.raises(DataError):
+            ModeSet(MEAN, cov_frequency=covariance, **given)
 
 
 @pytest.mark.parametrize(
