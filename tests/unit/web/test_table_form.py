@@ -4,15 +4,20 @@ from __future__ import annotations
 
 import tomllib
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+
+pytest.importorskip("nicegui")
+from nicegui import Client, ui
 
 from updyn.demos import chain
 from updyn.errors import InputError
 from updyn.io.inventory import list_items
 from updyn.job import load_job
 from updyn.job.prepare import read_measurement
+from updyn.web.pages.table import _TablePage
 from updyn.web.table_form import TableForm
 from updyn.web.table_preview import preview_frf, view_measurement, view_table
 from updyn.web.workspace import Workspace
@@ -282,3 +287,16 @@ def test_the_columns_of_an_open_job_are_changed_as_one_edit(folder: Path) -> Non
     document.undo()
     assert document.text == before
     workspace.close()
+
+
+# -- the page
+@pytest.mark.parametrize(("page", "shown"), [(1, range(20)), (3, range(40, 45))])
+def test_twenty_channels_are_shown_at_once(folder: Path, page: int, shown: range) -> None:
+    form = open_form(folder / "hit_2X.csv")
+    for _ in range(44):
+        form.add_channel()
+    with Client(ui.page("/")):
+        one = _TablePage(None, SimpleNamespace(form=form, view=SimpleNamespace(pattern="")))
+        one._page = page
+        one._draw_form()
+    assert {key[2] for key in one._shown if key[:2] == CHANNEL[:2]} == set(shown)
