@@ -388,9 +388,11 @@ class MissingModeSettings:
     dominant_ratio: float = 3.0
     #: [entries] Entries of a shape that a remedy prints. Why: length of a sentence.
     named_entries: int = 12
-    #: [steps] Steps of the fit of a pole with all unknowns. Why: limit of effort.
+    #: [steps] Largest number of steps of the fit of a pole with all unknowns. Why: limit of effort,
+    #: which no test reaches: fits end earlier by `least_decrease`.
     most_steps: int = 30
-    #: [steps] Steps on all lines, if they are many. Why: the fit starts at its end.
+    #: [steps] Largest number of steps on all lines, if they are many. Why: limit of effort, which
+    #: no test exceeds: the fit to some lines is its start, and one step ends it.
     last_steps: int = 2
     #: [1] Relative decrease of the misfit that ends the fit. Why: changes the pole far less than
     #: its deviation.
