@@ -1,9 +1,9 @@
 """Natural frequencies by the elements of updyn, by MYSTRAN and by CalculiX, against exact values.
 
-    OMP_NUM_THREADS=1 python benchmarks/elements.py
+    OMP_NUM_THREADS=1 python benchmarks/elements.py [--reasons]
 
-Prints the table of docs/structures.md, which omits rigid-body modes. Needs MYSTRAN and CalculiX
-(``ccx``).
+Prints the table of docs/structures.md, which omits rigid-body modes; with ``--reasons``, the runs
+behind the reasons of the differences. Needs MYSTRAN and CalculiX (``ccx``).
 
 References, computed without finite elements:
 
@@ -20,6 +20,7 @@ solid
 
 from __future__ import annotations
 
+import argparse
 import re
 import subprocess
 import tempfile
@@ -31,6 +32,7 @@ from pathlib import Path
 
 import numpy as np
 import scipy.linalg
+import scipy.sparse
 from numpy.polynomial import legendre
 
 import updyn
@@ -258,6 +260,20 @@ def exact_frame(n: int) -> np.ndarray:
     return np.array(found)
 
 
+def beams_of_deck(xyz: np.ndarray, held: Sequence[int]) -> list[str]:
+    """Deck of CalculiX of B32R along nodes, of which some are held."""
+    odd = np.arange(1, len(xyz) - 1, 2)
+    return [
+        *nodes_of_deck(xyz),
+        *elements_of_deck("B32R", np.stack([odd, odd + 1, odd + 2], axis=1)),
+        *MATERIAL,
+        "*BEAM SECTION, MATERIAL=STEEL, ELSET=EALL, SECTION=RECT",
+        f"{WIDTH}, {HEIGHT}",
+        "0., 1., 0.",
+        *(["*BOUNDARY", *(f"{node}, 1, 6" for node in held)] if held else []),
+    ]
+
+
 def frame(n: int = 8, per: int = 10) -> Structure:
     """The portal, with some elements for each member."""
 
@@ -283,18 +299,7 @@ def frame(n: int = 8, per: int = 10) -> Structure:
     bar = f"PBAR,1,1,{SECTION.A:.9e},{SECTION.Izz:.9e},{SECTION.Iyy:.9e},{SECTION.J:.9e}"
     nastran = [*grids(xyz), *bars, bar, f"SPC1,1,123456,1,{last}"]
     fine, _ = mesh(2 * per)
-    odd = np.arange(1, len(fine) - 1, 2)
-    calculix = [
-        *nodes_of_deck(fine),
-        *elements_of_deck("B32R", np.stack([odd, odd + 1, odd + 2], axis=1)),
-        *MATERIAL,
-        "*BEAM SECTION, MATERIAL=STEEL, ELSET=EALL, SECTION=RECT",
-        f"{WIDTH}, {HEIGHT}",
-        "0., 1., 0.",
-        "*BOUNDARY",
-        "1, 1, 6",
-        f"{len(fine)}, 1, 6",
-    ]
+    calculix = beams_of_deck(fine, [1, len(fine)])
     kinds = ("`Beam`", "CBAR", "B32R")
     return Structure("portal frame", exact_frame(n), own, nastran, calculix, kinds)
 
@@ -344,11 +349,18 @@ def exact_thin_plate(size: tuple[float, float], thickness: float, n: int) -> np.
     return ritz_frequencies(D * K, RHO * thickness * of((0, 0), (0, 0)), n)
 
 
-def exact_thick_plate(size: tuple[float, float], thickness: float, n: int) -> np.ndarray:
-    """Frequencies of a free plate of Mindlin with the shear coefficient 5/6."""
+def exact_thick_plate(
+    size: tuple[float, float],
+    thickness: float,
+    n: int,
+    *,
+    coefficient: float = 5.0 / 6.0,
+    has_rotary_inertia: bool = True,
+) -> np.ndarray:
+    """Frequencies of a free plate of Mindlin."""
     of = products((16, 16), size)
     D = E * thickness**3 / (12.0 * (1.0 - NU**2))
-    shear, twist = 5.0 / 6.0 * G * thickness, 0.5 * (1.0 - NU) * D
+    shear, twist = coefficient * G * thickness, 0.5 * (1.0 - NU) * D
     o, x, y = (0, 0), (1, 0), (0, 1)
     # Deflection w, and a and b with the shear strains w,x + a and w,y + b.
     aa = D * of(x, x) + twist * of(y, y) + shear * of(o, o)
@@ -356,6 +368,10 @@ def exact_thick_plate(size: tuple[float, float], thickness: float, n: int) -> np
     ab = NU * D * of(x, y) + twist * of(y, x)
     wa, wb = shear * of(x, o), shear * of(y, o)
     K = np.block([[shear * (of(x, x) + of(y, y)), wa, wb], [wa.T, aa, ab], [wb.T, ab.T, bb]])
+    if not has_rotary_inertia:
+        m = len(wa)
+        K = K[:m, :m] - K[:m, m:] @ np.linalg.solve(K[m:, m:], K[m:, :m])
+        return ritz_frequencies(0.5 * (K + K.T), RHO * thickness * of(o, o), n)
     inertia = np.diag([thickness, thickness**3 / 12.0, thickness**3 / 12.0])
     return ritz_frequencies(K, RHO * np.kron(inertia, of(o, o)), n)
 
@@ -378,9 +394,11 @@ def exact_block(
 PLATE = (0.9, 0.6)
 
 
-def plate(name: str, thickness: float, exact: np.ndarray) -> Structure:
-    """A free plate of 24 x 16 shells."""
-    size, cells = PLATE, (24, 16)
+def plate(
+    name: str, thickness: float, exact: np.ndarray, cells: tuple[int, int] = (24, 16)
+) -> Structure:
+    """A free plate of shells."""
+    size = PLATE
     flat, number = lattice(cells, size)
     xyz, elements = np.column_stack([flat, np.zeros(len(flat))]), corners(number)
     own = structure(xyz, [Shell("plate", elements, E, RHO, thickness, NU)])
@@ -436,7 +454,74 @@ CASES: list[Callable[[], Structure]] = [
 ]
 
 
-def main() -> None:
+def dense(model: Model) -> np.ndarray:
+    """Stiffness of a model."""
+    return np.asarray(scipy.sparse.coo_array(model.stiffness).todense())
+
+
+def straight_beam(elements: int, held: Sequence[int]) -> list[str]:
+    """Deck of CalculiX of a beam of 1 m."""
+    along = np.linspace(0.0, 1.0, 2 * elements + 1)
+    return beams_of_deck(np.stack([along, 0.0 * along, 0.0 * along], axis=1), held)
+
+
+def bending(*roots: float) -> np.ndarray:
+    """Frequencies of a Bernoulli-Euler beam of 1 m about both axes."""
+    inertia = np.array([SECTION.Iyy, SECTION.Izz])
+    speeds = np.sqrt(E * inertia / (RHO * SECTION.A)) / (2.0 * pi)
+    return np.sort(np.outer(np.square(roots), speeds).ravel())
+
+
+def print_reasons() -> None:
+    """Print errors in per cent of the runs behind the reasons of the differences."""
+
+    def show(title: str, found: np.ndarray, exact: np.ndarray) -> None:
+        errors = 100.0 * (found[: len(exact)] / exact - 1.0)
+        print(title, " ".join(f"{error:+.2f}" for error in errors), sep=": ")
+
+    show("frame, CBAR, 20 in each member", mystran_frequencies(frame(per=20).nastran, 8),
+         exact_frame(8))  # fmt: skip
+    for n in (10, 20, 40):
+        found = calculix_frequencies(straight_beam(n, [1]), 1)
+        show(f"cantilever, {n} B32R", found, bending(1.8751040687)[:1])
+    found = calculix_frequencies(straight_beam(10, []), 11)
+    show("free beam, 10 B32R", found, bending(4.7300407449, 7.8532046241)[:3])
+    torsion = 0.5 * sqrt(G * SECTION.J / (RHO * (SECTION.Iyy + SECTION.Izz)))
+    show("torsion of the same beam", found[10:], np.array([torsion]))
+    thick = exact_thick_plate(PLATE, 0.06, 6)
+    light = exact_thick_plate(PLATE, 0.06, 6, has_rotary_inertia=False)
+    show("thick plate without rotary inertia, exact", light, thick)
+    for cells in ((24, 16), (48, 32)):
+        one = plate("thick plate", 0.06, thick, cells)
+        show(f"thick plate, CQUAD4, {cells}", mystran_frequencies(one.nastran, 6), thick)
+        show(f"thick plate, `Shell`, {cells}", own_frequencies(one.own, 6), thick)
+    stiff = exact_thick_plate(PLATE, 0.06, 6, coefficient=1.0)
+    one = plate("thick plate", 0.06, thick)
+    show("thick plate, S8R, coefficient 1", calculix_frequencies(one.calculix, 6), stiff)
+    for cubes in ((20, 6, 2), (40, 12, 4)):
+        one = block(2, cells=cubes)
+        bulk = ["PSOLID,1,1" if line.startswith("PSOLID") else line for line in one.nastran]
+        show(f"block, CHEXA20 by default, {cubes}", mystran_frequencies(bulk, 6), one.exact)
+    one = block(2)
+    deck = [line.replace("C3D20", "C3D20R") for line in one.calculix]
+    show("block, C3D20R", calculix_frequencies(deck, 6), one.exact)
+    one = block(1, cells=(4, 2, 1))
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "job.inp"
+        path.write_text("\n".join([*one.calculix, "*STEP", "*FREQUENCY", "1", "*END STEP", ""]))
+        model = updyn.read_model(path)
+    labels = [model.dofs.labels.index(label) for label in one.own.dofs.labels]
+    inner = np.setdiff1d(np.arange(model.n_dofs), labels)
+    K = dense(model)
+    coupling = K[np.ix_(inner, labels)]
+    condensed = K[np.ix_(labels, labels)] - coupling.T @ np.linalg.solve(
+        K[np.ix_(inner, inner)], coupling
+    )
+    own = dense(one.own)
+    print(f"stiffness of C3D8I, largest difference: {abs(condensed - own).max() / own.max():.0e}")
+
+
+def print_table() -> None:
     """Print the table."""
     programs = ("own", "MYSTRAN", "CalculiX")
     titles = ["structure", "mode", *(f"{name}, Hz" for name in ("exact", *programs)), *programs]
@@ -455,6 +540,16 @@ def main() -> None:
             cells = [f"{values[k]:.3f}" for values in (one.exact, *found)]
             cells += [f"{100 * (values[k] / one.exact[k] - 1):+.2f} %" for values in found]
             print("|", " | ".join([title if k == 0 else "", str(k + 1), *cells]), "|")
+
+
+def main() -> None:
+    """Print the table, or the reasons."""
+    arguments = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    arguments.add_argument("--reasons", action="store_true", help="runs behind the differences")
+    if arguments.parse_args().reasons:
+        print_reasons()
+    else:
+        print_table()
 
 
 if __name__ == "__main__":
