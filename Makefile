@@ -18,6 +18,8 @@ OUT ?= demo/$(NAME)
 WORKERS ?= 2
 PYTEST_ARGS ?=
 KERNELS ?= Haswell Prescott SkylakeX
+# More extras of an environment; MKL takes 1 GB.
+MORE ?= ,mkl
 MARKS ?= kernels
 TRIALS ?= 1000
 CUTS ?= 2000
@@ -64,7 +66,7 @@ $(VENV)/.installed: $(VENV)/.made pyproject.toml
 	@touch $@
 
 $(VENV)/.installed-%: $(VENV)/.made pyproject.toml
-	$(BIN)/python -m pip install --quiet --editable ".[$*,mkl]"
+	$(BIN)/python -m pip install --quiet --editable ".[$*$(MORE)]"
 	@touch $@ $(VENV)/.installed
 
 # The extra dev holds the two others.
