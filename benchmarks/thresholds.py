@@ -1,42 +1,49 @@
 """Which settings no test notices when they are doubled or halved.
 
 Settings are the fields of the frozen objects in the modules named `settings`: thresholds,
-tolerances, counts. A recording runs the tests once and keeps which settings each test reads. Then
-each setting is doubled and halved in a separate process that runs the tests that read it, the
-quickest first, until one fails.
+tolerances, counts. A recording runs the tests once and keeps which settings each test reads, and
+its processor time. Then each setting is doubled and halved in a fork of the collected tests, which
+runs those that read it until one fails. Tests that read few settings and are quick come first.
 
-- noticed: a test fails, the process crashes, or the tests take over a minute and ten times as long
-  as before.
-- not noticed: none of the tests fails; the table gives unit, meaning and reason. With 0 tests, no
-  test reads the setting, other than on import.
+- noticed: a test fails that passes without the change, the process crashes, or it takes over 20 s
+  and ten times as long as before.
+- stated: no test fails, and the comment of the setting states why none needs to: it begins its
+  reason with ``Effort:``, ``Drawing:``, ``Default:`` or ``Rounding:`` in place of ``Why:``.
+- open: no test fails. With 0 tests, no test reads the setting, other than on import.
 
 Whole numbers are halved downwards; 1 is not halved, and 0 not changed. All numbers of a tuple are
 scaled together. A test that reads a setting in another process only does not count.
 
-    python benchmarks/thresholds.py [--settings "updating.fit.*"] [--tests tests/unit/updating ...]
-        [--reads build/reads.json] [--record] [--budget 60] [--out changes.jsonl]
+    python benchmarks/thresholds.py [--settings "updating.fit.*" ...] [--tests tests/unit ...]
+        [--reads build/reads.jsonl] [--record] [--budget 15] [--out build/changes.jsonl] [--print]
 
-`--record` records again, though the file of reads exists. `--budget`: seconds of tests, as they
-were when recorded, for each change. `--out` keeps each change as a line of JSON; changes that are
-there are not made again.
+`--record` adds tests to the file of reads that are not there. `--budget`: seconds of tests for each
+change. `--out` keeps each change as a line; changes that are there are made again only if they were
+not noticed and the budget is larger. `--again`: also if it is not. `--print` makes no changes.
 """
 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import fnmatch
+import importlib
 import json
 import os
+import pkgutil
+import resource
 import signal
 import sys
 import tempfile
-import time
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 import pytest
+
+import updyn
 
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "tests" / "support"))
@@ -45,8 +52,8 @@ from setting_fields import Setting, list_classes, list_settings  # noqa: E402
 
 FACTORS = (2.0, 0.5)
 #: Ratio of times from which a change is noticed by its cost; least limit in seconds.
-SLOWER, LEAST_LIMIT = 10.0, 60.0
-_QUIET = ["-q", "-x", "--no-header", "-p", "no:cacheprovider", "--rootdir", str(ROOT)]
+SLOWER, LEAST_LIMIT = 10.0, 20.0
+TESTS = ("tests/unit", "tests/property", "tests/analytic", "tests/io")
 
 
 @dataclass
@@ -54,57 +61,152 @@ class Reads:
     """Which settings each passing test reads, and its seconds."""
 
     seconds: dict[str, float] = field(default_factory=dict)
-    settings: dict[str, list[str]] = field(default_factory=dict)
+    settings: dict[str, frozenset[str]] = field(default_factory=dict)
 
     @classmethod
     def load(cls, path: Path) -> Reads:
-        """Read a file of reads."""
-        return cls(**json.loads(path.read_text(encoding="utf-8")))
-
-    def save(self, path: Path) -> None:
-        """Write the file of reads."""
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(json.dumps(asdict(self)), encoding="utf-8")
+        """Read a file of reads; tests that failed are left out."""
+        reads = cls()
+        for line in _read_lines(path):
+            if line["passed"]:
+                reads.seconds[line["test"]] = line["seconds"]
+                reads.settings[line["test"]] = frozenset(line["settings"])
+        return reads
 
     def choose_tests(self, key: str, budget: float) -> list[str]:
-        """Return the quickest tests that read a setting, within seconds."""
+        """Return tests that read a setting, within seconds.
+
+        Tests come in the order of their seconds times the number of settings that they read: the
+        order with the least time until the first failure, if each test notices one of its settings.
+        """
         reading = [test for test, read in self.settings.items() if key in read]
-        tests = sorted(reading, key=lambda test: self.seconds[test])
+        reading.sort(key=lambda test: (0.01 + self.seconds[test]) * len(self.settings[test]))
         chosen: list[str] = []
         spent = 0.0
-        for test in tests:
-            spent += self.seconds[test]
-            if chosen and spent > budget:
-                break
+        for test in reading:
+            if chosen and spent + self.seconds[test] > budget:
+                continue
             chosen.append(test)
+            spent += self.seconds[test]
         return chosen
 
 
 class Recorder:
-    """A plugin of pytest that records which settings are read during each test."""
+    """A plugin of pytest that writes which settings are read during each test."""
 
-    def __init__(self) -> None:
-        self.reads = Reads()
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._known = {line["test"] for line in _read_lines(path)}
         self._current: set[str] = set()
         self._failed: set[str] = set()
+
+    def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
+        """Leave out tests that the file has; read all modules before the first test."""
+        items[:] = [item for item in items if item.nodeid not in self._known]
+        _import_all()
         for cls in list_classes():
             _watch(cls, self._current)
 
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_protocol(self, item: pytest.Item) -> Iterator[None]:
-        """Keep what is read while a test runs, with its fixtures."""
+        """Write what is read while a test runs, with its fixtures."""
         self._current.clear()
-        started = time.perf_counter()
+        started = _processor_seconds()
         result = yield
-        if item.nodeid not in self._failed:
-            self.reads.seconds[item.nodeid] = time.perf_counter() - started
-            self.reads.settings[item.nodeid] = sorted(self._current)
+        line = {
+            "test": item.nodeid,
+            "passed": item.nodeid not in self._failed,
+            "seconds": round(_processor_seconds() - started, 4),
+            "settings": sorted(self._current),
+        }
+        _append(self._path, line)
         return result
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
-        """Leave out tests that do not pass."""
+        """Note tests that do not pass."""
         if report.outcome != "passed":
             self._failed.add(report.nodeid)
+
+
+@dataclass(frozen=True)
+class Change:
+    """A changed setting, the tests that may run within the budget, and the first that fails.
+
+    `noticed_by` is empty if none fails, and ``"time"`` or ``"crash"`` if the process does not end
+    by itself.
+    """
+
+    setting: str
+    factor: float
+    value: Any
+    tests: int
+    budget: float
+    noticed_by: str
+
+
+class Changer:
+    """A plugin of pytest that changes settings in place of running the collected tests."""
+
+    def __init__(
+        self, settings: list[Setting], reads: Reads, budget: float, out: Path, *, again: bool
+    ) -> None:
+        self.settings, self.reads, self.budget, self.out = settings, reads, budget, out
+        self.made = load_changes(out)
+        self._again = again
+        self._items: dict[str, pytest.Item] = {}
+        self._passing: dict[str, bool] = {}
+
+    def pytest_runtestloop(self, session: pytest.Session) -> bool:
+        """Change each setting, and write who notices."""
+        _import_all()
+        self._items = {item.nodeid: item for item in session.items}
+        for setting in self.settings:
+            first = ""
+            for factor in FACTORS:
+                change = self._change(setting, factor, first)
+                if change is not None:
+                    first = change.noticed_by
+        return True
+
+    def _change(self, setting: Setting, factor: float, first: str) -> Change | None:
+        """Return how tests see a scaled setting; None if it is not made."""
+        value = getattr(setting.object, setting.field)
+        other = scale(value, factor)
+        made = self.made.get((setting.name, factor))
+        if other == value or (made is not None and not self._is_due(made)):
+            return made
+        tests = self.reads.choose_tests(key_of(setting), self.budget)
+        tests = [test for test in tests if test in self._items]
+        if first in tests:
+            tests = [first, *(test for test in tests if test != first)]
+        noticed_by = self._find_failure(setting, other, tests)
+        change = Change(setting.name, factor, other, len(tests), self.budget, noticed_by)
+        _append(self.out, asdict(change))
+        print(f"{change.setting} x {factor:g}: {noticed_by or 'not noticed'}", file=sys.stderr)
+        return change
+
+    def _is_due(self, made: Change) -> bool:
+        """Return whether a change is to be made again."""
+        return not made.noticed_by and (self._again or made.budget < self.budget)
+
+    def _find_failure(self, setting: Setting, value: Any, tests: list[str]) -> str:
+        """Return the first test that fails with another value, and passes without."""
+        left = list(tests)
+        while left:
+            seconds = sum(self.reads.seconds[test] for test in left)
+            failed = _fork(setting, value, [self._items[test] for test in left], seconds)
+            if failed not in left or self._passes(setting, failed):
+                return failed
+            left.remove(failed)
+        return ""
+
+    def _passes(self, setting: Setting, test: str) -> bool:
+        """Return whether a test passes on its own, with the settings as they are."""
+        if test not in self._passing:
+            value = getattr(setting.object, setting.field)
+            seconds = self.reads.seconds[test]
+            self._passing[test] = not _fork(setting, value, [self._items[test]], seconds)
+        return self._passing[test]
 
 
 class FirstFailure:
@@ -119,19 +221,47 @@ class FirstFailure:
             self.test = report.nodeid
 
 
-@dataclass(frozen=True)
-class Change:
-    """A changed setting, the number of tests that may run, and the first that fails.
+def _fork(setting: Setting, value: Any, items: list[pytest.Item], seconds: float) -> str:
+    """Return the first test that fails with a value, in another process."""
+    with tempfile.NamedTemporaryFile("r", suffix=".txt") as answer:
+        Path(answer.name).write_text("crash")
+        child = os.fork()
+        if child == 0:
+            try:
+                _limit_time(max(LEAST_LIMIT, SLOWER * seconds))
+                vars(setting.object)[setting.field] = value
+                Path(answer.name).write_text(_run_until_failure(items))
+            finally:
+                os._exit(0)
+        _, status = os.waitpid(child, 0)
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(child, signal.SIGKILL)
+        if os.WIFSIGNALED(status):
+            ends = (signal.SIGXCPU, signal.SIGALRM)
+            return "time" if os.WTERMSIG(status) in ends else "crash"
+        return answer.read()
 
-    `noticed_by` is empty if none fails, and ``"time"`` or ``"crash"`` if the process does not end
-    by itself.
-    """
 
-    setting: str
-    factor: float
-    value: Any
-    tests: int
-    noticed_by: str
+def _limit_time(seconds: float) -> None:
+    """End this process after so many seconds of its processor, or ten times as many of a clock."""
+    os.setpgid(0, 0)
+    used = int(sum(os.times()[:2]))
+    resource.setrlimit(resource.RLIMIT_CPU, (used + int(seconds) + 1, resource.RLIM_INFINITY))
+    signal.alarm(10 * int(seconds))
+
+
+def _run_until_failure(items: list[pytest.Item]) -> str:
+    """Return the name of the first test that fails; empty if all pass."""
+    silent = os.open(os.devnull, os.O_RDWR)
+    for stream in (0, 1, 2):
+        os.dup2(silent, stream)
+    failure = FirstFailure()
+    items[0].config.pluginmanager.register(failure)
+    for item, following in zip(items, [*items[1:], None], strict=True):
+        item.ihook.pytest_runtest_protocol(item=item, nextitem=following)
+        if failure.test:
+            break
+    return failure.test
 
 
 def _watch(cls: type, read: set[str]) -> None:
@@ -144,6 +274,37 @@ def _watch(cls: type, read: set[str]) -> None:
         return plain(self, name)  # type: ignore[call-arg]
 
     cls.__getattribute__ = record  # type: ignore[method-assign]
+
+
+def _import_all() -> None:
+    """Import all modules, so that no test reads a setting because it imports one first."""
+    for module in pkgutil.walk_packages(updyn.__path__, "updyn."):
+        if not module.name.endswith("__main__"):
+            with contextlib.suppress(ImportError):
+                importlib.import_module(module.name)
+
+
+def _processor_seconds() -> float:
+    """Return the processor time of this process and of its ended children."""
+    return sum(os.times()[:4])
+
+
+def _append(path: Path, line: dict[str, Any]) -> None:
+    """Append a line of JSON to a file."""
+    with path.open("a", encoding="utf-8") as file:
+        file.write(json.dumps(line) + "\n")
+
+
+def _read_lines(path: Path) -> list[dict[str, Any]]:
+    """Return the lines of a file; none if there is no file."""
+    if not path.exists():
+        return []
+    return [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
+
+
+def load_changes(path: Path) -> dict[tuple[str, float], Change]:
+    """Return the last change of each setting and factor."""
+    return {(line["setting"], line["factor"]): Change(**line) for line in _read_lines(path)}
 
 
 def key_of(setting: Setting) -> str:
@@ -162,112 +323,78 @@ def scale(value: Any, factor: float) -> Any:
     return value * factor
 
 
-def record(tests: list[str], path: Path) -> None:
-    """Run tests and write which settings each reads."""
-    recorder = Recorder()
-    pytest.main(["-q", "--no-header", "-p", "no:cacheprovider", *tests], plugins=[recorder])
-    recorder.reads.save(path)
-
-
-def _first_failure(setting: Setting, value: Any, tests: list[str]) -> str:
-    """Return the first test that fails with another value, in this process."""
-    with Path(os.devnull).open("w") as silent:
-        os.dup2(silent.fileno(), 1)
-        os.dup2(silent.fileno(), 2)
-    vars(setting.object)[setting.field] = value
-    failure = FirstFailure()
-    code = pytest.main([*_QUIET, *(str(ROOT / test) for test in tests)], plugins=[failure])
-    return failure.test or ("" if code == 0 else f"exit {code}")
-
-
-def run_changed(setting: Setting, value: Any, tests: list[str], limit: float) -> str:
-    """Return the first test that fails with another value, in another process."""
-    with tempfile.NamedTemporaryFile("r", suffix=".txt") as answer:
-        Path(answer.name).write_text("crash")
-        child = os.fork()
-        if child == 0:
-            signal.alarm(int(limit))
-            try:
-                Path(answer.name).write_text(_first_failure(setting, value, tests))
-            finally:
-                os._exit(0)
-        _, status = os.waitpid(child, 0)
-        if os.WIFSIGNALED(status):
-            return "time" if os.WTERMSIG(status) == signal.SIGALRM else "crash"
-        return answer.read()
-
-
-def change(setting: Setting, factor: float, reads: Reads, budget: float) -> Change | None:
-    """Return how tests see a scaled setting; None if it cannot be scaled."""
-    value = getattr(setting.object, setting.field)
-    other = scale(value, factor)
-    if other == value:
-        return None
-    tests = reads.choose_tests(key_of(setting), budget)
-    if not tests:
-        return Change(setting.name, factor, other, 0, "")
-    limit = max(LEAST_LIMIT, SLOWER * sum(reads.seconds[test] for test in tests))
-    noticed_by = run_changed(setting, other, tests, limit)
-    return Change(setting.name, factor, other, len(tests), noticed_by)
-
-
-def print_table(settings: list[Setting], changes: list[Change]) -> None:
-    """Print the settings that no test notices, and the sum."""
-    unnoticed = [c for c in changes if not c.noticed_by]
+def print_unnoticed(settings: list[Setting], changes: list[Change]) -> None:
+    """Print the settings that no test notices: open ones, then those with a stated reason."""
     by_name = {setting.name: setting for setting in settings}
-    print("\n| setting | times | tests | meaning |\n|---|---|---|---|")
-    for c in unnoticed:
-        print(f"| {c.setting} | {c.factor:g} | {c.tests} | {by_name[c.setting].comment} |")
-    noticed, names = len(changes) - len(unnoticed), {c.setting for c in unnoticed}
-    print(f"\n{len(settings)} settings, {len(changes)} changes: {noticed} noticed,")
-    print(f"{len(unnoticed)} not, of {len(names)} settings")
+    unnoticed = [c for c in changes if not c.noticed_by]
+    for title, stated in (("Open", False), ("Reason stated", True)):
+        print(f"\n{title}\n\n| setting | times | tests | comment |\n|---|---|---|---|")
+        for c in unnoticed:
+            setting = by_name[c.setting]
+            if setting.is_exempt == stated:
+                print(f"| {c.setting} | {c.factor:g} | {c.tests} | {setting.comment} |")
+
+
+def print_counts(settings: list[Setting], changes: list[Change]) -> None:
+    """Print the numbers of settings and changes by package."""
+    exempt = {setting.name for setting in settings if setting.is_exempt}
+    package = {setting.name: setting.package for setting in settings}
+    counts: dict[str, Counter[str]] = {name: Counter() for name in sorted(set(package.values()))}
+    for setting in settings:
+        counts[setting.package]["settings"] += 1
+    for c in changes:
+        end = "noticed" if c.noticed_by else "stated" if c.setting in exempt else "open"
+        counts[package[c.setting]].update(["changes", end])
+    columns = ("settings", "changes", "noticed", "stated", "open")
+    print("\n| package | " + " | ".join(columns) + " |\n|---" * 1 + "|---" * len(columns) + "|")
+    total = sum(counts.values(), Counter())
+    for name, row in [*counts.items(), ("all", total)]:
+        print(f"| {name} | " + " | ".join(str(row[column]) for column in columns) + " |")
+
+
+def parse_options() -> argparse.Namespace:
+    """Return the options of the command line."""
+    build = ROOT / "build"
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--settings", nargs="+", default=["*"], metavar="GLOB")
+    parser.add_argument("--tests", nargs="+", default=[str(ROOT / test) for test in TESTS])
+    parser.add_argument("--reads", type=Path, default=build / "reads.jsonl")
+    parser.add_argument("--record", action="store_true")
+    parser.add_argument("--budget", type=float, default=15.0)
+    parser.add_argument("--out", type=Path, default=build / "changes.jsonl")
+    parser.add_argument("--again", action="store_true")
+    parser.add_argument("--print", action="store_true")
+    return parser.parse_args()
+
+
+def run_pytest(tests: list[str], plugin: object) -> None:
+    """Run pytest on quick tests with a plugin."""
+    with tempfile.TemporaryDirectory() as folder:
+        options = ["-q", "-s", "--no-header", "-m", "not slow", "--rootdir", str(ROOT)]
+        plugins = [part for name in ("cacheprovider", "xdist") for part in ("-p", f"no:{name}")]
+        pytest.main([*options, *plugins, "--basetemp", f"{folder}/tests", *tests], [plugin])
 
 
 def main() -> None:
     """Record, change, print."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--settings", default="*", metavar="GLOB")
-    parser.add_argument("--tests", nargs="+", default=[str(ROOT / "tests")])
-    parser.add_argument("--reads", type=Path, default=ROOT / "build" / "reads.json")
-    parser.add_argument("--record", action="store_true")
-    parser.add_argument("--budget", type=float, default=60.0)
-    parser.add_argument("--out", type=Path)
-    options = parser.parse_args()
-    if options.record or not options.reads.exists():
-        # In another process, as modules that tests import stay as they are in this one.
-        child = os.fork()
-        if child == 0:
-            record(options.tests, options.reads)
-            os._exit(0)
-        os.waitpid(child, 0)
-    reads = Reads.load(options.reads)
-    settings = [s for s in list_settings() if fnmatch.fnmatch(s.name, options.settings)]
-    changes = list(_make_changes(settings, reads, options.budget, options.out))
-    print_table(settings, changes)
-
-
-def _make_changes(
-    settings: list[Setting], reads: Reads, budget: float, out: Path | None
-) -> Iterator[Change]:
-    """Yield all changes; those that the file has are not made again."""
-    made = {}
-    if out is not None and out.exists():
-        lines = [json.loads(line) for line in out.read_text(encoding="utf-8").splitlines()]
-        made = {(line["setting"], line["factor"]): Change(**line) for line in lines}
-    for setting in settings:
-        for factor in FACTORS:
-            if (setting.name, factor) in made:
-                yield made[setting.name, factor]
-                continue
-            changed = change(setting, factor, reads, budget)
-            if changed is None:
-                continue
-            answer = changed.noticed_by or "not noticed"
-            print(f"{changed.setting} x {factor:g}: {answer}", flush=True)
-            if out is not None:
-                with out.open("a", encoding="utf-8") as file:
-                    file.write(json.dumps(asdict(changed)) + "\n")
-            yield changed
+    options = parse_options()
+    options.out.parent.mkdir(parents=True, exist_ok=True)
+    settings = [
+        setting
+        for setting in list_settings()
+        if any(fnmatch.fnmatch(setting.name, glob) for glob in options.settings)
+    ]
+    if options.record:
+        run_pytest(options.tests, Recorder(options.reads))
+        return
+    if not options.print:
+        reads = Reads.load(options.reads)
+        changer = Changer(settings, reads, options.budget, options.out, again=options.again)
+        run_pytest(options.tests, changer)
+    names = {setting.name for setting in settings}
+    changes = [c for c in load_changes(options.out).values() if c.setting in names]
+    print_unnoticed(settings, changes)
+    print_counts(settings, changes)
 
 
 if __name__ == "__main__":

@@ -5,9 +5,9 @@ from __future__ import annotations
 import re
 from collections import Counter
 
-from setting_fields import list_classes, list_settings, read_attributes
+from setting_fields import EXEMPT, list_classes, list_settings, read_attributes
 
-_COMMENT = re.compile(r"^\[[^\]]+\] \S.+?\. Why: \S.+\.$", re.DOTALL)
+_COMMENT = re.compile(rf"^\[[^\]]+\] \S.+?\. ({'|'.join(('Why', *EXEMPT))}): \S.+\.$", re.DOTALL)
 
 
 def test_settings_are_frozen() -> None:
@@ -16,8 +16,9 @@ def test_settings_are_frozen() -> None:
 
 def test_settings_have_unit_meaning_and_reason() -> None:
     wrong = [s for s in list_settings() if not _COMMENT.match(s.comment)]
-    assert not wrong, "expected '#: [unit] Meaning. Why: reason (source).' above each field\n" + (
-        "\n".join(f"{s.place}: {s.name}: {s.comment!r}" for s in wrong)
+    assert not wrong, (
+        "expected '#: [unit] Meaning. Why: reason (source).' (or Effort: ...) above each field\n"
+        + ("\n".join(f"{s.place}: {s.name}: {s.comment!r}" for s in wrong))
     )
 
 

@@ -14,6 +14,10 @@ from typing import Any
 
 from rooms import SRC, module_of
 
+#: Words before the reason of a setting whose value decides no result: a limit of effort, a size of
+#: a drawing or a text, the default of an argument, a tolerance decades away from what it separates.
+EXEMPT = ("Effort", "Drawing", "Default", "Rounding")
+
 
 @dataclass(frozen=True)
 class Setting:
@@ -24,7 +28,8 @@ class Setting:
     module, instance, field : str
         Module, name of the object in it, and name of the field.
     comment : str
-        The comment above the field: ``[unit] Meaning. Why: reason.``
+        The comment above the field: ``[unit] Meaning. Why: reason.`` A word of `EXEMPT` in place
+        of ``Why`` states that no test has to notice another value.
     place : str
         File and line of the field.
     """
@@ -36,10 +41,19 @@ class Setting:
     place: str
 
     @property
+    def package(self) -> str:
+        """Return the package of the setting."""
+        return self.module.removeprefix("updyn.").removesuffix(".settings")
+
+    @property
     def name(self) -> str:
         """Return ``package.INSTANCE.field``."""
-        package = self.module.removeprefix("updyn.").removesuffix(".settings")
-        return f"{package}.{self.instance}.{self.field}"
+        return f"{self.package}.{self.instance}.{self.field}"
+
+    @property
+    def is_exempt(self) -> bool:
+        """Return whether the comment states that no test has to notice another value."""
+        return any(f" {word}: " in self.comment for word in EXEMPT)
 
     @property
     def object(self) -> Any:

@@ -11,8 +11,7 @@ class DescriptionSettings:
 
     #: [items] Number of names, keys or DOFs that a line lists. Why: chosen for one line of text.
     listed_items: int = 8
-    #: [DOFs] Largest model whose natural frequencies are computed. Why: an effort limit of a few
-    #: seconds.
+    #: [DOFs] Largest model whose natural frequencies are computed. Effort: a few seconds.
     most_mode_dofs: int = 20_000
     #: [modes] Number of natural frequencies. Why: chosen for one line of text.
     natural_frequencies: int = 8

@@ -87,11 +87,11 @@ class CausalBoundSettings:
     margin_points: int = 24
     #: [log2] Exponent of the least number of points of the circle. Why: a rule of thumb.
     least_exponent: int = 13
-    #: [log2] Exponent of the largest number of points of the circle. Why: effort; the margin is
-    #: wider instead.
+    #: [log2] Exponent of the largest number of points of the circle. Effort: the margin is wider
+    #: instead.
     most_exponent: int = 16
     #: [1] Ratio of the points of the circle to the size of the section of the Hankel matrix; a
-    #: larger one lowers the bound. Why: effort.
+    #: larger one lowers the bound. Effort: a rule of thumb.
     points_per_row: int = 32
     #: [1] Smallest lower end of a band, as a share of its upper end, for the scale of the circle.
     #: Why: a rule of thumb; a band may start at 0.
@@ -113,8 +113,7 @@ class CausalBoundSettings:
 class ModalSpaceSettings:
     """Numbers of the modes of a model, and of the reduction of a large one."""
 
-    #: [DOFs] Number of DOFs up to which a model is used without reduction. Why: effort; a rule of
-    #: thumb.
+    #: [DOFs] Number of DOFs up to which a model is used without reduction. Effort: a rule of thumb.
     whole_dofs: int = 300
     #: [1] Accuracy of a reduced model. Why: smaller than for an update, since behind a gear train
     #: the motion of the load is small relative to that of the motor, which normalises the error.
@@ -143,7 +142,7 @@ class SpectralSettings:
     #: [1] Share of the largest damper below which a damper is 0. Why: rounding of eigenvalues.
     damper_share: float = 1e-13
     #: [1] Number of dampers, as a share of the basis vectors, above which lines are solved one by
-    #: one. Why: effort.
+    #: one. Effort: a rule of thumb.
     most_dampers_share: float = 0.25
     #: [lines] Lines of the band at which the decomposition is compared with a solution. Why: a rule
     #: of thumb.
@@ -203,8 +202,8 @@ class RationalFitSettings:
     weighted_iterations: int = 16
     #: [iterations] Iterations of the outputs with updated weights. Why: a rule of thumb.
     output_iterations: int = 12
-    #: [1] Largest error, as a multiple of the tolerance, of a fit that is refined. Why: effort; a
-    #: rule of thumb.
+    #: [1] Largest error, as a multiple of the tolerance, of a fit that is refined. Effort: a rule
+    #: of thumb.
     refined_error: float = 4.0
     #: [1] Smallest factor on the square of the weight of a line in one iteration. Why: a rule of
     #: thumb; weights do not vanish.
@@ -224,8 +223,8 @@ class RationalFitSettings:
     #: [1] Singular value of a least-squares fit, as a share of the largest, below which it is 0.
     #: Why: rounding of nearly dependent columns.
     singular_share: float = 1e-10
-    #: [states] Largest number of states in addition to those of the modes in the band. Why: effort;
-    #: a rule of thumb.
+    #: [states] Largest number of states in addition to those of the modes in the band. Effort: a
+    #: rule of thumb.
     most_added_states: int = 16
 
 
@@ -321,7 +320,7 @@ class UncertaintyWeightSettings:
     #: [parts] Parts into which new lines divide the gaps next to such a place. Why: a rule of
     #: thumb.
     gap_parts: int = 8
-    #: [places] Largest number of places that are refined at once. Why: effort.
+    #: [places] Largest number of places that are refined at once. Effort: a rule of thumb.
     most_places: int = 40
     #: [log] Distance from the closest place within which others are refined last, in log |W|; five
     #: times this in each earlier round. Why: a rule of thumb.
@@ -346,9 +345,9 @@ class WeightFitSettings:
     largest_damping: float = 1e2
     #: [lines] Least number of lines for trial sections. Why: a rule of thumb.
     least_lines: int = 120
-    #: [lines] Largest number of lines for trial sections. Why: effort.
+    #: [lines] Largest number of lines for trial sections. Effort: a rule of thumb.
     most_lines: int = 250
-    #: [starts] Trial frequencies of a new section. Why: effort; optimisation moves them.
+    #: [starts] Trial frequencies of a new section. Effort: optimisation moves them.
     trial_frequencies: int = 9
     #: [log rad/s] Half the distance between zero and pole of a new first-order section. Why: a
     #: factor of four between them.
@@ -360,17 +359,18 @@ class WeightFitSettings:
     spike_dampings: tuple[tuple[float, float], ...] = ((0.3, 3e-3), (0.1, 1e-4))
     #: [1] The same of a section that lowers a gap. Why: a rule of thumb.
     dip_dampings: tuple[tuple[float, float], ...] = ((0.05, 0.2), (0.2, 0.8), (0.3, 3.0))
-    #: [places] Numbers of tightest peaks and of widest gaps that are tried. Why: effort.
+    #: [places] Numbers of tightest peaks and of widest gaps that are tried. Effort: a rule of
+    #: thumb.
     trial_places: int = 3
     #: [1] Share of the largest excess, in log |W|, below which a bound is nearly tight. Why: a rule
     #: of thumb.
     tight_share: float = 0.3
-    #: [starts] Starts that are optimised to the end. Why: effort.
+    #: [starts] Starts that are optimised to the end. Effort: a rule of thumb.
     most_starts: int = 2
     #: [steps] Largest number of steps of an optimisation. Why: it ends earlier when the gain is
     #: small.
     most_steps: int = 60
-    #: [rounds] Largest number of times that lines are added to a fit. Why: effort.
+    #: [rounds] Largest number of times that lines are added to a fit. Effort: a rule of thumb.
     exchanges: int = 3
     #: [log] Distance from the tightest line within which a line is added, in log |W|. Why: a rule
     #: of thumb.

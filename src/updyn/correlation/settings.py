@@ -36,10 +36,10 @@ class ModePairingSettings:
 class ModelModesSettings:
     """Limits of the computation of modes for a comparison."""
 
-    #: [DOFs] Largest model whose modes are computed as complex modes if it is damped. Why: an
-    #: effort limit.
+    #: [DOFs] Largest model whose modes are computed as complex modes if it is damped. Effort: a
+    #: rule of thumb.
     most_complex_dofs: int = 5_000
-    #: [modes] Largest number of modes of a model. Why: an effort limit.
+    #: [modes] Largest number of modes of a model. Effort: a rule of thumb.
     most_modes: int = 400
 
 

@@ -153,7 +153,7 @@ class ReductionSettings:
     compared_share: float = 1e-3
     #: [shifts] Shifts of a new basis. Why: both ends and the middle of the band.
     first_shifts: int = 3
-    #: [shifts] Largest number of shifts, if modes are missed between them. Why: a limit of effort.
+    #: [shifts] Largest number of shifts, if modes are missed between them. Effort: a rule of thumb.
     most_shifts: int = 32
     #: [vectors] Basis vectors of a shift that needs no more moments. Why: chosen; few loads need
     #: moments to find the modes of the band.
@@ -166,8 +166,8 @@ class ReductionSettings:
     #: [1] Shifts of further states in turn, in squares of the highest frequency. Why: they are
     #: 0.45, 0.71 and 0.89 of the highest frequency, spread over a band; a rule of thumb.
     further_shifts: tuple[float, ...] = (0.2, 0.5, 0.8)
-    #: [loads] Largest number of loads at the references at a state; more are combined. Why: a limit
-    #: of effort (Gallivan, Vandendorpe & Van Dooren, 2004).
+    #: [loads] Largest number of loads at the references at a state; more are combined. Effort: a
+    #: rule of thumb (Gallivan, Vandendorpe & Van Dooren, 2004).
     most_references: int = 4
     #: [loads] Random combinations of the sensors at a state. Why: each state has others, so few
     #: suffice (Gallivan, Vandendorpe & Van Dooren, 2004).
@@ -175,7 +175,7 @@ class ReductionSettings:
     #: [lines] Largest number of lines of a state whose fields are used for compression. Why: other
     #: states use other lines.
     lines_per_state: int = 12
-    #: [lines] Largest number of such lines of all states. Why: a limit of effort.
+    #: [lines] Largest number of such lines of all states. Effort: a rule of thumb.
     lines_of_states: int = 250
     #: [1] Share of the permitted error below which a direction is not added. Why: twenty such
     #: directions together reach the permitted error.
@@ -193,8 +193,8 @@ class ReductionSettings:
     #: [1] Share of the permitted error to which a basis is enriched. Why: lines without a residual
     #: may be worse than lines with one.
     enriched_share: float = 0.2
-    #: [passes] Largest number of passes of an enrichment. Why: a limit of effort; the certificate
-    #: states the error that is reached.
+    #: [passes] Largest number of passes of an enrichment. Effort: the certificate states the error
+    #: that is reached.
     most_passes: int = 24
     #: [bytes] Memory of a block of lines of a reduced model. Why: enough lines for matrix products.
     block_bytes: int = 192 * 2**20

@@ -50,8 +50,8 @@ class SensorPlacementSettings:
     #: [1] Largest deviation of a rotation matrix from orthogonality, and of its scale from 1. Why:
     #: digits of matrices in files.
     rotation_error: float = 1e-6
-    #: [steps] Largest number of steps of the fit to nearest nodes. Why: an effort limit; the fit
-    #: ends when the nearest nodes no longer change.
+    #: [steps] Largest number of steps of the fit to nearest nodes. Effort: the fit ends when the
+    #: nearest nodes no longer change.
     most_steps: int = 200
     #: [items] Number of items that a message lists. Why: chosen for a readable message.
     listed_items: int = 8

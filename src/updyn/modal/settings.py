@@ -57,7 +57,7 @@ class NoiseEnvelopeSettings:
 class PoleRefinementSettings:
     """Numbers of the maximum-likelihood fit of poles in a window."""
 
-    #: [steps] Largest number of Gauss-Newton steps. Why: an effort limit; most fits end earlier by
+    #: [steps] Largest number of Gauss-Newton steps. Effort: most fits end earlier by
     #: `settled_decrease`.
     most_steps: int = 30
     #: [1] Step, as a share of the width of the pole, at which the iteration ends. Why: rounding,
@@ -132,7 +132,7 @@ class VectorFittingSettings:
 class DecayRemovalSettings:
     """Numbers of the removal of the damping of an exponential window."""
 
-    #: [poles] Largest number of poles. Why: an effort limit.
+    #: [poles] Largest number of poles. Effort: a rule of thumb.
     most_poles: int = 40
     #: [lines] Lines for each pole. Why: a pole with a complex residue has four real values, and
     #: each fit uses half of the lines.
@@ -146,8 +146,8 @@ class DecayRemovalSettings:
 class NoiseFreeDataSettings:
     """Numbers of the identification of data without noise."""
 
-    #: [lines] Up to this number of lines, data are first treated as free of noise. Why: an effort
-    #: limit; more lines are dense enough for a search part by part.
+    #: [lines] Up to this number of lines, data are first treated as free of noise. Effort: more
+    #: lines are dense enough for a search part by part.
     most_lines: int = 160
     #: [1] Largest unexplained share of all modes for which data count as free of noise. Why: the
     #: polynomial of a window leaves errors of this order in data without noise.
@@ -158,10 +158,10 @@ class NoiseFreeDataSettings:
     #: [1] The exact fit of the fewest poles is selected whose cost is at most this factor above the
     #: least. Why: costs of exact fits are rounding errors, which vary by such factors.
     cost_margin: float = 1e3
-    #: [poles] Largest number of additional poles outside the band. Why: an effort limit.
+    #: [poles] Largest number of additional poles outside the band. Effort: a rule of thumb.
     outside_poles: int = 16
-    #: [functions] Number of combinations of the functions from which poles are found. Why: an
-    #: effort limit; the strongest combinations contain all modes of the band.
+    #: [functions] Number of combinations of the functions from which poles are found. Effort: the
+    #: strongest combinations contain all modes of the band.
     strongest_functions: int = 12
     #: [lines] Lines for each pole in the first test, on some of the lines. Why: more lines than
     #: unknowns, so that noise is noticed; affects only the time.
@@ -179,8 +179,7 @@ class ModeWindowSettings:
     #: [lines] Least number of lines for each fixed pole of a window. Why: one more than for a mode;
     #: a rule of thumb.
     lines_per_fixed_pole: int = 5
-    #: [modes] Largest number of modes in a window. Why: an effort limit; the cost of a fit rises
-    #: with its cube.
+    #: [modes] Largest number of modes in a window. Effort: the cost of a fit rises with its cube.
     most_modes: int = 6
     #: [bandwidths] Extent of a window beyond its modes in half-power bandwidths. Why: there an FRF
     #: has fallen to an eighth of its peak; a rule of thumb.
@@ -201,7 +200,7 @@ class StabilisationSettings:
     #: [lines] Lines of a part of the band, without its overlaps of half a part on either side. Why:
     #: the necessary order increases with the number of modes; a rule of thumb.
     part_lines: int = 200
-    #: [1] Largest order. Why: an effort limit, for parts with up to about ten modes.
+    #: [1] Largest order. Effort: for parts with up to about ten modes.
     largest_order: int = 32
     #: [1] Step of the orders. Why: one more mode has a pair of poles.
     order_step: int = 2
@@ -216,7 +215,7 @@ class StabilisationSettings:
     #: [orders] Number of consecutive orders with the pole of a candidate. Why: a rule of thumb.
     stable_orders: int = 3
     #: [columns] Largest number of columns in a fit; if there are more, their strongest combinations
-    #: are fitted. Why: an effort limit.
+    #: are fitted. Effort: a rule of thumb.
     most_columns: int = 4
     #: [1] Largest damping ratio of a pole in the diagram. Why: a mode of larger damping has no
     #: visible peak.
@@ -240,7 +239,7 @@ class ModeSearchSettings:
     #: ((a + b)^2 + d^2) of one of half width b at a distance d. Why: with d up to a / 2 and b from
     #: a / 2 to 2 a, that is at least 0.8.
     grid_step: float = 0.5
-    #: [trials] Largest number of trial poles of one width. Why: an effort limit.
+    #: [trials] Largest number of trial poles of one width. Effort: a rule of thumb.
     most_trials: int = 200
     #: [lines] Half-power bandwidths of trial poles if no candidate indicates the width of modes.
     #: Why: from the narrowest visible peak to a clearly resolved one, a factor that the grid
@@ -255,7 +254,7 @@ class ModeSearchSettings:
     #: [1] A trial pole is refined if its expected gain is at least this share of the smallest gain
     #: of a mode. Why: a trial on the grid explains at least 0.8 of a mode (`grid_step`).
     promising_share: float = 0.5
-    #: [poles] Number of rejected poles after which the search ends. Why: an effort limit.
+    #: [poles] Number of rejected poles after which the search ends. Effort: a rule of thumb.
     most_rejected: int = 3
     #: [1] Residual squares, relative to the squared data, below which a fit is exact. Why: rounding
     #: of the fit, with a margin.
@@ -318,8 +317,8 @@ class PoleBundleSettings:
     #: [1] Largest ratio of the widths of poles that may be one mode. Why: poles of one mode have
     #: similar damping, a wide pole is background; a rule of thumb.
     largest_width_ratio: float = 4.0
-    #: [modes] Largest number of modes with poles for each run that replace a bundle. Why: an effort
-    #: limit.
+    #: [modes] Largest number of modes with poles for each run that replace a bundle. Effort: a rule
+    #: of thumb.
     most_modes: int = 3
     #: [widths] A run does not contain a mode if its pole is further away from the common poles.
     #: Why: beyond, the half-power bands do not overlap; a rule of thumb.
@@ -352,8 +351,8 @@ class LeaningPeakSettings:
     #: [rounds] Rounds, each with the leaning peaks and the noise of the previous one. Why: the
     #: linear fit of a leaning peak disturbs its neighbours in the first round.
     iterations: int = 2
-    #: [poles] Largest number of poles into which a linear fit splits one leaning peak. Why: an
-    #: effort limit.
+    #: [poles] Largest number of poles into which a linear fit splits one leaning peak. Effort: a
+    #: rule of thumb.
     most_poles: int = 3
 
 
@@ -472,7 +471,7 @@ class ModeReductionSettings:
     #: thumb; the error of close modes is bounded for all of them together.
     cluster_gap: float = 0.02
     #: [tries] Largest number of enrichments at a state, before modes of the full model are added.
-    #: Why: a limit of the effort.
+    #: Effort: a rule of thumb.
     most_tries: int = 8
     #: [vectors] Size above which a basis is begun anew. Why: a rule of thumb; a dense eigenproblem
     #: of this size takes about as long as that of a sparse model.

@@ -15,7 +15,7 @@ class PlanSettings:
     #: [lines] Largest number of lines. Why: the model is solved at each, and all sensitivities are
     #: in memory.
     most_lines: int = 100_000
-    #: [draws] Default number of draws of the start of the parameters. Why: limit of effort.
+    #: [draws] Default number of draws of the start of the parameters. Effort: a rule of thumb.
     starts: int = 4
     #: [draws] Largest number of draws of the start. Why: the plan is computed at each.
     most_starts: int = 1_000
@@ -51,7 +51,7 @@ class LayoutSearchSettings:
     """Numbers of the search for the best layout."""
 
     #: [references] Number of references, those with the best separate scores, from each of which a
-    #: layout is searched. Why: limit of effort.
+    #: layout is searched. Effort: a rule of thumb.
     starts: int = 6
 
 
@@ -59,22 +59,22 @@ class LayoutSearchSettings:
 class ScreeningSettings:
     """Numbers of the screening of candidates."""
 
-    #: [pairs] Number of pairs of candidates above which they are screened. Why: limit of effort.
+    #: [pairs] Number of pairs of candidates above which they are screened. Effort: a rule of thumb.
     most_pairs: int = 40_000
-    #: [lines] Number of lines at which candidates are screened. Why: limit of effort.
+    #: [lines] Number of lines at which candidates are screened. Effort: a rule of thumb.
     lines: int = 16
-    #: [DOFs] Number of translations, and of rotations, in a sample of the candidates. Why: limit of
-    #: effort.
+    #: [DOFs] Number of translations, and of rotations, in a sample of the candidates. Effort: a
+    #: rule of thumb.
     sampled_dofs: int = 40
-    #: [DOFs] Least number of kept responses. Why: limit of effort.
+    #: [DOFs] Least number of kept responses. Effort: a rule of thumb.
     least_responses: int = 96
-    #: [DOFs] Least number of kept references. Why: limit of effort.
+    #: [DOFs] Least number of kept references. Effort: a rule of thumb.
     least_references: int = 24
     #: [1] Number of kept candidates for each selected one. Why: more change the layout little (a
     #: rule of thumb).
     kept_per_selected: int = 6
-    #: [references] Number of references that each start a layout whose responses are kept. Why:
-    #: limit of effort.
+    #: [references] Number of references that each start a layout whose responses are kept. Effort:
+    #: a rule of thumb.
     layouts: int = 8
 
 
@@ -87,8 +87,8 @@ class CandidateReductionSettings:
     #: [1] Largest error, relative to the largest receptance of a line. Why: below the noise of a
     #: test; the expected results are computed with the model itself.
     most_error: float = 1e-2
-    #: [states] Least number of states of a basis, each solved at another shift. Why: limit of
-    #: effort.
+    #: [states] Least number of states of a basis, each solved at another shift. Effort: a rule of
+    #: thumb.
     least_states: int = 6
     #: [1] Shifts, in squares of the highest frequency, one for each state in turn. Why: distributed
     #: over the band (a rule of thumb).
@@ -96,12 +96,12 @@ class CandidateReductionSettings:
     #: [moments] Number of moments of the fields at a shift. Why: fields change smoothly with
     #: frequency between the shifts (a rule of thumb).
     depth: int = 4
-    #: [vectors] Number of random combinations of the responses at a shift. Why: limit of effort.
+    #: [vectors] Number of random combinations of the responses at a shift. Effort: a rule of thumb.
     combinations: int = 8
     #: [1] Square root of the share of the energy of the fields that may be dropped. Why: a
     #: hundredth of the accepted error.
     dropped_energy_root: float = 1e-4
-    #: [lines] Number of lines at which the error is certified. Why: limit of effort.
+    #: [lines] Number of lines at which the error is certified. Effort: a rule of thumb.
     certified_lines: int = 40
 
 

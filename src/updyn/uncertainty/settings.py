@@ -30,7 +30,7 @@ class BootstrapSettings:
 class PosteriorSearchSettings:
     """Numbers of the search for minima of the negative log-likelihood."""
 
-    #: [starts] Default number of random starts. Why: limit of effort; each costs a fit.
+    #: [starts] Default number of random starts. Effort: each costs a fit.
     starts: int = 8
     #: [1] Largest distance of a random start from the estimate, in logarithms of factors. Why: a
     #: factor of e, beyond the usual error of a model.
@@ -38,14 +38,14 @@ class PosteriorSearchSettings:
     #: [1] Least loss factor of every other random start. Why: more damping widens the basin of a
     #: minimum.
     inflated_loss: float = 0.1
-    #: [starts] Number of starts with exchanged parts of the structure, those of lowest cost. Why:
-    #: limit of effort.
+    #: [starts] Number of starts with exchanged parts of the structure, those of lowest cost.
+    #: Effort: a rule of thumb.
     exchanges: int = 3
     #: [1] Cost above that of the lowest minimum from which a minimum is dropped. Why: its
     #: likelihood is then 6e-6 of the largest.
     negligible_cost: float = 12.0
-    #: [steps] Largest number of steps of a descent. Why: limit of effort; descents from nearby
-    #: points take far fewer.
+    #: [steps] Largest number of steps of a descent. Effort: descents from nearby points take far
+    #: fewer.
     descent_steps: int = 60
 
 
@@ -90,7 +90,7 @@ class ProfileSettings:
     #: deviation.
     better_cost: float = 0.005
     #: [rounds] Largest number of computations of the profiles, each from the lowest minimum found.
-    #: Why: limit of effort.
+    #: Effort: a rule of thumb.
     most_rounds: int = 3
     #: [std] Distance between two points of a profile. Why: the level of a 95 % interval, at 1.96,
     #: is four points away.
@@ -98,14 +98,14 @@ class ProfileSettings:
     #: [1] Largest step, as a share of the distance between the bounds. Why: a flat profile has no
     #: other scale.
     most_step_share: float = 0.1
-    #: [points] Largest number of points on one side of a minimum. Why: limit of effort, six times
-    #: the number from bound to bound.
+    #: [points] Largest number of points on one side of a minimum. Effort: six times the number from
+    #: bound to bound.
     most_points: int = 60
     #: [halvings] Largest number of halvings of a step to a point where the model cannot be solved.
-    #: Why: limit of effort; the step is then 3 % of the first one.
+    #: Effort: the step is then 3 % of the first one.
     most_halvings: int = 5
-    #: [points] Largest number of points tried for a crossing of the level. Why: limit of effort;
-    #: bisection takes 10 for the tolerance.
+    #: [points] Largest number of points tried for a crossing of the level. Effort: bisection takes
+    #: 10 for the tolerance.
     most_crossing_points: int = 40
     #: [1] Tolerance of a crossing, as a share of the level in standard deviations. Why: the end is
     #: interpolated afterwards, and shown with three digits.
@@ -125,7 +125,7 @@ class SamplerSettings:
     #: [steps] Number of steps of warm-up, whose draws are discarded. Why: the ensembles start near
     #: the posterior (a rule of thumb).
     warm_up_steps: int = 40
-    #: [steps] Number of steps between two diagnoses. Why: limit of effort.
+    #: [steps] Number of steps between two diagnoses. Effort: a rule of thumb.
     round_steps: int = 25
     #: [1] Weight of proposals from the mixture. Why: they are independent of the walker, so that
     #: their draws are hardly correlated (a rule of thumb).
@@ -166,16 +166,16 @@ class MixtureSettings:
 class SurrogateSettings:
     """Numbers of the reduced models about an estimate."""
 
-    #: [points] Number of points at which a basis is enriched. Why: limit of effort.
+    #: [points] Number of points at which a basis is enriched. Effort: a rule of thumb.
     points: int = 4
     #: [std] Distance of these points from the estimate, for each unknown. Why: most draws are
     #: nearer.
     distance: float = 2.0
     #: [points] Number of results, those furthest from their mean, at which the error is evaluated.
-    #: Why: limit of effort.
+    #: Effort: a rule of thumb.
     checked_points: int = 4
-    #: [enrichments] Largest number of times that the basis is enriched at these points. Why: limit
-    #: of effort; the whole computation is repeated after each.
+    #: [enrichments] Largest number of times that the basis is enriched at these points. Effort: the
+    #: whole computation is repeated after each.
     most_enrichments: int = 2
 
 

@@ -28,7 +28,7 @@ class WebPageSettings:
     model_lines: int = 400
     #: [modes] Modes of the start that are shown on request. Why: a limit of time; a rule of thumb.
     shown_modes: int = 12
-    #: [modes] Modes that the address of a structure may request. Why: a limit of effort.
+    #: [modes] Modes that the address of a structure may request. Effort: a rule of thumb.
     most_modes: int = 100
     #: [files] Files in the list of the start page. Why: a page of readable length.
     listed_files: int = 200
@@ -52,9 +52,9 @@ class WebLimitSettings:
     form_bytes: int = 2**16
     #: [bytes] Largest message of a page. Why: a job file with its edits.
     message_bytes: int = 4 * 2**20
-    #: [levels] Depth of folders in which jobs and results are searched. Why: a limit of effort.
+    #: [levels] Depth of folders in which jobs and results are searched. Effort: a rule of thumb.
     folder_depth: int = 4
-    #: [folders] Folders in which jobs and results are searched. Why: a limit of effort.
+    #: [folders] Folders in which jobs and results are searched. Effort: a rule of thumb.
     most_folders: int = 2000
     #: [bytes] Largest name of a file. Why: file systems accept 255, less the part that a temporary
     #: name adds.

@@ -12,13 +12,13 @@ class PlantComparisonSettings:
     #: [lines] Lines over the band, with even spacing and with even ratios, in addition to those
     #: around modes. Why: a rule of thumb; modes have separate lines.
     spread_lines: int = 300
-    #: [modes] Largest number of modes with lines around them. Why: effort; 13 lines for each.
+    #: [modes] Largest number of modes with lines around them. Effort: 13 lines for each.
     most_modes: int = 80
     #: [half widths] Distances of lines from each mode, on both sides, in units of half its
     #: half-power width. Why: a rule of thumb.
     line_offsets: tuple[float, ...] = (0.2, 0.5, 1.0, 1.5, 3.0, 6.0)
     #: [DOFs] Number of DOFs above which the response of the model is computed with a reduced model.
-    #: Why: effort; each line needs a factorisation of the full model.
+    #: Effort: each line needs a factorisation of the full model.
     reduced_dofs: int = 20_000
     #: [1] Certified relative error of that reduced model. Why: small relative to the tolerance of a
     #: plant, 0.02.
@@ -26,8 +26,8 @@ class PlantComparisonSettings:
     #: [1] Share of its peak below which a channel is 0 in relative errors. Why: rounding of the
     #: response.
     uncoupled_share: float = 1e-10
-    #: [channels] Largest number of channels with a weight, without a servo that selects them. Why:
-    #: effort; each weight is a search over orders.
+    #: [channels] Largest number of channels with a weight, without a servo that selects them.
+    #: Effort: each weight is a search over orders.
     most_weights: int = 9
 
 
@@ -43,7 +43,7 @@ class CycleSimulationSettings:
     #: [1] Initial amplitude as a multiple of that of the cycle. Why: a rule of thumb; the
     #: simulation then shows that it converges.
     start_factor: float = 1.2
-    #: [steps] Largest number of steps. Why: effort; a rule of thumb.
+    #: [steps] Largest number of steps. Effort: a rule of thumb.
     most_steps: int = 300_000
 
 

@@ -21,8 +21,8 @@ class LoopLineSettings:
     #: [rad] Largest change of phase between neighbouring lines. Why: a crossing between two lines
     #: is certain to be found below pi / 2.
     largest_turn: float = 0.7
-    #: [lines] Number of lines above which no lines are added, and a dead time is refused. Why:
-    #: effort.
+    #: [lines] Number of lines above which no lines are added, and a dead time is refused. Effort: a
+    #: rule of thumb.
     most_lines: int = 60_000
     #: [1] Imaginary part of a loop function, as a share of its modulus, below which it is real.
     #: Why: rounding of a transfer function.
@@ -132,7 +132,7 @@ class StepResponseSettings:
     #: [intervals] Approximate least number of intervals of a record. Why: a curve without visible
     #: corners.
     least_intervals: int = 1000
-    #: [intervals] Largest number of intervals of a record. Why: effort.
+    #: [intervals] Largest number of intervals of a record. Effort: a rule of thumb.
     most_intervals: int = 20_000
     #: [intervals] Intervals per radian of the fastest contributing mode. Why: the error of cubic
     #: interpolation is then about 1e-7 of the amplitude.
@@ -151,7 +151,7 @@ class StepResponseSettings:
     returning_share: float = 1e-2
     #: [1] With exact dead time: factor by which the intervals are refined. Why: a rule of thumb.
     delay_refinement: float = 4.0
-    #: [intervals] With exact dead time: largest number of intervals. Why: effort.
+    #: [intervals] With exact dead time: largest number of intervals. Effort: a rule of thumb.
     most_delay_intervals: int = 60_000
     #: [intervals] With exact dead time: least number of intervals per dead time; below it, dead
     #: time is approximated. Why: a rule of thumb.
@@ -170,7 +170,7 @@ class WindSeriesSettings:
     #: [lines] Lines of the spectrum of the error, in addition to those of the loop. Why: a rule of
     #: thumb.
     spectrum_lines: int = 2000
-    #: [samples] Largest number of samples if the wind has no interval. Why: effort.
+    #: [samples] Largest number of samples if the wind has no interval. Effort: a rule of thumb.
     most_default_samples: int = 2**16
     #: [samples] Largest number of samples of a series. Why: memory.
     most_samples: int = 2**20

@@ -56,10 +56,10 @@ class DescentSettings:
     """Numbers of descents in sequence."""
 
     #: [descents] Largest number of times that the spread of a residual is estimated in turn with
-    #: the unknowns. Why: a limit of the effort.
+    #: the unknowns. Effort: a rule of thumb.
     most_scales: int = 8
     #: [descents] Largest number of times that undetermined combinations are pulled back towards the
-    #: start. Why: a limit of the effort.
+    #: start. Effort: a rule of thumb.
     most_pulls: int = 4
     #: [1] Cost for each value up to which a residual is rounding, so that a pull may raise it to
     #: that. Why: the square of 1e-10, a relative error some digits above the unit roundoff.
@@ -205,26 +205,26 @@ class FurtherAnswerSettings:
     #: [std] Standard deviation from which an unknown is moved alone or reset, and the share of the
     #: usual spread from which a move counts. Why: a rule of thumb; saves work for the others.
     movable_std: float = 0.05
-    #: [unknowns] Largest number of unknowns that are moved, each alone, or restarted together. Why:
-    #: a limit of the effort, two descents each.
+    #: [unknowns] Largest number of unknowns that are moved, each alone, or restarted together.
+    #: Effort: two descents each.
     most_moved: int = 6
     #: [std] Distance by which unknowns are moved, and over which valleys are followed. Why: far
     #: beyond the confidence interval that the curvature gives.
     reach_stds: float = 8.0
-    #: [restarts] Number of points at which the uncertain unknowns are drawn at random. Why: a limit
-    #: of the effort, one descent each.
+    #: [restarts] Number of points at which the uncertain unknowns are drawn at random. Effort: one
+    #: descent each.
     restarts: int = 6
-    #: [pairs] Largest number of pairs of groups that are exchanged. Why: a limit of the effort: the
-    #: pairs of twenty groups.
+    #: [pairs] Largest number of pairs of groups that are exchanged. Effort: the pairs of twenty
+    #: groups.
     most_exchanges: int = 200
     #: [points] Largest number of points that are selected because they fit fairly well before any
-    #: descent. Why: a limit of the effort, one descent each.
+    #: descent. Effort: one descent each.
     most_promising: int = 4
     #: [1] Least rise of the negative log-likelihood up to which a point fits fairly well. Why: a
     #: rule of thumb for few values; else the limit is half the number of values.
     fair_rise: float = 50.0
-    #: [searches] Largest number of searches for further answers, each around the best so far. Why:
-    #: a limit of the effort; the second one is made only if the first found a better answer.
+    #: [searches] Largest number of searches for further answers, each around the best so far.
+    #: Effort: the second one is made only if the first found a better answer.
     most_searches: int = 2
 
 
@@ -253,14 +253,14 @@ VALLEY = ValleySettings()
 class ScreenSettings:
     """Numbers of the selection of points on few lines."""
 
-    #: [lines] Least number of lines on which points are compared first. Why: a limit of the effort;
-    #: with fewer, single lines decide.
+    #: [lines] Least number of lines on which points are compared first. Effort: with fewer, single
+    #: lines decide.
     first_lines: int = 4
     #: [1] Ratio of a sum of squares to that of the answer above which a point is far off. Why: for
     #: noise of unknown size, its log-likelihood is then lower by a half for each measured number.
     far_ratio: float = math.e
-    #: [1] Share of the points kept after each piece in a ranking. Why: a limit of the effort; the
-    #: next piece has twice as many lines.
+    #: [1] Share of the points kept after each piece in a ranking. Effort: the next piece has twice
+    #: as many lines.
     kept_share: float = 0.25
     #: [values] Least number of values assumed in the limit on the sum of squares. Why: a rule of
     #: thumb; with few values or exact data, every point would be rejected.
@@ -286,26 +286,25 @@ class SearchSettings:
     #: [tries] Largest number of tries that a user may request. Why: the starts of all tries are
     #: drawn together.
     most_tries: int = 10_000
-    #: [steps] Largest number of steps of a try. Why: a limit of the effort; the best try continues.
+    #: [steps] Largest number of steps of a try. Effort: the best try continues.
     steps: int = 60
-    #: [1] Ratio of the steps of the continued best try to those of a try. Why: a limit of the
-    #: effort.
+    #: [1] Ratio of the steps of the continued best try to those of a try. Effort: a rule of thumb.
     continued_ratio: int = 5
     #: [1] Relative decrease of the cost at which a try ends. Why: a rule of thumb; a fit follows.
     negligible_decrease: float = 1e-5
     #: [tries] Number of tries without a plausible end after which a fault of the data is
     #: considered. Why: the first tries with all levels of loss factors have then failed.
     tries_before_doubt: int = 3
-    #: [rounds] Largest number of rounds of tries, each from starts farther away. Why: a limit of
-    #: the effort.
+    #: [rounds] Largest number of rounds of tries, each from starts farther away. Effort: a rule of
+    #: thumb.
     most_rounds: int = 3
     #: [1] Ratio to the least cost up to which the end of a try is fitted. Why: minima of the log
     #: error are not those of the likelihood, which decides.
     fitted_cost_ratio: float = 1.5
-    #: [ends] Largest number of ends that are fitted. Why: a limit of the effort.
+    #: [ends] Largest number of ends that are fitted. Effort: a rule of thumb.
     most_fitted: int = 4
-    #: [rounds] Largest number of rounds in which uncertain unknowns are moved after a search. Why:
-    #: a limit of the effort; the second round is made only if the first found a better minimum.
+    #: [rounds] Largest number of rounds in which uncertain unknowns are moved after a search.
+    #: Effort: the second round is made only if the first found a better minimum.
     most_escapes: int = 2
 
 
@@ -334,7 +333,7 @@ class TryStartSettings:
     #: random lines.
     band_share: float = 0.5
     #: [1] Ratio to the number of tries of the search, of tries near an end that found none better
-    #: after which they stop. Why: a limit of the effort.
+    #: after which they stop. Effort: a rule of thumb.
     nearby_ratio: int = 2
 
 
@@ -360,14 +359,14 @@ class ReducedTierSettings:
     #: [1] Smallest error that is ever requested, and share of the loudest channel below which a
     #: channel is rounding. Why: rounding of reduced models.
     finest_error: float = 1e-9
-    #: [DOFs] Largest number of DOFs without a sensor whose error is certified too. Why: a limit of
-    #: the effort; they serve the experiment advice.
+    #: [DOFs] Largest number of DOFs without a sensor whose error is certified too. Effort: they
+    #: serve the experiment advice.
     most_other_dofs: int = 200
     #: [1] Ratio of the accepted error at the start to that at the end. Why: the start serves tables
     #: and figures only.
     start_error_ratio: float = 10.0
-    #: [fits] Largest number of fits to modes until these agree with the full model. Why: a limit of
-    #: the effort; a second one is rarely needed.
+    #: [fits] Largest number of fits to modes until these agree with the full model. Effort: a
+    #: second one is rarely needed.
     most_modal_refits: int = 3
 
 
@@ -382,11 +381,11 @@ class ReducedFitSettings:
     radius: float = 0.2
     #: [1] Trust radius for loss factors that are small. Why: a rule of thumb.
     loss_radius: float = 0.05
-    #: [steps] Largest number of steps of a round that may leave the trust radius. Why: a limit of
-    #: the effort in a basis that is about to be renewed.
+    #: [steps] Largest number of steps of a round that may leave the trust radius. Effort: the basis
+    #: is about to be renewed.
     steps_per_round: int = 12
-    #: [rounds] Largest number of rounds of a fit, and of the descents from the start. Why: a limit
-    #: of the effort.
+    #: [rounds] Largest number of rounds of a fit, and of the descents from the start. Effort: a
+    #: rule of thumb.
     most_rounds: int = 12
     #: [1] Share of the log error of the round before to which a round has to lower it for the
     #: descents from the start to go on. Why: a rule of thumb; slower descents are far off.
@@ -424,7 +423,7 @@ class SearchBasisSettings:
     #: [points] Least number of points around the start that span the basis. Why: a rule of thumb.
     least_points: int = 8
     #: [points] Largest number of points around the start that span the basis; two for each factor
-    #: in between. Why: a limit of the effort.
+    #: in between. Effort: a rule of thumb.
     most_points: int = 24
     #: [points] Number of sample points whose response fields select among the vectors. Why: a rule
     #: of thumb; more than the points that span the basis, so that they show errors between these.
@@ -435,7 +434,7 @@ class SearchBasisSettings:
     #: [1] Factor on the error of these fields in the noise model of a search. Why: unlike noise,
     #: this error has a mean other than 0.
     error_ratio: float = 10.0
-    #: [lines] Largest number of lines of a search in the basis. Why: a limit of the effort.
+    #: [lines] Largest number of lines of a search in the basis. Effort: a rule of thumb.
     most_lines: int = 200
 
 
@@ -459,7 +458,7 @@ class ReducedAnswerSettings:
     #: above which a descent leads back to the answer. Why: a rule of thumb.
     quadratic_share: float = 0.5
     #: [passes] Largest number of times that a basis is enriched at one point, each time at other
-    #: lines. Why: a limit of the effort.
+    #: lines. Effort: a rule of thumb.
     most_passes: int = 6
 
 
@@ -476,9 +475,9 @@ class RegularisationSettings:
     #: [1] First and smallest strength. Why: a prior with a standard deviation of a factor of e
     #: hardly affects determined unknowns.
     weakest: float = 1.0
-    #: [fits] Largest number of fits with a new strength. Why: a limit of the effort.
+    #: [fits] Largest number of fits with a new strength. Effort: a rule of thumb.
     most_strengths: int = 8
-    #: [fits] Largest number of fits with new directions. Why: a limit of the effort.
+    #: [fits] Largest number of fits with new directions. Effort: a rule of thumb.
     most_turns: int = 4
     #: [1] Change of the logarithm of a strength below which it has settled. Why: a rule of thumb.
     settled_log: float = 0.05

@@ -32,8 +32,8 @@ class ResidualTestSettings:
     #: makes the test less sensitive to outliers. Why: 1 % of Gaussian values exceed it.
     clip_stds: float = 3.0
     #: [lines] Length of a band above which the eigenvalues of the statistic are those of the symbol
-    #: of the Toeplitz matrix, and the number of points of the symbol. Why: limit of effort; the
-    #: approximation improves with the length (Gray, 2006).
+    #: of the Toeplitz matrix, and the number of points of the symbol. Effort: the approximation
+    #: improves with the length (Gray, 2006).
     exact_eigenvalue_lines: int = 512
     #: [1] Misfit over the rms of the data below which a fit is exact and not tested. Why:
     #: resolution of files in single precision.
@@ -93,18 +93,18 @@ class ListLengthSettings:
 class ErrorSearchSettings:
     """Numbers of the search for the model error that explains a residual."""
 
-    #: [quantities] Largest number of tried quantities. Why: limit of effort.
+    #: [quantities] Largest number of tried quantities. Effort: a rule of thumb.
     most_quantities: int = 240
-    #: [sensors] Number of calibration factors above which none is tried. Why: limit of effort.
+    #: [sensors] Number of calibration factors above which none is tried. Effort: a rule of thumb.
     most_sensors: int = 80
-    #: [suspects] Largest number of quantities whose effect is confirmed by a short fit. Why: limit
-    #: of effort; the first-order score ranks them.
+    #: [suspects] Largest number of quantities whose effect is confirmed by a short fit. Effort: the
+    #: first-order score ranks them.
     most_suspects: int = 8
     #: [lines] Largest number of lines, those with the largest misfit, at which the energy of the
-    #: error is computed. Why: limit of effort.
+    #: error is computed. Effort: a rule of thumb.
     most_energy_lines: int = 60
     #: [lines] Number of lines for each one at which the energy is computed for expensive models.
-    #: Why: limit of effort.
+    #: Effort: a rule of thumb.
     lines_per_energy_line: int = 4
     #: [1] Least share of the residual that a suspect explains. Why: a quantity that explains less
     #: helps nobody to find the error (a rule of thumb).
@@ -122,10 +122,9 @@ class ErrorSearchSettings:
 class ShortFitSettings:
     """Numbers of the short fits that confirm an error; plans are in order of decreasing effort."""
 
-    #: [lines] Lines of each test, by plan. Why: limit of effort, about halved from plan to plan.
+    #: [lines] Lines of each test, by plan. Effort: about halved from plan to plan.
     lines: tuple[int, ...] = (120, 60, 30, 30, 15, 15)
-    #: [steps] Largest number of steps, by plan. Why: limit of effort, about halved from plan to
-    #: plan.
+    #: [steps] Largest number of steps, by plan. Effort: about halved from plan to plan.
     steps: tuple[int, ...] = (20, 12, 12, 6, 6, 4)
     #: [evaluations] Approximate number of evaluations of a fit, by plan. Why: most fits end before
     #: the largest number of steps.
@@ -158,16 +157,16 @@ class ShortFitSettings:
 class ExperimentAdviceSettings:
     """Numbers of the advice on further measurements."""
 
-    #: [lines] Number of candidate lines, in geometric progression over the band. Why: limit of
-    #: effort.
+    #: [lines] Number of candidate lines, in geometric progression over the band. Effort: a rule of
+    #: thumb.
     candidate_lines: int = 60
-    #: [DOFs] Largest number of candidate sensors, evenly distributed over the model. Why: limit of
-    #: effort.
+    #: [DOFs] Largest number of candidate sensors, evenly distributed over the model. Effort: a rule
+    #: of thumb.
     candidate_sensors: int = 200
-    #: [lines] Number of lines at which candidate sensors are compared. Why: limit of effort.
+    #: [lines] Number of lines at which candidate sensors are compared. Effort: a rule of thumb.
     sensor_lines: int = 20
-    #: [lines] Least number of these lines for large models. Why: limit of effort; the number grows
-    #: with that of the undetermined combinations.
+    #: [lines] Least number of these lines for large models. Effort: the number grows with that of
+    #: the undetermined combinations.
     least_sensor_lines: int = 4
     #: [1] Relative change of a measurement, for a change by a factor e along an undetermined
     #: combination, from which it determines the combination. Why: well above rounding; averages can
@@ -191,7 +190,7 @@ class EffortSettings:
     #: [DOFs] Size above which modes are not computed before a fit, and rounding is checked at one
     #: line. Why: the modes take seconds.
     most_dofs: int = 20_000
-    #: [DOFs] Largest number of measured DOFs to which the mass is reduced. Why: limit of effort.
+    #: [DOFs] Largest number of measured DOFs to which the mass is reduced. Effort: a rule of thumb.
     most_reduced_dofs: int = 300
 
 
@@ -202,7 +201,7 @@ class NearbyModelSettings:
     #: [1] Error at the estimate over the largest receptance of a line. Why: below the misfit of any
     #: test by two orders of magnitude.
     accuracy: float = 1e-4
-    #: [lines] Number of lines whose fields compress the basis. Why: limit of effort.
+    #: [lines] Number of lines whose fields compress the basis. Effort: a rule of thumb.
     basis_lines: int = 24
     #: [1] Square root of the share of the energy of the fields that a basis for several states may
     #: neglect. Why: small compared with the residual that is explained.
@@ -213,10 +212,10 @@ class NearbyModelSettings:
 class RoundingCheckSettings:
     """Numbers of the check of the rounding of responses."""
 
-    #: [lines] Number of checked lines. Why: limit of effort; rounding varies slowly with frequency.
+    #: [lines] Number of checked lines. Effort: rounding varies slowly with frequency.
     lines: int = 3
-    #: [lines] Number of lines of the data for each checked line of a larger model. Why: limit of
-    #: effort, 10 % of an evaluation.
+    #: [lines] Number of lines of the data for each checked line of a larger model. Effort: 10 % of
+    #: an evaluation.
     lines_per_check: int = 20
     #: [1] Share of a response below which rounding is negligible whatever the misfit. Why: below
     #: the resolution of any measurement.
@@ -255,10 +254,10 @@ class CounterpartSettings:
     #: with errors of 30 % in stiffness and 15 % in mass, 98 % of all modes had one.
     explained_share: float = 0.75
     #: [sensors] Number of sensors up to which all pairs are left out; with more, only pairs with
-    #: the best single one. Why: limit of effort.
+    #: the best single one. Effort: a rule of thumb.
     all_pairs_sensors: int = 12
     #: [values] Largest number of values from which modes are identified; fewer channels are used of
-    #: larger data. Why: limit of effort, 40 us for each value.
+    #: larger data. Effort: 40 us for each value.
     most_values: int = 60_000
     #: [values] Number of values of one reference above which modes are not identified. Why: it
     #: would take over 40 s.

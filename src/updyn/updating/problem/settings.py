@@ -69,8 +69,7 @@ class LineDesignSettings:
     #: selects lines on its flanks.
     least_loss_factor: float = 0.02
     #: [1] Ratio of lines to unknowns up to which lines are exchanged after the greedy selection.
-    #: Why: a limit of the effort; the first lines, selected when the information was nearly
-    #: singular, matter among few.
+    #: Effort: the first lines, selected when the information was nearly singular, matter among few.
     exchanged_ratio: int = 2
 
 
@@ -84,7 +83,7 @@ class OptimalDesignSettings:
     #: [1] Information of each scaled unknown before the first item. Why: rounding; a determinant
     #: above 0 is needed, and all items together have the information 1.
     initial_information: float = 1e-9
-    #: [exchanges] Largest number of exchanges. Why: a limit of the effort.
+    #: [exchanges] Largest number of exchanges. Effort: a rule of thumb.
     most_exchanges: int = 20
     #: [1] Smallest increase of the score (a logarithm) by an exchange. Why: rounding of the score.
     least_increase: float = 1e-6

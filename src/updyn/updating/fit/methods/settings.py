@@ -10,7 +10,7 @@ from dataclasses import dataclass
 class MaximumLikelihoodSettings:
     """Numbers of the descents of a maximum-likelihood fit."""
 
-    #: [rounds] Largest number of times that the weights are renewed. Why: a limit of the effort.
+    #: [rounds] Largest number of times that the weights are renewed. Effort: a rule of thumb.
     weight_rounds: int = 12
     #: [std] Length of the last move of the estimate above which weights and estimate have not
     #: settled. Why: a move within one standard deviation is not significant.
@@ -33,8 +33,8 @@ MAXIMUM_LIKELIHOOD = MaximumLikelihoodSettings()
 class FurtherDescentSettings:
     """Numbers of the descents from which further answers are fitted."""
 
-    #: [steps] Largest number of steps of the first descent from a further point. Why: a limit of
-    #: the effort.
+    #: [steps] Largest number of steps of the first descent from a further point. Effort: a rule of
+    #: thumb.
     most_steps: int = 40
     #: [1] Decrease of half the chi-square at which the first descent ends. Why: a fit follows if
     #: the end is promising; nearly half a standard deviation.
@@ -46,19 +46,19 @@ class FurtherDescentSettings:
     #: [1] Difference of log-likelihoods up to which two ends belong to the same answer. Why: the
     #: difference at one standard deviation.
     same_log_odds: float = 0.5
-    #: [tries] Largest number of tries near an answer. Why: a limit of the effort.
+    #: [tries] Largest number of tries near an answer. Effort: a rule of thumb.
     most_nearby_tries: int = 64
-    #: [models] Largest number of times that a descent continues in the model of its end. Why: a
-    #: limit of the effort in reduced models.
+    #: [models] Largest number of times that a descent continues in the model of its end. Effort: in
+    #: reduced models.
     most_renewals: int = 6
     #: [1] Ratio to which a better model has to lower a misfit for that to count as an error of the
     #: former model. Why: a rule of thumb.
     falling_ratio: float = 0.8
-    #: [steps] Largest number of steps of a descent along a valley. Why: a limit of the effort; each
-    #: begins near its end.
+    #: [steps] Largest number of steps of a descent along a valley. Effort: each begins near its
+    #: end.
     valley_steps: int = 12
-    #: [steps] Largest number of steps of all further descents if the run took fewer before. Why: a
-    #: limit of the effort for short runs; the others may take as many as the run.
+    #: [steps] Largest number of steps of all further descents if the run took fewer before. Effort:
+    #: short runs; the others may take as many steps as the run.
     least_limit: int = 50
 
 

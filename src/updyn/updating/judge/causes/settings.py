@@ -10,11 +10,11 @@ from dataclasses import dataclass
 class CauseSearchSettings:
     """Numbers of the search for the causes of one test."""
 
-    #: [lines] Lines of the data in the search; more lines take longer. Why: limit of effort; the
-    #: size of the likeliest fault is fitted to all lines afterwards.
+    #: [lines] Lines of the data in the search; more lines take longer. Effort: the size of the
+    #: likeliest fault is fitted to all lines afterwards.
     lines: int = 60
     #: [values] Values of the data in the search from which on it has fewer lines, down to
-    #: `fewest_lines`. Why: limit of effort; a sensor of many references has enough values.
+    #: `fewest_lines`. Effort: a sensor of many references has enough values.
     most_values: int = 20_000
     #: [lines] Least number of lines of the search. Why: a rule of thumb; delays and filters differ
     #: over the band.
@@ -22,20 +22,21 @@ class CauseSearchSettings:
     #: [lines] Lines with usable values below which a test, a sensor or a pair of FRFs is not
     #: examined. Why: fewer values determine neither a fault nor its odds (a rule of thumb).
     least_lines: int = 8
-    #: [lines] Lines on which the model is evaluated for a first look, e.g. in other units. Why:
-    #: limit of effort; the differences that count there are of orders of magnitude.
+    #: [lines] Lines on which the model is evaluated for a first look, e.g. in other units. Effort:
+    #: the differences that count there are of orders of magnitude.
     glance_lines: int = 8
     #: [faults] Largest number of faults of one test, and of wrong sensors of a rigid body. Why:
     #: more faults at a time are rare, and their combinations explain any data (a rule of thumb).
     most_faults: int = 3
-    #: [rounds] Largest number of refinements of the model for one decision. Why: limit of effort.
+    #: [rounds] Largest number of refinements of the model for one decision. Effort: a rule of
+    #: thumb.
     most_refinements: int = 3
     #: [1] Share of the previous mean square misfit above which a further fit has converged. Why: a
     #: rule of thumb.
     converged_share: float = 0.9
-    #: [rounds] Rounds in which the best fault is tried at other places. Why: limit of effort.
+    #: [rounds] Rounds in which the best fault is tried at other places. Effort: a rule of thumb.
     place_rounds: int = 3
-    #: [places] Other places from each point in one round. Why: limit of effort.
+    #: [places] Other places from each point in one round. Effort: a rule of thumb.
     next_places: int = 3
     #: [1] Ratio of mean square errors up to which the size from all lines replaces that from the
     #: lines of the search. Why: a larger error shows that all lines contradict the held quantities.
@@ -49,10 +50,10 @@ class CauseSearchSettings:
     #: [1] Ratio of the mean square misfits with and without the values of a symptom, above which
     #: the faults found do not explain the symptom. Why: a rule of thumb.
     symptom_ratio: float = 1.5
-    #: [units] Units of a model that are fitted, after a comparison on few lines. Why: limit of
-    #: effort.
+    #: [units] Units of a model that are fitted, after a comparison on few lines. Effort: a rule of
+    #: thumb.
     most_units: int = 2
-    #: [DOFs] Size of a model above which other units are not tried. Why: limit of effort.
+    #: [DOFs] Size of a model above which other units are not tried. Effort: a rule of thumb.
     largest_model: int = 20_000
     #: [causes] Other causes that the statement of a finding names. Why: length of a sentence.
     named_causes: int = 2
@@ -62,9 +63,9 @@ class CauseSearchSettings:
 class CauseCandidateSettings:
     """Numbers that choose the faults that are fitted together with all unknowns."""
 
-    #: [faults] Largest number of faults that are fitted until convergence. Why: limit of effort.
+    #: [faults] Largest number of faults that are fitted until convergence. Effort: a rule of thumb.
     most_fitted: int = 4
-    #: [faults] Largest number of faults that are tried from each point. Why: limit of effort.
+    #: [faults] Largest number of faults that are tried from each point. Effort: a rule of thumb.
     most_tried: int = 6
     #: [faults] Of these, the largest number of one kind. Why: otherwise one kind with many similar
     #: sizes and places takes all tries.
@@ -84,14 +85,15 @@ class CauseCandidateSettings:
     #: [1] Difference of the logarithm of the odds to first order within which another fault is
     #: tried after one that leaves noise only. Why: as for `least_log_odds`, far from the start.
     reach_log_odds: float = 50.0
-    #: [lines] Lines on which variants of a model are compared before any fit. Why: limit of effort.
+    #: [lines] Lines on which variants of a model are compared before any fit. Effort: a rule of
+    #: thumb.
     variant_lines: int = 20
-    #: [variants] Largest number of variants of a model that are fitted. Why: limit of effort.
+    #: [variants] Largest number of variants of a model that are fitted. Effort: a rule of thumb.
     most_variants: int = 3
-    #: [places] Largest number of other places of one sensor or one force. Why: limit of effort.
+    #: [places] Largest number of other places of one sensor or one force. Effort: a rule of thumb.
     most_places: int = 40
-    #: [sensors] Sensors whose pairs are tried for an exchange; of more, the first ones. Why: limit
-    #: of effort; 80 sensors have 3,160 pairs.
+    #: [sensors] Sensors whose pairs are tried for an exchange; of more, the first ones. Effort: 80
+    #: sensors have 3,160 pairs.
     most_swapped: int = 80
 
 
@@ -168,7 +170,8 @@ class CauseMisfitSettings:
 class HeldQuantitySettings:
     """Numbers of the quantities that are no unknowns but may be slightly wrong."""
 
-    #: [quantities] Largest number that is freed; if there are more, none is. Why: limit of effort.
+    #: [quantities] Largest number that is freed; if there are more, none is. Effort: a rule of
+    #: thumb.
     most: int = 60
     #: [1] Standard deviation of ln(stiffness) and ln(mass). Why: 5 %, for parts whose properties
     #: are taken as known (a rule of thumb).
@@ -193,14 +196,14 @@ class HeldQuantitySettings:
 class CauseTrialSettings:
     """Numbers of the short fits that compare faults."""
 
-    #: [rounds] Estimates of the size of a fault in a whole trial. Why: limit of effort.
+    #: [rounds] Estimates of the size of a fault in a whole trial. Effort: a rule of thumb.
     rounds: int = 5
-    #: [steps] Steps of each descent of a whole trial. Why: limit of effort.
+    #: [steps] Steps of each descent of a whole trial. Effort: a rule of thumb.
     steps: int = 20
     #: [rounds] Estimates of the size in a short trial. Why: it only orders the faults.
     short_rounds: int = 1
-    #: [steps] Steps of a descent in a short trial, and after each reweighting of a robust fit. Why:
-    #: limit of effort.
+    #: [steps] Steps of a descent in a short trial, and after each reweighting of a robust fit.
+    #: Effort: a rule of thumb.
     short_steps: int = 8
     #: [1] Ratio of the mean square misfit to that of a trial that leaves noise, above which a trial
     #: ends. Why: twice the noise, which further rounds do not remove (a rule of thumb).
@@ -216,7 +219,7 @@ class CauseTrialSettings:
     least_decrease: float = 1e-4
     #: [1] The same for a robust fit. Why: its end is only a starting point.
     robust_least_decrease: float = 1e-3
-    #: [rounds] Reweightings of a robust fit. Why: limit of effort.
+    #: [rounds] Reweightings of a robust fit. Effort: a rule of thumb.
     reweightings: int = 4
     #: [1] Least loss factor at the start of a descent. Why: resonances then overlap, so that a
     #: descent moves them onto those of the data.
@@ -242,7 +245,7 @@ class CauseModelSettings:
     #: [DOFs] Size above which a model is reduced. Why: smaller models are solved as fast.
     largest_whole: int = 100
     #: [points] Points about the start whose solutions form a basis, and the same number whose
-    #: solutions select from it. Why: limit of effort.
+    #: solutions select from it. Effort: a rule of thumb.
     points: int = 12
     #: [1] Root of the share of the energy that compression of a basis drops: first, and again if
     #: the basis is large. Why: the error is certified afterwards.
@@ -253,9 +256,9 @@ class CauseModelSettings:
     #: [1] Shifts of the points in turn, in squares of the highest frequency. Why: spread over the
     #: band.
     shifts: tuple[float, ...] = (0.2, 0.5, 0.8)
-    #: [moments] Moments of each point in the basis. Why: limit of effort.
+    #: [moments] Moments of each point in the basis. Effort: a rule of thumb.
     depth: int = 4
-    #: [vectors] Random combinations of the sensors at each point. Why: limit of effort.
+    #: [vectors] Random combinations of the sensors at each point. Effort: a rule of thumb.
     combinations: int = 4
     #: [1] Distance in x from a certified point within which its certificate is valid. Why: errors
     #: of a basis change little over 5 % of a stiffness (a rule of thumb).
@@ -280,8 +283,8 @@ class SupportFaultSettings:
     #: [1] Standard deviation of ln(stiffness) below which a stiffness is taken as known. Why: twice
     #: that of held quantities.
     known_std: float = 0.1
-    #: [1] First values of the remaining share of the stiffness of a missing support. Why: limit of
-    #: effort; the share is fitted from there.
+    #: [1] First values of the remaining share of the stiffness of a missing support. Effort: the
+    #: share is fitted from there.
     first_shares: tuple[float, ...] = (0.2, 0.02)
     #: [1] Remaining share of the stiffness up to which a support is reported as missing. Why: a
     #: larger share is an error of the stiffness (a rule of thumb).
@@ -309,13 +312,13 @@ class SupportFaultSettings:
 class MissingElementSettings:
     """Numbers of the search for springs, dashpots and masses that a model lacks."""
 
-    #: [elements] Elements of a kind that are fitted at a point. Why: limit of effort.
+    #: [elements] Elements of a kind that are fitted at a point. Effort: a rule of thumb.
     most: int = 4
-    #: [places] Places for comparison after a fit of one. Why: limit of effort.
+    #: [places] Places for comparison after a fit of one. Effort: a rule of thumb.
     next_places: int = 8
     #: [elements] Elements whose slopes are in memory at a time. Why: limit of memory.
     chunk: int = 256
-    #: [elements] Elements that are tried with several sizes. Why: limit of effort.
+    #: [elements] Elements that are tried with several sizes. Effort: a rule of thumb.
     most_sized: int = 24
     #: [1] Trial sizes, as the median over the lines of |D(s) h|, dynamic stiffness times
     #: flexibility. Why: a size of 1 changes the response there by its own amount.
@@ -354,7 +357,7 @@ class MissingModeSettings:
     peak_ratio: float = 3.0
     #: [1] Least log misfit (rms) at such a line. Why: smaller peaks do not affect an answer.
     least_peak: float = 0.1
-    #: [modes] Largest number of such lines. Why: limit of effort.
+    #: [modes] Largest number of such lines. Effort: a rule of thumb.
     most_peaks: int = 3
     #: [1] Distance from the mode, as a share of its frequency, of the lines that are fitted. Why:
     #: the residual is nearly constant there, except for the mode (a rule of thumb).
@@ -388,17 +391,17 @@ class MissingModeSettings:
     dominant_ratio: float = 3.0
     #: [entries] Entries of a shape that a remedy prints. Why: length of a sentence.
     named_entries: int = 12
-    #: [steps] Largest number of steps of the fit of a pole with all unknowns. Why: limit of effort,
-    #: which no test reaches: fits end earlier by `least_decrease`.
+    #: [steps] Largest number of steps of the fit of a pole with all unknowns. Effort: fits end
+    #: earlier by `least_decrease`.
     most_steps: int = 30
-    #: [steps] Largest number of steps on all lines, if they are many. Why: limit of effort, which
-    #: no test exceeds: the fit to some lines is its start, and one step ends it.
+    #: [steps] Largest number of steps on all lines, if they are many. Effort: the fit to some lines
+    #: is its start, and one step ends it.
     last_steps: int = 2
     #: [1] Relative decrease of the misfit that ends the fit. Why: changes the pole far less than
     #: its deviation.
     least_decrease: float = 1e-6
-    #: [lines] Lines near the pole that represent all of these; the same number elsewhere. Why:
-    #: limit of effort.
+    #: [lines] Lines near the pole that represent all of these; the same number elsewhere. Effort: a
+    #: rule of thumb.
     fitted_lines: int = 120
     #: [1] Distance from the pole in loss factors up to which a line is near. Why: the pole is below
     #: a tenth of its peak beyond.
@@ -507,7 +510,7 @@ class MainsHumSettings:
     #: [lines] Distance of a line from a multiple at which it is tested. Why: hum between two lines
     #: affects both.
     near: float = 0.4
-    #: [lines] Other lines for comparison. Why: limit of effort.
+    #: [lines] Other lines for comparison. Effort: a rule of thumb.
     most_compared: int = 400
     #: [1] Share of the lines with hum at which a channel is affected. Why: more than half.
     affected_share: float = 0.5
@@ -568,9 +571,10 @@ class RigidBodySettings:
     #: [1] Difference of squared deviations that a further wrong sensor has to explain. Why: odds
     #: of 1 to 1000 of a fault of a sensor.
     sensor_cost: float = 7.0
-    #: [sensors] Sensors whose combinations are examined. Why: limit of effort.
+    #: [sensors] Sensors whose combinations are examined. Effort: a rule of thumb.
     most_examined: int = 12
-    #: [sets] Sets of wrong sensors that are compared by their explanations. Why: limit of effort.
+    #: [sets] Sets of wrong sensors that are compared by their explanations. Effort: a rule of
+    #: thumb.
     most_compared: int = 10
     #: [1] Share of its deviation that the fit to all sensors leaves, up to which a sensor is not
     #: judged. Why: the others do not determine its motion.

@@ -31,7 +31,7 @@ class EstimatedNoiseSettings:
     """Numbers of the estimate of relative noise and floor from a residual."""
 
     #: [values] Largest number of values in the estimate; of more, equally spaced ones are used.
-    #: Why: a limit of the effort; they determine a standard deviation to better than 1 %.
+    #: Effort: they determine a standard deviation to better than 1 %.
     most_values: int = 20_000
     #: [points] Ratios of relative noise to floor in the search whose best point is refined. Why: a
     #: rule of thumb; the best is refined.
@@ -63,8 +63,8 @@ class LineScatterSettings:
     #: [lines] Fewest lines that distinguish noise from the shape of resonances. Why: four adjacent
     #: windows.
     least_lines: int = 20
-    #: [values] Largest number of values of a response in the estimate of its floor. Why: a limit of
-    #: the effort; they are 400 separate windows of five lines.
+    #: [values] Largest number of values of a response in the estimate of its floor. Effort: they
+    #: are 400 separate windows of five lines.
     most_response_values: int = 2_000
     #: [1] Logarithm of the odds against the common floor from which a response has its own. Why:
     #: odds of 100 to 1.
@@ -89,9 +89,9 @@ class SmoothVarianceSettings:
     #: [1] Ratio to the median of the surrounding lines above which a variance is an outlier. Why: a
     #: rule of thumb; hum exceeds it.
     outlier_ratio: float = 10.0
-    #: [iterations] Iterations of the fit of floor and relative noise. Why: a limit of the effort.
+    #: [iterations] Iterations of the fit of floor and relative noise. Effort: a rule of thumb.
     iterations: int = 100
-    #: [lines] Largest number of lines in that fit. Why: a limit of the effort.
+    #: [lines] Largest number of lines in that fit. Effort: a rule of thumb.
     most_lines: int = 400
     #: [knots] Largest number of knots along the lines. Why: noise changes slowly with frequency.
     most_knots: int = 8
@@ -127,8 +127,8 @@ class ModalSizeSettings:
     #: [residuals] Weight of the typical size of a kind in the estimate; with fewer degrees of
     #: freedom, the size is the typical one. Why: a rule of thumb.
     typical_weight: float = 2.0
-    #: [rounds] Largest number of rounds in which sizes and weights are estimated in turn. Why: a
-    #: limit of the effort.
+    #: [rounds] Largest number of rounds in which sizes and weights are estimated in turn. Effort: a
+    #: rule of thumb.
     most_rounds: int = 100
     #: [1] Relative change of a size below which it has settled. Why: far below its standard
     #: deviation.
