@@ -103,14 +103,14 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
 
 
 @pytest.fixture(autouse=True)
-def read_foreign_files_here(
-    request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def read_foreign_files_here(request: pytest.FixtureRequest) -> Iterator[None]:
     """Files of other programs are read in this process: a child takes half a second for each.
 
-    The functions and the encoding are those of the child process; `hostile` has tests of that.
+    The functions and the encoding are those of the child process; `hostile` has tests of that. Not
+    by the fixture `monkeypatch`, which would then outlive `tmp_path` in every test.
     """
     if "hostile" in request.path.parts:
+        yield
         return
 
     def load(
@@ -119,7 +119,9 @@ def read_foreign_files_here(
         found = box.load_in_process(function, path, *arguments, what=what)
         return plain.decode(memoryview(b"".join(plain.encode(found))))
 
-    monkeypatch.setattr(box, "load", load)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(box, "load", load)
+        yield
 
 
 @pytest.fixture
