@@ -16,7 +16,7 @@ from updyn.updating.fit.answers import (
     restart_uncertain_unknowns,
 )
 from updyn.updating.fit.null_space import resolve
-from updyn.updating.fit.trust_region import Outcome, _Curvature
+from updyn.updating.fit.trust_region import Outcome, TrustRegion, _Curvature
 from updyn.updating.fit.valley import Valley, find_valleys
 from updyn.updating.problem.local import Local
 from updyn.updating.problem.residuals import OutputErrorSet
@@ -239,3 +239,30 @@ def test_a_valley_is_followed_over_a_rise_of_half_the_parabola(share, end):
 @pytest.mark.parametrize(("limit", "end"), [(2.9, None), (3.1, 3.1)])
 def test_a_short_valley_is_no_other_answer(limit, end):
     assert find_end(lambda distance: 0.0, limit=limit) == end
+
+
+def test_a_valley_is_followed_in_steps_of_two_standard_deviations():
+    seen = []
+
+    def rise(distance: float) -> float:
+        seen.append(distance)
+        return 0.0
+
+    find_end(rise)
+    assert seen == [2.0, 4.0, 6.0, 8.0]
+
+
+@pytest.mark.parametrize(("share", "reason"), [(0.9e-6, "converged"), (1.1e-6, "stalled")])
+def test_a_descent_without_a_gain_has_converged_next_to_a_minimum(share, reason):
+    """No point has a lower cost; the first step is the last, with a given predicted decrease."""
+    pull, tolerance = 0.1, 1e-3
+    cost = (tolerance * pull - 0.5 * tolerance**2) / share
+
+    def evaluate(x):
+        return Local(cost * (1.0 + np.abs(x).max()), np.eye(1), np.array([pull]))
+
+    far = np.full(1, 9.0)
+    outcome = TrustRegion(tolerance=tolerance, radius=tolerance).minimise(
+        evaluate, np.zeros(1), -far, far
+    )
+    assert outcome.reason == reason

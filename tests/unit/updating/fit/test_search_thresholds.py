@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from updyn.errors import SolverError
+from updyn.updating.fit import search
 from updyn.updating.fit.methods import linear, maximum_likelihood
 from updyn.updating.fit.methods.least_squares import _note
 from updyn.updating.fit.methods.maximum_likelihood import MaximumLikelihood
@@ -143,3 +145,47 @@ def test_pieces_have_squares_of_the_larger_response():
     part = SimpleNamespace(frf=SimpleNamespace(values=np.ones((1, 1, 1))))
     piece = _Piece(part, np.ones((1, 1, 1), dtype=complex), np.full((1, 1, 1), 10.0))
     assert piece.squared_error(np.full((1, 1, 1), 2.0 + 0.0j)) == pytest.approx(25.0)
+
+
+@pytest.mark.parametrize(("halvings", "is_found"), [(20, True), (21, False)])
+def test_a_step_is_halved_twenty_times(monkeypatch, halvings, is_found):
+    monkeypatch.setattr(linear, "_apply_step", lambda problem, x, moved, *about: moved)
+    longest = 1000.0 * 0.5**halvings
+
+    def evaluate(x):
+        return Local(0.5 if np.abs(x).max() <= longest else 2.0, np.eye(1), np.zeros(1))
+
+    problem = SimpleNamespace(coordinates=SimpleNamespace(to_x=lambda values: values))
+    step = linear.PlainIteration(100, 1e-6, halving=True)
+    current = Local(1.0, np.eye(1), np.zeros(1))
+    found = step.next_point(problem, evaluate, np.zeros(1), np.full(1, 1000.0), current, 1)
+    assert (found is not None) == is_found
+
+
+def searched(n: int = 2) -> SimpleNamespace:
+    """A problem of one factor and loss factors, of 60 lines with one value each."""
+    freq = np.arange(60.0)
+    frf = SimpleNamespace(freq=freq, select=lambda lines: SimpleNamespace(freq=lines))
+    return SimpleNamespace(
+        n=n,
+        parts=[_Lines(60, 60, frf)],
+        with_parts=lambda parts: parts,
+        coordinates=SimpleNamespace(
+            start=np.full(n, 0.05),
+            bounds=(np.full(n, -9.0), np.full(n, 9.0)),
+            parameters=SimpleNamespace(is_factor=np.arange(n) == 0),
+        ),
+    )
+
+
+@dataclass(frozen=True)
+class _Lines:
+    n_values: int
+    n_lines: int
+    frf: SimpleNamespace
+
+
+@pytest.mark.parametrize(("number", "n_lines"), [(0, 30), (1, 20)])
+def test_a_try_near_an_end_has_half_the_lines_or_a_third(number, n_lines):
+    (part,) = search._select_some_lines(searched(), number, 0)
+    assert len(part.frf.freq) == n_lines
