@@ -44,7 +44,7 @@ class CurvatureSettings:
     #: model. Why: rounding of a cost summed over many values.
     rounding_share: float = 1e-12
     #: [1] Smallest cosine between a step and the missing change of the gradient for an update.
-    #: Why: the usual safeguard of the symmetric rank-one update (Conn, Gould & Toint, 1991).
+    #: Rounding: the usual safeguard of the symmetric rank-one update (Conn, Gould & Toint, 1991).
     least_cosine: float = 1e-8
 
 
@@ -62,7 +62,7 @@ class DescentSettings:
     #: start. Effort: a rule of thumb.
     most_pulls: int = 4
     #: [1] Cost for each value up to which a residual is rounding, so that a pull may raise it to
-    #: that. Why: the square of 1e-10, a relative error some digits above the unit roundoff.
+    #: that. Rounding: the square of 1e-10, a relative error some digits above the unit roundoff.
     exact_cost: float = 1e-20
     #: [1] Change of each unknown from its start if the model is singular there. Why: moves natural
     #: frequencies off a line, and is far below the errors of a start.
@@ -77,8 +77,8 @@ class CheckpointSettings:
     """Numbers of a file of evaluations."""
 
     #: [s] Interval between calls of fsync; a loss of power costs the evaluations since the last.
-    #: Why: a rule of thumb; an evaluation may take less time than fsync, and the end of the process
-    #: loses nothing.
+    #: Effort: a rule of thumb; an evaluation may take less time than fsync, and the end of the
+    #: process loses nothing.
     sync_interval_s: float = 1.0
 
 
@@ -99,11 +99,11 @@ class NullSpaceSettings:
     #: standard deviation of a prior may equal the limit; the computed one then differs from it by
     #: the rounding of a singular value decomposition.
     std_rounding: float = 1e-9
-    #: [1/std] Inverse of a standard deviation below which there is no information. Why: keeps the
-    #: covariance finite; a standard deviation of 1e9 is far above any of interest.
+    #: [1/std] Inverse of a standard deviation below which there is no information. Rounding: keeps
+    #: the covariance finite; a standard deviation of 1e9 is far above any of interest.
     blind_inverse_std: float = 1e-9
-    #: [std] Limit to which the standard deviation of a direction is reduced. Why: beyond it, the
-    #: rounding of a singular value decomposition would hide standard deviations of order one.
+    #: [std] Limit to which the standard deviation of a direction is reduced. Rounding: beyond it,
+    #: the rounding of a singular value decomposition would hide standard deviations of order one.
     largest_std: float = 1e12
     #: [1] Weight of an unknown in a direction of unit length up to which it takes no part in it.
     #: Why: a rule of thumb; a change by a factor of e along the direction changes it by 0.1 %.
@@ -290,7 +290,8 @@ class SearchSettings:
     steps: int = 60
     #: [1] Ratio of the steps of the continued best try to those of a try. Effort: a rule of thumb.
     continued_ratio: int = 5
-    #: [1] Relative decrease of the cost at which a try ends. Why: a rule of thumb; a fit follows.
+    #: [1] Relative decrease of the cost at which a try ends. Effort: a rule of thumb; a fit
+    #: follows.
     negligible_decrease: float = 1e-5
     #: [tries] Number of tries without a plausible end after which a fault of the data is
     #: considered. Why: the first tries with all levels of loss factors have then failed.
@@ -469,8 +470,8 @@ REDUCED_ANSWERS = ReducedAnswerSettings()
 class RegularisationSettings:
     """Numbers of the choice of a regularisation."""
 
-    #: [points] Number of strengths on the logarithmic grid whose best point is refined. Why: a rule
-    #: of thumb; the best is refined.
+    #: [points] Number of strengths on the logarithmic grid whose best point is refined. Effort: a
+    #: rule of thumb; the best is refined.
     grid_points: int = 400
     #: [1] First and smallest strength. Why: a prior with a standard deviation of a factor of e
     #: hardly affects determined unknowns.

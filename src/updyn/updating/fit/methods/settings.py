@@ -94,8 +94,8 @@ class LinearStepSettings:
     #: [halvings] Largest number of times that a step is halved. Why: a millionth of a step is
     #: rounding.
     most_halvings: int = 20
-    #: [1] Relative difference of lengths up to which columns are equally long. Why: rounding, which
-    #: differs between processors.
+    #: [1] Relative difference of lengths up to which columns are equally long. Rounding: rounding,
+    #: which differs between processors.
     tie_share: float = 1e-6
 
 
@@ -107,7 +107,8 @@ class SandwichSettings:
     """Numbers of the covariance of a fit whose weights are not those of the noise."""
 
     #: [1] Ratio to the rank tolerance of the singular value below which a direction is hardly
-    #: determined and keeps its length in the Jacobian. Why: a rule of thumb for rounding.
+    #: determined and keeps its length in the Jacobian. Rounding: both limits are far below any
+    #: determined direction.
     clear_ratio: float = 10.0
     #: [1] Ratio of noise to |H| above which curvature biases the logarithm of a value. Why: a rule
     #: of thumb.
