@@ -262,7 +262,6 @@ def test_a_run_that_is_resumed_after_its_end_solves_nothing_and_answers_the_same
     assert path.stat().st_size == size
 
 
-@pytest.mark.usefixtures("no_causes")
 @pytest.mark.parametrize(("method", "options"), METHODS)
 def test_a_run_that_broke_off_anywhere_goes_on_to_the_same_answer(
     chain12, data, unknowns, tmp_path, method, options
@@ -299,7 +298,6 @@ def test_a_stopped_run_goes_on_to_the_same_answer(chain12, data, unknowns, tmp_p
         assert outcome(found) == outcome(full)
 
 
-@pytest.mark.usefixtures("no_causes")
 def test_more_steps_than_were_allowed_at_first(chain12, data, unknowns, tmp_path, evaluated):
     path = tmp_path / "run.journal"
     options = {"method": "output-error", "tolerance": 1e-12}
@@ -350,7 +348,6 @@ def test_everything_that_decides_the_answer_is_looked_at(chain12, data, unknowns
             updyn.update(**arguments, checkpoint=path, resume=True)
 
 
-@pytest.mark.usefixtures("no_causes")
 def test_where_there_is_no_file_the_run_begins_anew_and_says_so(
     chain12, data, unknowns, tmp_path, evaluated
 ):

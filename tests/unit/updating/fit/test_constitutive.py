@@ -198,7 +198,6 @@ def test_several_tests_at_once(chain12, chain12_true):
     assert result.values["part3.stiffness"] == pytest.approx(1.0 / 1.15)
 
 
-@pytest.mark.usefixtures("no_causes")
 def test_priors_count(chain12_true):
     sensors = [f"{i}:X" for i in (2, 5, 12)]
     start = chain12_true.scaled({"part1": {"stiffness": 0.9}})

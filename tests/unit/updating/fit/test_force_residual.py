@@ -12,8 +12,6 @@ from updyn.updating.problem.problem import FRFPart
 from updyn.updating.problem.residuals import reduce_cached
 
 #: Its fits have a residual on purpose, whose causes other tests seek.
-pytestmark = pytest.mark.usefixtures("no_causes")
-
 RNG = np.random.default_rng
 
 

@@ -249,7 +249,6 @@ def test_priors_are_refused_by_plain_iterations(chain12, full, name):
         updyn.update(chain12, full, unknowns, method=name)
 
 
-@pytest.mark.usefixtures("no_causes")
 def test_the_trust_region_takes_priors_and_bounds(chain12, full):
     unknowns = updyn.parameters(
         chain12,
@@ -396,7 +395,6 @@ def test_every_step_is_in_the_history_and_the_cost_falls_to_rounding(close, full
     assert result.values["part1.stiffness"] == pytest.approx(1 / 1.003, rel=1e-8)
 
 
-@pytest.mark.usefixtures("no_causes")
 @pytest.mark.parametrize("name", NAMES)
 def test_few_steps_and_a_wish_to_stop(close, full, name):
     short = run(close, full, name, max_iterations=0)
@@ -408,7 +406,6 @@ def test_few_steps_and_a_wish_to_stop(close, full, name):
     assert len(stopped.history) <= 2
 
 
-@pytest.mark.usefixtures("no_causes")
 @pytest.mark.parametrize("name", NAMES)
 def test_a_run_is_resumed_to_the_same_answer(close, full, add_noise, tmp_path, name):
     data, path = add_noise(full, np.random.default_rng(3), 0.001), tmp_path / "run.journal"
@@ -422,7 +419,6 @@ def test_a_run_is_resumed_to_the_same_answer(close, full, add_noise, tmp_path, n
 
 
 # -- what must not matter --------------------------------------------------------------------------------------------
-@pytest.mark.usefixtures("no_causes")
 @pytest.mark.parametrize("name", NAMES)
 def test_tier_quantity_and_signs_do_not_matter(close, full, add_noise, name):
     data = add_noise(full, np.random.default_rng(3), 0.002)

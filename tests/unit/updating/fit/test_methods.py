@@ -179,7 +179,6 @@ def test_every_method_recovers_the_chain_from_exact_data(chain12, chain12_true, 
     )
 
 
-@pytest.mark.usefixtures("no_causes")
 @pytest.mark.parametrize("name", ["log", "output-error", "equation-error"])
 def test_quantity_of_the_data_does_not_matter(chain12, chain12_frf, add_noise, name):
     """Log residuals and equation errors are the same numbers for receptance and accelerance; output errors are not."""
@@ -202,7 +201,6 @@ def test_quantity_of_the_data_does_not_matter(chain12, chain12_frf, add_noise, n
         )
 
 
-@pytest.mark.usefixtures("no_causes")
 def test_signs_of_sensors_do_not_matter(chain12, chain12_frf, add_noise):
     data = add_noise(chain12_frf, np.random.default_rng(1), 0.01)
     turned = data.select(
@@ -235,7 +233,6 @@ def test_unit_of_length_does_not_matter(mixed_model, add_noise, name):
 
 
 # -- priors ----------------------------------------------------------------------------------------------------------
-@pytest.mark.usefixtures("no_causes")
 @pytest.mark.parametrize("name", GENERAL)
 def test_wide_prior_hardly_moves_what_the_data_know(chain12, chain12_frf, add_noise, name):
     """Data know the chain to 0.1-1 %; a prior of 30 % weighs 1e-3 of that, whatever unit the residual has."""

@@ -3,6 +3,7 @@
 import importlib.util
 import sys
 from dataclasses import dataclass
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ import updyn
 from places import ROOT
 from updyn.errors import OptionError
 from updyn.store.result import result_to_json
+from updyn.updating.fit import regularisation
 from updyn.updating.fit.method import Fit, descend
 from updyn.updating.fit.methods import methods_with
 from updyn.updating.fit.monitor import Monitor
@@ -420,3 +422,37 @@ def test_what_cannot_be_regularised_is_refused_before_the_search(chain12, chain1
     unknowns = updyn.parameters(chain12, stiffness="all")
     with pytest.raises(OptionError, match="expected at most 4 directions"):
         updyn.update(chain12, chain12_frf, unknowns, regularise="tsvd:9", callback=never)
+
+
+# -- thresholds ------------------------------------------------------------------------------------
+def test_strengths_range_from_one_to_the_largest_singular_value():
+    """By a factor of ten at least."""
+    for largest, high in ((100.0, 100.0), (5.0, 10.0)):
+        assert regularisation._strength_range(SimpleNamespace(s=[largest])) == (1.0, high)
+
+
+@pytest.mark.parametrize(("cosine", "is_same"), [(0.99991, True), (0.99989, False)])
+def test_directions_span_the_same_space_within_an_angle(cosine, is_same):
+    before, now = np.array([[1.0], [0.0]]), np.array([[cosine], [np.sqrt(1.0 - cosine**2)]])
+    assert regularisation._span_same_space(before, now) == is_same
+
+
+@pytest.mark.parametrize(("change", "number"), [(0.049, 1), (0.051, 2)])
+def test_a_strength_has_settled_within_five_percent(monkeypatch, change, number):
+    """The criterion wants the same strength in every round."""
+    run = regularisation._RegularisedFits(None, None, None, np.ones(1, dtype=bool))
+    fit = Fit(np.zeros(1), "converged", np.eye(1), ())
+    for name, value in {
+        "_fit_with_prior": fit,
+        "_fix_noise": (),
+        "_set_unit": run,
+        "_spectrum": SimpleNamespace(s=[100.0]),
+    }.items():
+        monkeypatch.setattr(type(run), name, lambda self, *about, v=value: v)
+    monkeypatch.setattr(type(run), "_tikhonov", lambda self, *about: about)
+    monkeypatch.setattr(regularisation, "_has_failed", lambda fit: False)
+    monkeypatch.setattr(regularisation, "_inflation", lambda fit: 1.0)
+    monkeypatch.setitem(regularisation._STRENGTHS, "gcv", lambda *about: float(np.exp(change)))
+    *_, tried, settled = run.fit_chosen_strength((), np.zeros(1), "gcv")
+    assert settled
+    assert len(tried) == number

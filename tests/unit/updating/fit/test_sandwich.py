@@ -55,7 +55,6 @@ def test_weights_that_match_give_what_they_gave(chain12_task, add_noise):
     assert scale**2 * found.R.T @ found.R == pytest.approx(local.R.T @ local.R, rel=1e-6, abs=1e-8)
 
 
-@pytest.mark.usefixtures("no_causes")
 @pytest.mark.parametrize(
     ("method", "relative", "floor"),
     [
@@ -128,3 +127,13 @@ def test_open_combinations_stay_open(chain12, chain12_frf, add_noise):
         result = updyn.update(chain12, few, unknowns, method=method)
         assert result.identifiability.rank <= 6
         assert np.isinf(list(result.std.values())).any()
+
+
+@pytest.mark.parametrize(("relative", "has_note"), [(0.49, False), (0.51, True)])
+def test_noise_of_half_the_values_has_a_note(chain12_task, relative, has_note):
+    start, data, unknowns, truth = chain12_task
+    problem = Problem.of([FRFPart.build(start, data, unknowns)])
+    x = problem.parts[0].coordinates.to_x(truth)
+    local = LogError().local(problem, x)
+    found = sandwich(problem, LogError(), local, x, [Stated(relative, 0.0)])
+    assert bool(found.note) == has_note

@@ -93,7 +93,6 @@ def worst_stiffness(found, gear_train):
     )
 
 
-@pytest.mark.usefixtures("no_causes")
 @pytest.mark.parametrize("seed", [100, 101, 107, 112])
 def test_default_method_recovers_the_gear_train_from_random_starts(gear_train, seed):
     start, data, unknowns = random_gear_train(gear_train, seed)
@@ -106,7 +105,6 @@ def test_default_method_recovers_the_gear_train_from_random_starts(gear_train, s
         assert found.model.group(name).loss_factor == pytest.approx(group.loss_factor, abs=1e-6)
 
 
-@pytest.mark.usefixtures("no_causes")
 @pytest.mark.parametrize("seed", [107, 112])
 def test_search_finds_what_a_single_descent_misses(gear_train, seed):
     """Both starts lead a single descent into a minimum with a misfit of 0.3 % and stiffness off by 20 to 35 %."""
@@ -343,7 +341,6 @@ def test_all_resonances_off_by_many_times_their_width(chain12, factor):
     assert found == pytest.approx(np.full(4, -np.log(factor)), abs=1e-6)
 
 
-@pytest.mark.usefixtures("no_causes")
 @pytest.mark.parametrize("method", ["maximum-likelihood", "log"])
 def test_without_a_step_the_start_is_returned(chain12_task, method):
     """Tries of a search would end where they begin: points that were scattered, loss factors that were inflated."""

@@ -189,3 +189,50 @@ class _Lines:
 def test_a_try_near_an_end_has_half_the_lines_or_a_third(number, n_lines):
     (part,) = search._select_some_lines(searched(), number, 0)
     assert len(part.frf.freq) == n_lines
+
+
+def tries_near(monkeypatch, problem, x: np.ndarray, numbers, **options) -> np.ndarray:
+    """Return the points, shape (numbers, n), at which tries near x begin on the usual lines."""
+    starts = []
+    monkeypatch.setattr(
+        Search, "_try_from", lambda self, problem, lines, start, monitor: starts.append(start)
+    )
+    for number in numbers:
+        Search(**options)._try_nearby(problem, problem, x, 2 * number, None)
+    return np.array(starts)
+
+
+def test_tries_near_an_end_begin_at_a_tenth_and_two_tenths(monkeypatch):
+    """Factors in turn; loss factors within 0.02. No unknown is far from its start."""
+    problem = searched()
+    x = problem.coordinates.start
+    starts = tries_near(monkeypatch, problem, x, range(200), inflate=False)
+    for turn, far in ((0, 0.1), (1, 0.2)):
+        moved = np.abs(starts[turn::2] - x).max(axis=0)
+        assert (moved <= [far, 0.02]).all()
+        assert (moved > [0.95 * far, 0.019]).all()
+
+
+@pytest.mark.parametrize(("distance", "is_far"), [(0.9, False), (1.1, True)])
+def test_every_third_try_resets_an_unknown_that_is_far_from_its_start(
+    monkeypatch, distance, is_far
+):
+    """Farther than 0.1 in the logarithm of a factor, or 0.02 of a loss factor."""
+    problem = searched()
+    home = problem.coordinates.start
+
+    def with_coordinate(x, i, value):
+        return np.where(np.arange(len(x)) == i, value, x)
+
+    problem.coordinates.with_coordinate = with_coordinate
+    for i, unit in ((0, 0.1), (1, 0.02)):
+        x = home.copy()
+        x[i] += distance * unit
+        starts = tries_near(monkeypatch, problem, x, range(9), inflate=False)
+        is_reset = (starts == home).all(axis=1)
+        assert is_reset.tolist() == ([False, False, is_far] * 3)
+
+
+def test_the_first_tries_have_three_levels_of_loss_factors():
+    starts = list(Search(starts=3)._draw_starts(searched()))
+    assert [float(x[1]) for x in starts] == [0.3, 0.1, 1.0]
