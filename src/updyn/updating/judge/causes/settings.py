@@ -55,7 +55,7 @@ class CauseSearchSettings:
     most_units: int = 2
     #: [DOFs] Size of a model above which other units are not tried. Effort: a rule of thumb.
     largest_model: int = 20_000
-    #: [causes] Other causes that the statement of a finding names. Why: length of a sentence.
+    #: [causes] Other causes that the statement of a finding names. Drawing: length of a sentence.
     named_causes: int = 2
 
 
@@ -153,13 +153,13 @@ class CauseMisfitSettings:
     #: joints (a rule of thumb).
     loss_std: float = 0.2
     #: [1] Share of an effect that others do not produce, up to which it depends on them: of faults,
-    #: unknowns and rigid-body shapes. Why: rounding of normal equations.
+    #: unknowns and rigid-body shapes. Rounding: rounding of normal equations.
     dependent_share: float = 1e-6
-    #: [1] Largest entry of the normal equations, in which the prior is 1. Why: above it, rounding
-    #: hides the prior, e.g. at an undamped resonance on a line.
+    #: [1] Largest entry of the normal equations, in which the prior is 1. Rounding: above it,
+    #: rounding hides the prior, e.g. at an undamped resonance on a line.
     largest_entry: float = 1e12
-    #: [1] Relative step in frequency for derivatives. Why: truncation and rounding are equal about
-    #: the cube root of the rounding error.
+    #: [1] Relative step in frequency for derivatives. Rounding: truncation and rounding are equal
+    #: about the cube root of the rounding error.
     frequency_step: float = 1e-5
     #: [1] Frequency that replaces 0 Hz, as a share of the lowest other line. Why: a mobility has no
     #: logarithm at 0 Hz, where it is zero.
@@ -185,10 +185,10 @@ class HeldQuantitySettings:
     #: [1] Possible errors, as shares of these standard deviations; the evidence uses the best. Why:
     #: 0.1 % to 5 % in steps of about three.
     std_shares: tuple[float, ...] = (0.02, 0.1, 0.3, 1.0)
-    #: [1] Standard deviation of the log misfit (rms) due to a fault. Why: so large that it has no
-    #: effect on the size.
+    #: [1] Standard deviation of the log misfit (rms) due to a fault. Rounding: so large that it has
+    #: no effect on the size.
     fault_std: float = 10.0
-    #: [steps] Iterations for the level of the residual. Why: it changes little after three.
+    #: [steps] Iterations for the level of the residual. Effort: it changes little after three.
     level_steps: int = 3
 
 
@@ -200,24 +200,24 @@ class CauseTrialSettings:
     rounds: int = 5
     #: [steps] Steps of each descent of a whole trial. Effort: a rule of thumb.
     steps: int = 20
-    #: [rounds] Estimates of the size in a short trial. Why: it only orders the faults.
+    #: [rounds] Estimates of the size in a short trial. Effort: it only orders the faults.
     short_rounds: int = 1
     #: [steps] Steps of a descent in a short trial, and after each reweighting of a robust fit.
     #: Effort: a rule of thumb.
     short_steps: int = 8
     #: [1] Ratio of the mean square misfit to that of a trial that leaves noise, above which a trial
-    #: ends. Why: twice the noise, which further rounds do not remove (a rule of thumb).
+    #: ends. Effort: twice the noise, which further rounds do not remove (a rule of thumb).
     hopeless_ratio: float = 4.0
-    #: [1] Relative change of a size below which it has converged. Why: far below its deviation.
+    #: [1] Relative change of a size below which it has converged. Effort: far below its deviation.
     size_change: float = 1e-3
-    #: [1] Tolerance of a descent, relative. Why: faults are compared by much larger differences.
+    #: [1] Tolerance of a descent, relative. Effort: faults are compared by much larger differences.
     tolerance: float = 1e-6
-    #: [1] First radius of a descent, in ln(factor). Why: steps of a third are nearly linear.
+    #: [1] First radius of a descent, in ln(factor). Effort: steps of a third are nearly linear.
     radius: float = 0.3
-    #: [1] Predicted decrease of the cost, relative, below which a descent ends. Why: it changes
+    #: [1] Predicted decrease of the cost, relative, below which a descent ends. Effort: it changes
     #: log odds by little.
     least_decrease: float = 1e-4
-    #: [1] The same for a robust fit. Why: its end is only a starting point.
+    #: [1] The same for a robust fit. Effort: its end is only a starting point.
     robust_least_decrease: float = 1e-3
     #: [rounds] Reweightings of a robust fit. Effort: a rule of thumb.
     reweightings: int = 4
@@ -248,13 +248,13 @@ class CauseModelSettings:
     #: solutions select from it. Effort: a rule of thumb.
     points: int = 12
     #: [1] Root of the share of the energy that compression of a basis drops: first, and again if
-    #: the basis is large. Why: the error is certified afterwards.
+    #: the basis is large. Effort: the error is certified afterwards.
     dropped: tuple[float, ...] = (1e-4, 1e-2)
-    #: [vectors] Size of a basis above which it is compressed once more. Why: effort grows with the
+    #: [vectors] Size of a basis above which it is compressed once more. Effort: it grows with the
     #: cube of the size.
     large_basis: int = 150
-    #: [1] Shifts of the points in turn, in squares of the highest frequency. Why: spread over the
-    #: band.
+    #: [1] Shifts of the points in turn, in squares of the highest frequency. Effort: spread over
+    #: the band; the error is certified afterwards.
     shifts: tuple[float, ...] = (0.2, 0.5, 0.8)
     #: [moments] Moments of each point in the basis. Effort: a rule of thumb.
     depth: int = 4
@@ -267,9 +267,11 @@ class CauseModelSettings:
     #: Why: below the noise of tests; the error counts as noise.
     accuracy: float = 1e-3
     #: [1] Logarithms of the remaining stiffness of a spring to the ground at points of the basis
-    #: without this support. Why: a fifth and a fiftieth, the first values of a trial.
+    #: without this support. Effort: a fifth and a fiftieth, the first values of a trial; the error
+    #: is certified afterwards.
     loose: tuple[float, ...] = (-1.5, -4.0)
-    #: [1] Largest loss factor of the points. Why: range of structures (a rule of thumb).
+    #: [1] Largest loss factor of the points. Effort: range of structures (a rule of thumb); the
+    #: error is certified afterwards.
     most_loss: float = 0.3
 
 
@@ -278,7 +280,7 @@ class SupportFaultSettings:
     """Numbers of supports: of the model, of the structure, and of a suspension."""
 
     #: [1] Force of a rigid translation over the largest stiffness, up to which a group resists no
-    #: translation. Why: rounding of matrices from files with seven digits.
+    #: translation. Rounding: rounding of matrices from files with seven digits.
     rounding: float = 1e-6
     #: [1] Standard deviation of ln(stiffness) below which a stiffness is taken as known. Why: twice
     #: that of held quantities.
@@ -294,14 +296,14 @@ class SupportFaultSettings:
     #: [1] Prior standard deviation of the logarithm of that share. Why: so large that it has no
     #: effect.
     share_std: float = 5.0
-    #: [1] Step of that logarithm for derivatives. Why: truncation far below the effect.
+    #: [1] Step of that logarithm for derivatives. Rounding: truncation far below the effect.
     share_step: float = 1e-3
     #: [1] First frequencies of a suspension as shares of the lowest line. Why: rigid-body modes are
     #: below or about the first lines.
     low_shares: tuple[float, ...] = (0.4, 1.1, 3.0)
     #: [1] The same as shares of the highest line. Why: a stiffer support.
     high_shares: tuple[float, ...] = (0.13, 0.4)
-    #: [1] Relative step of the frequency of a suspension for derivatives. Why: truncation and
+    #: [1] Relative step of the frequency of a suspension for derivatives. Rounding: truncation and
     #: rounding are both far below the effect.
     frequency_step: float = 1e-4
     #: [1] Loss factor of a suspension. Why: foam and rubber cords.
@@ -316,16 +318,18 @@ class MissingElementSettings:
     most: int = 4
     #: [places] Places for comparison after a fit of one. Effort: a rule of thumb.
     next_places: int = 8
-    #: [elements] Elements whose slopes are in memory at a time. Why: limit of memory.
+    #: [elements] Elements whose slopes are in memory at a time. Effort: limit of memory.
     chunk: int = 256
     #: [elements] Elements that are tried with several sizes. Effort: a rule of thumb.
     most_sized: int = 24
     #: [1] Trial sizes, as the median over the lines of |D(s) h|, dynamic stiffness times
-    #: flexibility. Why: a size of 1 changes the response there by its own amount.
+    #: flexibility. Effort: a size of 1 changes the response there by its own amount; the best is
+    #: fitted.
     sizes: tuple[float, ...] = (0.0, 0.1, 0.5, 2.5)
-    #: [1] Largest decrease of a size above 0 in one step, as a share of it. Why: it stays positive.
+    #: [1] Largest decrease of a size above 0 in one step, as a share of it. Effort: it stays
+    #: positive.
     most_decrease: float = 0.9
-    #: [1] Largest increase, as a share of it. Why: up to about the next trial size.
+    #: [1] Largest increase, as a share of it. Effort: up to about the next trial size.
     most_increase: float = 3.0
 
 
@@ -336,10 +340,11 @@ class LossExponentSettings:
     #: [1] Largest exponent. Why: a spring with a parallel dashpot has 1 (Kelvin-Voigt), with one in
     #: series -1 (Maxwell); the margin is for the error of an estimate.
     most: float = 1.5
-    #: [1] First exponent with a varying storage modulus. Why: with 0 it is not the model itself.
+    #: [1] First exponent with a varying storage modulus. Effort: with 0 it is not the model itself;
+    #: the exponent is fitted.
     first: float = 0.3
-    #: [1] Step of the exponent for derivatives. Why: truncation and rounding are both far below the
-    #: effect.
+    #: [1] Step of the exponent for derivatives. Rounding: truncation and rounding are both far
+    #: below the effect.
     step: float = 1e-4
     #: [lines] Frequencies in the loss table of the remedy. Why: linear interpolation over two
     #: decades is within 4 % of f^0.5 and of f^-0.5.
