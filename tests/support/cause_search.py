@@ -1,4 +1,4 @@
-"""Fits without a search for the causes of their residual after it, which takes seconds each."""
+"""Fits without a search for the causes of their residual, which takes seconds each."""
 
 from __future__ import annotations
 
@@ -14,5 +14,13 @@ from updyn.updating.judge.causes.of_run import Causes, CauseSearch
 def no_cause_search() -> Iterator[None]:
     """Let fits end without findings: for tests of something else with a residual on purpose."""
     with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(CauseSearch, "detect_data_fault", lambda self, monitor: False)
         patch.setattr(CauseSearch, "search_after_fit", lambda self, found, monitor: Causes())
+        yield
+
+
+@pytest.fixture(autouse=True, scope="module")
+def no_causes_in_folder() -> Iterator[None]:
+    """Let no fit search for causes; the conftest of a folder whose tests check none imports it."""
+    with no_cause_search():
         yield

@@ -22,7 +22,8 @@ def ran(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, int, str]:
     with pytest.MonkeyPatch.context() as patch:
         said: list[str] = []
         patch.setattr("updyn.cli.commands.print_text", said.append)
-        code = main(["demo", "--out", str(folder)])
+        with no_cause_search():  # `updating/judge/causes/test_measured_beam.py` has tests of it
+            code = main(["demo", "--out", str(folder)])
     return folder, code, "\n".join(said)
 
 
