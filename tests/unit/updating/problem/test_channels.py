@@ -9,8 +9,6 @@ from updyn.updating.problem.problem import FRFPart
 from updyn.updating.result import estimated_gains
 
 #: Its fits have a residual on purpose, whose causes other tests seek.
-pytestmark = pytest.mark.usefixtures("no_causes")
-
 FREQ = np.linspace(1.0, 40.0, 60)
 
 

@@ -16,8 +16,6 @@ from updyn.updating.problem.noise import (
 )
 
 #: Its fits have a residual on purpose, whose causes other tests seek.
-pytestmark = pytest.mark.usefixtures("no_causes")
-
 RNG = np.random.default_rng
 BY_CHANNEL = "estimated-by-channel"
 

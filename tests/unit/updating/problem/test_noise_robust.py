@@ -167,7 +167,6 @@ def fitted(task, noise, hit, draws):
     return np.array(errors), np.array(stds), lines
 
 
-@pytest.mark.usefixtures("no_causes")
 @pytest.mark.parametrize("noise", [{}, {"relative": 0.02}], ids=["estimated", "stated"])
 def test_outlier_lines_do_not_spoil_the_fit(chain12_task, noise):
     """One line in twenty has 30 times the noise."""
@@ -191,7 +190,6 @@ def test_outlier_lines_do_not_spoil_the_fit(chain12_task, noise):
     assert np.median(clean_std[:2] / plain_std) < 1.06
 
 
-@pytest.mark.usefixtures("no_causes")
 def test_the_record_says_what_was_down_weighted(chain12_task):
     start, clean, unknowns, _ = chain12_task
     values = clean.values * (1 + 0.02 * circular(RNG(0), clean.values.shape))

@@ -243,7 +243,6 @@ def outcome(result):
     )
 
 
-@pytest.mark.usefixtures("no_causes")
 @pytest.mark.parametrize("method", ["maximum-likelihood", "log", "output-error", "equation-error"])
 def test_spreading_lines_changes_no_bit_of_a_run(chain12, data, unknowns, in_blocks, method):
     engine = Remote()
@@ -254,7 +253,6 @@ def test_spreading_lines_changes_no_bit_of_a_run(chain12, data, unknowns, in_blo
     assert (here.options["engine"], there.options["engine"]) == ("serial", "4 remote")
 
 
-@pytest.mark.usefixtures("no_causes")
 @pytest.mark.parametrize(
     ("method", "spread"),
     [("maximum-likelihood", {"_try_on_all"}), ("log", {"_try_on_all", "_descend"})],
@@ -276,7 +274,6 @@ def test_spreading_tries_changes_no_bit_of_a_run(
     assert {p.iteration for p in seen} == set(range(len(here.history)))
 
 
-@pytest.mark.usefixtures("no_causes")
 def test_spreading_tries_on_few_lines_changes_no_bit_of_a_run(chain12, add_noise):
     """Enough lines that tries go down on some of them first."""
     clean = updyn.response(chain12, np.linspace(0.5, 20.0, 160), ["2:X", "12:X"], ["12:X"])
@@ -316,7 +313,6 @@ def test_tries_of_workers_that_fail_fail_as_they_do_here(chain12, data, unknowns
     assert outcome(here) == outcome(there)
 
 
-@pytest.mark.usefixtures("no_causes")
 @pytest.mark.parametrize(
     ("method", "options"),
     [
