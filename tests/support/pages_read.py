@@ -75,9 +75,24 @@ def settled(path, profile, last, *switches):
     On a busy machine the browser may let its virtual time run out before it draws a first frame, in
     which nothing is mounted yet: the page is opened again then.
     """
+    return _settle(lambda number: dump(path, f"{profile}{number}", *switches), last)
+
+
+def settled_and_overheard(path, profile, last):
+    """Return what a page noted, what it wrote to the console, and the addresses that it asked for."""
+    heard = []
+
+    def opened(number):
+        dom, *heard[:] = _listen(path, f"{profile}{number}")
+        return dom
+
+    return _settle(opened, last), *heard
+
+
+def _settle(opened, last):
     found = {}
     for number in range(5):
-        found = attributes(dump(path, f"{profile}{number}", *switches))
+        found = attributes(opened(number))
         if found.get(last) or "errors" in found:
             break
     return found
@@ -89,11 +104,16 @@ def told(found, name):
 
 
 def overheard(path, profile):
-    """Return what a page wrote to the console, and the addresses that it asked for, as the browser logs them.
+    """Return what a page wrote to the console, and the addresses that it asked for.
 
     Left out is what is not of the page: what the graphics driver says of itself, and what the
     browser asks for on its own account, which no page began ("not an origin").
     """
+    return _listen(path, profile)[1:]
+
+
+def _listen(path, profile):
+    """Return the document, the lines of the console and the addresses, as the browser logs them."""
     log = Path(f"{profile}-net.json")
     done = browse(path, profile, f"--log-net-log={log}", "--enable-logging=stderr")
     driver = ("GL Driver Message", "fallback to software WebGL")
@@ -101,7 +121,11 @@ def overheard(path, profile):
     console = [line for line in lines if not any(words in line for words in driver)]
     events = json.loads(log.read_text(encoding="utf-8"))["events"]
     begun = [event["params"] for event in events if "initiator" in event.get("params", {})]
-    return console, {one["url"] for one in begun if one["initiator"] != "not an origin"}
+    return (
+        done.stdout,
+        console,
+        {one["url"] for one in begun if one["initiator"] != "not an origin"},
+    )
 
 
 def attributes(dom):

@@ -7,7 +7,7 @@ import pytest
 
 import updyn
 from page_waits import wait_for
-from pages_read import overheard, settled, told
+from pages_read import settled_and_overheard, told
 from programs import program
 from report_case import realistic
 
@@ -67,16 +67,23 @@ ACTIONS = """<script>
 </script></body>"""
 
 
-def acted(path):
+@pytest.fixture(scope="module")
+def result():
+    return realistic()
+
+
+@pytest.fixture(scope="module")
+def opened(result, tmp_path_factory):
+    """What the page noted, what it wrote to the console, and the addresses that it asked for."""
+    folder = tmp_path_factory.mktemp("channels")
+    path = updyn.write_report(result, folder / "report.html")
     text = path.read_text(encoding="utf-8")
     path.write_text(ACTIONS.join(text.rsplit("</body>", 1)), encoding="utf-8")
-    return path
+    return settled_and_overheard(path, folder / "profile", "done")
 
 
-def test_a_channel_is_found_among_all_and_opened(tmp_path):
-    result = realistic()
-    path = acted(updyn.write_report(result, tmp_path / "report.html"))
-    found = settled(path, tmp_path / "profile", "done")
+def test_a_channel_is_found_among_all_and_opened(result, opened):
+    found, _, _ = opened
     assert "errors" not in found, found["errors"]
     frf = result.frf
     names = [
@@ -103,17 +110,16 @@ def test_a_channel_is_found_among_all_and_opened(tmp_path):
     assert told(found, "requests") == []
 
 
-def test_it_asks_nothing_of_anyone(tmp_path):
-    path = acted(updyn.write_report(realistic(), tmp_path / "report.html"))
-    console, asked = overheard(path, tmp_path / "profile")
+def test_it_asks_nothing_of_anyone(opened):
+    _, console, asked = opened
     assert console == []
     assert {address for address in asked if not address.startswith(("file:", "data:"))} == set()
 
 
-def test_on_paper_the_picture_is_as_wide_as_the_sheet(tmp_path):
+def test_on_paper_the_picture_is_as_wide_as_the_sheet(result, tmp_path):
     """What hangs over its edge has the browser print the whole report smaller."""
     sync_api = pytest.importorskip("playwright.sync_api")
-    path = updyn.write_report(realistic(), tmp_path / "report.html")
+    path = updyn.write_report(result, tmp_path / "report.html")
     with sync_api.sync_playwright() as playwright:
         browser = playwright.chromium.launch(
             executable_path=program("browser"), args=["--no-sandbox"]

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import updyn
-from pages_read import overheard, settled, told
+from pages_read import overheard, settled_and_overheard, told
 from viewer_case import PIXELS, block
 
 pytestmark = pytest.mark.needs("browser")
@@ -81,11 +81,19 @@ def result():
     return updyn.update(start, frf, updyn.parameters(start, stiffness="all"))
 
 
-def test_it_draws_moves_and_picks(result, tmp_path):
-    path = updyn.write_report(result, tmp_path / "report.html")
+@pytest.fixture(scope="module")
+def opened(result, tmp_path_factory):
+    """What the page noted, what it wrote to the console, and the addresses that it asked for."""
+    folder = tmp_path_factory.mktemp("viewer")
+    path = updyn.write_report(result, folder / "report.html")
     text = path.read_text(encoding="utf-8")
+    assert "default-src 'none'" in unescape(text)
     path.write_text(ACTIONS.join(text.rsplit("</body>", 1)), encoding="utf-8")
-    found = settled(path, tmp_path / "profile", "done")
+    return settled_and_overheard(path, folder / "profile", "done")
+
+
+def test_it_draws_moves_and_picks(result, opened):
+    found, _, _ = opened
     assert "errors" not in found, found["errors"]
     assert found["done"] == "true"
     assert float(found["top"]) < 0.65
@@ -107,12 +115,8 @@ def test_it_draws_moves_and_picks(result, tmp_path):
     assert told(found, "requests") == []
 
 
-def test_it_asks_nothing_of_anyone(result, tmp_path):
-    path = updyn.write_report(result, tmp_path / "report.html")
-    text = path.read_text(encoding="utf-8")
-    assert "default-src 'none'" in unescape(text)
-    path.write_text(ACTIONS.join(text.rsplit("</body>", 1)), encoding="utf-8")
-    console, asked = overheard(path, tmp_path / "profile")
+def test_it_asks_nothing_of_anyone(opened):
+    _, console, asked = opened
     assert console == []
     assert {address for address in asked if not address.startswith(("file:", "data:"))} == set()
 
