@@ -391,13 +391,12 @@ def _refine_fit(
     part: FRFPart, current: FRFPart, trial_models: TrialModels, trial: Trial
 ) -> tuple[FRFPart, Trial]:
     """Return the part with a model valid at the end of a fit without a fault, and this fit."""
-    # Far from the data, a model valid around the start and a short fit are sufficient.
+    # Far from the data, a model valid around the start is sufficient.
     for _ in range(CAUSE_SEARCH.most_refinements):
         if trial.mean_square > CAUSE_CANDIDATES.small_rms**2:
             break
         before, current = current, trial_models.prepare_part(part, [trial.x])
-        gross = trial.mean_square > CAUSE_SEARCH.gross_rms**2
-        longer = run_trial(current, None, [trial.x], is_short=gross) or trial
+        longer = run_trial(current, None, [trial.x]) or trial
         done = (
             longer.mean_square > CAUSE_SEARCH.converged_share * trial.mean_square
             and current.solver is before.solver

@@ -41,8 +41,8 @@ class CauseSearchSettings:
     #: [1] Ratio of mean square errors up to which the size from all lines replaces that from the
     #: lines of the search. Why: a larger error shows that all lines contradict the held quantities.
     similar_error: float = 1.2
-    #: [1] Log misfit (rms) from which model and data have little in common, so that fits are cut
-    #: short and findings are not reported. Why: an error of a factor of 1.6 at a typical value.
+    #: [1] Log misfit (rms) from which model and data have little in common, so that findings are
+    #: not reported. Why: an error of a factor of 1.6 at a typical value.
     gross_rms: float = 0.5
     #: [1] Mean square of the log misfit below which the faults found explain all data. Why: an
     #: error of 3 %, the noise of a usual test.
@@ -161,8 +161,8 @@ class CauseMisfitSettings:
     #: [1] Relative step in frequency for derivatives. Rounding: truncation and rounding are equal
     #: about the cube root of the rounding error.
     frequency_step: float = 1e-5
-    #: [1] Frequency that replaces 0 Hz, as a share of the lowest other line. Why: a mobility has no
-    #: logarithm at 0 Hz, where it is zero.
+    #: [1] Frequency that replaces 0 Hz, as a share of the lowest other line, or of 1 Hz if that is
+    #: higher. Why: a mobility has no logarithm at 0 Hz, where it is zero.
     zero_replacement: float = 1e-3
 
 
