@@ -370,17 +370,18 @@ class MissingModeSettings:
     #: [lines] Least number of lines that are fitted. Why: a mode and a constant have four real
     #: values; twice as many lines and one at the peak.
     least_lines: int = 9
-    #: [1] First loss factor. Why: between welded and bolted structures.
+    #: [1] First loss factor. Effort: between welded and bolted structures; the loss factor is
+    #: fitted from there.
     first_loss: float = 0.01
     #: [1] Least loss factor. Why: that of a part of metal without joints.
     least_loss: float = 1e-4
     #: [1] Loss factor from which it is no mode. Why: a resonance so wide has no separate peak.
     most_loss: float = 0.5
-    #: [steps] Refinements of frequency and loss factor. Why: steps are halved; six give 2 % of the
-    #: spacing of the lines.
+    #: [steps] Refinements of frequency and loss factor. Effort: steps are halved; six give 2 % of
+    #: the spacing of the lines.
     refinements: int = 6
-    #: [1] First factor between trial loss factors; its root in each further refinement. Why: covers
-    #: a decade in the first steps.
+    #: [1] First factor between trial loss factors; its root in each further refinement. Effort:
+    #: covers a decade in the first steps.
     loss_factor_step: float = 3.0
     #: [1] Share of the sensors below which the cause is a fault of these. Why: most sensors measure
     #: a mode (a rule of thumb).
@@ -402,7 +403,7 @@ class MissingModeSettings:
     #: [steps] Largest number of steps on all lines, if they are many. Effort: the fit to some lines
     #: is its start, and one step ends it.
     last_steps: int = 2
-    #: [1] Relative decrease of the misfit that ends the fit. Why: changes the pole far less than
+    #: [1] Relative decrease of the misfit that ends the fit. Effort: changes the pole far less than
     #: its deviation.
     least_decrease: float = 1e-6
     #: [lines] Lines near the pole that represent all of these; the same number elsewhere. Effort: a
@@ -411,9 +412,9 @@ class MissingModeSettings:
     #: [1] Distance from the pole in loss factors up to which a line is near. Why: the pole is below
     #: a tenth of its peak beyond.
     near_bandwidths: float = 5.0
-    #: [1] Largest change of the logarithm of the frequency. Why: it stays the same mode.
+    #: [1] Largest change of the logarithm of the frequency. Effort: it stays the same mode.
     frequency_move: float = 0.05
-    #: [1] Largest change of the logarithm of the loss factor. Why: a factor of 20.
+    #: [1] Largest change of the logarithm of the loss factor. Effort: a factor of 20.
     loss_move: float = 3.0
 
 
@@ -444,10 +445,10 @@ class ChannelFaultSettings:
     #: [1] First logarithms of the factor between the frequencies of two tests. Why: to first order,
     #: which is valid over about a bandwidth only.
     shifts: tuple[float, ...] = (-0.07, -0.045, -0.025, 0.0, 0.025, 0.045, 0.07)
-    #: [1] Half widths of the grids of a search for that logarithm. Why: each grid covers the steps
-    #: of the one before; with sharp resonances a step of first order may increase the misfit.
+    #: [1] Half widths of the grids of a search for that logarithm. Effort: each grid covers the
+    #: steps of the one before; with sharp resonances a step of first order may increase the misfit.
     grid_half_widths: tuple[float, ...] = (0.15, 0.006, 0.001)
-    #: [points] Points of these grids. Why: the last step is 0.05 %, a tenth of the least shift.
+    #: [points] Points of these grids. Effort: the last step is 0.05 %, a tenth of the least shift.
     grid_points: tuple[int, ...] = (41, 9, 5)
     #: [1] Least logarithm of a factor that is reported. Why: 0.5 %, above changes with temperature
     #: (a rule of thumb).
@@ -457,7 +458,7 @@ class ChannelFaultSettings:
     #: [degrees] Least turn of a sensor. Why: the transverse sensitivity of accelerometers is up to
     #: 5 % according to data sheets: asin(0.05) = 2.9 degrees.
     least_turn: float = 3.0
-    #: [degrees] Step of trial angles of a turn. Why: the correlation to be maximised has at most
+    #: [degrees] Step of trial angles of a turn. Effort: the correlation to be maximised has at most
     #: two maxima in 360 degrees.
     turn_step: float = 5.0
 
@@ -495,7 +496,7 @@ class DataFaultSettings:
     #: [1] Remaining share of such a difference up to which a fault explains it. Why: a rule of
     #: thumb.
     explained_difference: float = 0.3
-    #: [points] Trial delays between two reciprocal FRFs. Why: a hundred in a period.
+    #: [points] Trial delays between two reciprocal FRFs. Effort: a hundred in a period.
     delay_points: int = 401
 
 

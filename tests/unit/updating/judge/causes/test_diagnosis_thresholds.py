@@ -9,8 +9,19 @@ import numpy as np
 import pytest
 
 from updyn.frf import FRF
-from updyn.updating.judge.causes import candidates, diagnosis, missing_mode, ranking, reduced
+from updyn.updating.judge.causes import (
+    candidates,
+    diagnosis,
+    drive_point,
+    mains,
+    missing_mode,
+    ranking,
+    reciprocity,
+    reduced,
+)
 from updyn.updating.judge.causes.calibration import Calibration
+from updyn.updating.judge.causes.delay import Delay
+from updyn.updating.judge.causes.drive_point import DrivePoint
 from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.missing_mode import MissingMode
 from updyn.updating.judge.causes.ranking import RankedFault
@@ -235,3 +246,117 @@ def test_a_mode_may_be_missing_at_a_peak_of_three_times_the_misfit(monkeypatch, 
         frf=SimpleNamespace(freq=np.arange(40.0)), model_response=lambda frf: None
     )
     assert bool(list(MissingMode.propose_faults(evidence))) == is_peak
+
+
+@pytest.mark.parametrize(("height", "is_peak"), [(0.09, False), (0.11, True)])
+def test_a_missing_mode_has_a_misfit_of_a_tenth(monkeypatch, height, is_peak):
+    misfit = np.full((40, 1, 1), 1e-3)
+    misfit[20] = height
+    monkeypatch.setattr(missing_mode, "compute_log_misfit", lambda *about: (misfit, None))
+    monkeypatch.setattr(MissingMode, "adapt_to", lambda self, evidence: self)
+    evidence = SimpleNamespace(
+        frf=SimpleNamespace(freq=np.arange(40.0)), model_response=lambda frf: None
+    )
+    assert bool(list(MissingMode.propose_faults(evidence))) == is_peak
+
+
+@pytest.mark.parametrize(
+    ("freq", "number"), [(np.arange(0.3, 200.0), 30), (np.arange(3.0, 200.0, 10.0), 9)]
+)
+def test_a_mode_is_fitted_to_the_lines_within_fifteen_percent(freq, number):
+    """At least to nine."""
+    ones = np.ones((len(freq), 1, 1))
+    frf = FRF(freq, ones, ["1:X"], ["1:X"], "receptance", variance=ones)
+    evidence = SimpleNamespace(frf=frf, model_response=lambda frf: frf.values)
+    assert len(missing_mode._LocalResidual.near(evidence, 100.0).freq) == number
+
+
+def test_the_least_loss_factor_is_that_of_metal(monkeypatch):
+    """The error decreases with the loss factor."""
+    local = SimpleNamespace(
+        freq=np.arange(20.0), squared_error=lambda mode: mode.loss, channel_share=lambda mode: 1.0
+    )
+    monkeypatch.setattr(missing_mode._LocalResidual, "near", lambda *about: local)
+    assert MissingMode((), 9.0, loss=2e-4).adapt_to(None).loss == 1e-4
+
+
+def test_sixty_lines_of_a_drive_point_are_independent(monkeypatch):
+    square = SimpleNamespace(labels=["1:X"])
+    monkeypatch.setattr(drive_point.CollocatedFrfs, "of", lambda frf: square)
+    monkeypatch.setattr(drive_point, "_count_lines", lambda square, i: (100, 100, 50))
+    monkeypatch.setattr(drive_point, "_iter_explanations", lambda frf, channels: ())
+    (found,) = DrivePoint.detect_faults(None)
+    expected = 60.0 * drive_point._log_likelihood_ratio(0.5) + np.log(DrivePoint.odds)
+    assert found.log_odds == pytest.approx(expected)
+
+
+def test_delays_of_drive_points_are_up_to_a_period(monkeypatch):
+    tried = []
+
+    def is_passive(fault, frf, channels):
+        if isinstance(fault, Delay):
+            tried.append(fault.value * frf.freq[-1])
+        return False
+
+    monkeypatch.setattr(drive_point, "_is_passive", is_passive)
+    monkeypatch.setattr(drive_point, "_iter_other_force_places", lambda *about: ())
+    frf = SimpleNamespace(freq=np.array([10.0, 80.0]), quantity="mobility")
+    assert list(drive_point._iter_explanations(frf, ["1:X"])) == []
+    assert tried[:2] == pytest.approx([0.02, -0.02])
+    assert tried[-2:] == pytest.approx([1.0, -1.0])
+
+
+def test_sound_reciprocal_frfs_differ_by_seven_percent(monkeypatch):
+    """The log odds of a difference of ten times as much, without noise."""
+    difference = SimpleNamespace(
+        freq=np.arange(20.0), size=0.7, noise=np.zeros(20), explain=lambda: ""
+    )
+    monkeypatch.setattr(reciprocity._Difference, "of", lambda *about: difference)
+    square = SimpleNamespace(labels=["1:X", "2:X"], iter_pairs=lambda: iter([(0, 1)]))
+    monkeypatch.setattr(reciprocity.CollocatedFrfs, "of", lambda frf: square)
+    (found,) = reciprocity.Reciprocity.detect_faults(None)
+    expected = 99.0 - np.log(100.0) + np.log(reciprocity.Reciprocity.odds)
+    assert found.log_odds == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(("remaining", "is_explained"), [(0.29, True), (0.31, False)])
+def test_a_difference_is_explained_if_less_than_a_third_remains(remaining, is_explained):
+    difference = SimpleNamespace(
+        log_ratio=np.zeros(3, dtype=complex),
+        freq=np.arange(3.0),
+        size=1.0,
+        estimate_delay=lambda: 0.0,
+        divide_by=lambda factor: SimpleNamespace(size=remaining),
+    )
+    text = reciprocity._Difference.explain(difference)
+    assert text.startswith("; the sign explains it" if is_explained else "; neither sign")
+
+
+@pytest.mark.parametrize(("spacing", "is_tested"), [(4.9, True), (5.1, False)])
+def test_hum_is_found_on_lines_closer_than_a_tenth_of_its_frequency(
+    monkeypatch, spacing, is_tested
+):
+    tested = []
+
+    def detect(frf, frequency, is_multiple):
+        tested.append(frequency)
+        return []
+
+    monkeypatch.setattr(mains.MainsHum, "_detect_at", detect)
+    freq = 50.0 + spacing * np.arange(-9.0, 40.0)
+    assert list(mains.MainsHum.detect_faults(SimpleNamespace(freq=freq))) == []
+    assert (50.0 in tested) is is_tested
+
+
+@pytest.mark.parametrize(("distance", "is_found"), [(0.39, True), (0.41, False)])
+def test_hum_affects_lines_within_two_fifths_of_the_spacing(monkeypatch, distance, is_found):
+    freq = 50.0 + np.arange(-20.0, 20.0) + distance
+    at = freq == freq[20]
+    neighbours = SimpleNamespace(
+        deviation_ratio=np.where(at, 1e3, 0.0)[:, None],
+        pole_ratio=np.zeros((40, 1)),
+        bandwidth=np.zeros(40),
+    )
+    monkeypatch.setattr(mains._Neighbours, "of", lambda *about: neighbours)
+    found = list(mains.MainsHum._detect_at(SimpleNamespace(freq=freq), 50.0, at))
+    assert bool(found) == is_found
