@@ -54,7 +54,6 @@ lint: $(VENV)/.installed-dev
 # -E: pages are read anew, so that every warning comes.
 docs: $(VENV)/.installed-docs
 	OMP_NUM_THREADS=1 $(BIN)/python -m sphinx -q -E -W --keep-going -b html -c docs/site docs build/docs
-	OMP_NUM_THREADS=1 $(BIN)/python tools/doctests.py
 	@echo "build/docs/site/index.html"
 
 viewer:
