@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import updyn
-from cause_search import no_cause_search
 from updyn.elements.beam import Segment, beam
 from updyn.errors import DataError, OptionError
 from updyn.uncertainty.combination import Combination, choose_columns, combine, order_by_distance
@@ -50,8 +49,7 @@ def measure(model: updyn.Model, seed: int, noise: float = 0.02, n: int = 6) -> u
 
 def fit(modes: updyn.ModeSet) -> updyn.UpdateResult:
     model = free_beam()
-    with no_cause_search():
-        return updyn.update(model, modes, updyn.parameters(model, stiffness="all"), method="modal")
+    return updyn.update(model, modes, updyn.parameters(model, stiffness="all"), method="modal")
 
 
 @pytest.fixture(scope="module")
