@@ -138,7 +138,8 @@ PRINTED: Mapping[str, str] = {
 #: Values of a page option that overrides the system's light or dark mode.
 LOOKS = ("light", "dark")
 #: Roles of the colours of measured data, of the model at the start and of the updated model, by
-#: their names in legends. Used by all figures, pages, pictures and the viewer.
+#: their names in legends. Used by all figures, pages and pictures; the viewer draws the test in a
+#: colour apart from those of groups.
 STATES: Mapping[str, str] = {"measured": "measured", "start": "before", "updated": "after"}
 #: Roles of the colours of further curves in a figure with `STATES`.
 OTHERS = ("third", "fourth")

@@ -11,6 +11,7 @@ import pytest
 from places import ROOT
 from updyn import style
 from updyn.frf import FRF
+from updyn.report.scene import _TEST
 
 ASSETS = ROOT / "src" / "updyn" / "report" / "assets"
 
@@ -76,6 +77,16 @@ def test_curves_keep_apart_for_everyone(ground, sight):
     for one, other in combinations(roles, 2):
         apart = np.linalg.norm(lab(ground[one], sight) - lab(ground[other], sight))
         assert apart >= 15.0, (one, other)
+
+
+@pytest.mark.parametrize("sight", SEEN)
+@pytest.mark.parametrize("ground", [style.PAPER, style.DARK])
+def test_the_test_has_no_colour_of_a_group(ground, sight):
+    """Test and sensors of the viewer lie over groups in the colours of the scales."""
+    own, _ = _TEST
+    names = [f"{side}-{step}" for side in ("less", "more") for step in range(1, 5)]
+    for name in [*names, *(f"seq-{step}" for step in range(8)), "same", "none"]:
+        assert np.linalg.norm(lab(ground[own], sight) - lab(ground[name], sight)) >= 15.0, name
 
 
 def test_categories_keep_apart_in_grey_print():
@@ -263,7 +274,7 @@ def test_the_report():
     assert {name: f"@{style.STATES[name]}" for name in ("start", "updated")} == MODEL_COLOURS
     assert scene._LOOKS["updated"][0] == style.STATES["updated"]
     assert scene._START_LOOKS["start"][0] == scene._LOOKS["start"][0] == style.STATES["start"]
-    assert scene._LOOKS["test"][0] == style.STATES["measured"]
+    assert scene._LOOKS["test"] == scene._START_LOOKS["test"] == scene._TEST
     assert unknowns._start_trace(np.ones(2))["marker"]["color"] == MODEL_COLOURS["start"]
     assert comparison.OTHERS is style.OTHERS
 

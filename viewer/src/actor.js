@@ -8,7 +8,7 @@ export const PLAIN = 0, BY_GROUP = 1, BY_DISPLACEMENT = 2;
 
 export class Actor extends Group {
   // "shared" are the uniforms of the stage: ground, screen, reach.
-  constructor(body, shared, { surface = true, width = 1.6, dots = false, squares = true, behind = false }) {
+  constructor(body, shared, { surface = true, width = 1.6, dots = false, squares = true, behind = false, dash = 0, shift = { value: 0 } }) {
     super();
     this.body = body;
     this.base = body.texture(body.xyz, shared.middle);
@@ -17,7 +17,7 @@ export class Actor extends Group {
     this.own = {
       uBase: { value: this.base }, uRe: { value: this.still }, uIm: { value: this.still }, uWide: { value: body.wide },
       uPhase: { value: new Vector2(0, 0) }, uColour: { value: new Vector3(0.5, 0.5, 0.5) },
-      uColouring: { value: PLAIN }, uPalette: { value: null }, uRamp: { value: null },
+      uColouring: { value: PLAIN }, uPalette: { value: null }, uRamp: { value: null }, uShift: shift,
     };
     this.shared = shared.uniforms;
     this.materials = [];
@@ -26,13 +26,14 @@ export class Actor extends Group {
       const near = { value: behind ? -0.0008 : surface ? 0.0004 : 0.0008 };
       // Edges on a surface of the same colour would not be seen.
       this.edge = surface && body.faces.length ? { uColouring: { value: PLAIN }, uColour: { value: new Vector3(0, 0, 0) } } : null;
-      if (body.many) this.put(LineSegments, "hairs", hairs, { uNear: near, ...this.edge });
-      else this.put(Mesh, "lines", lines, { uNear: near, uWidth: { value: this.edge ? 1 : width }, ...this.edge });
+      const dashes = { value: dash };
+      if (body.many) this.put(LineSegments, "hairs", hairs, { uNear: near, uDash: dashes, ...this.edge });
+      else this.put(Mesh, "lines", lines, { uNear: near, uWidth: { value: this.edge ? 1 : width }, uDash: dashes, ...this.edge });
     }
     if (body.points.length && squares) this.put(Points, "points", points, { uSize: { value: 13 }, uNear: { value: 0.001 }, uRound: { value: 0 } });
     if (dots) {
       this.put(Points, "nodes", points, { uSize: { value: 9 }, uNear: { value: 0.0012 }, uRound: { value: 1 } });
-      this.put(Mesh, "stems", { ...lines, defines: { STEMS: 1 } }, { uNear: { value: 0.0008 }, uWidth: { value: 1.2 } });
+      this.put(Mesh, "stems", { ...lines, defines: { STEMS: 1 } }, { uNear: { value: 0.0008 }, uWidth: { value: 1.2 }, uDash: { value: 0 } });
     }
   }
 
@@ -77,6 +78,9 @@ export class Actor extends Group {
 
   phase(cosine, sine) { this.own.uPhase.value.set(cosine, sine); }
 
+  // Position of a node at rest.
+  restOf(node) { return [...this.base.image.data.slice(4 * node, 4 * node + 3)]; }
+
   // Position of a node as it is drawn now.
   placeOf(node, out = [0, 0, 0]) {
     const { x, y } = this.own.uPhase.value;
@@ -87,6 +91,9 @@ export class Actor extends Group {
     }
     return out;
   }
+
+  // How far to the right it is drawn, of half the width.
+  get shift() { return this.own.uShift.value; }
 
   dispose() {
     for (const material of this.materials) material.dispose();

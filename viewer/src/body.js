@@ -80,6 +80,27 @@ export class Body {
     return [...found].filter((group) => group >= 0);
   }
 
+  // By group the node that is nearest to the middle of its lines, faces and points; -1 for a group without any.
+  anchors() {
+    if (this.anchorOf) return this.anchorOf;
+    const parts = [[this.lines, this.lineGroup], [this.faces, this.faceGroup], [this.points, this.pointGroup]];
+    const middle = this.groups.map(() => [0, 0, 0, 0]), nearest = this.groups.map(() => Infinity);
+    const each = (act) => {
+      for (const [at, group] of parts) {
+        const corners = group.length ? at.length / group.length : 1;
+        for (let i = 0; i < at.length; i++) { const of = group[Math.floor(i / corners)]; if (of >= 0) act(of, at[i]); }
+      }
+    };
+    each((group, node) => { for (let c = 0; c < 3; c++) middle[group][c] += this.xyz[3 * node + c]; middle[group][3]++; });
+    this.anchorOf = this.groups.map(() => -1);
+    each((group, node) => {
+      let away = 0;
+      for (let c = 0; c < 3; c++) away += (this.xyz[3 * node + c] - middle[group][c] / middle[group][3]) ** 2;
+      if (away < nearest[group]) { nearest[group] = away; this.anchorOf[group] = node; }
+    });
+    return this.anchorOf;
+  }
+
   geometry(kind) {
     if (!this.geometries.has(kind)) this.geometries.set(kind, MAKE[kind](this));
     return this.geometries.get(kind);

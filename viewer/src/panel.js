@@ -92,14 +92,22 @@ export class Panel {
     });
     const views = [["Fit", "Everything in view (f)", () => viewer.stage.fit()]];
     for (const name of ["iso", "x", "y", "z"]) views.push([name === "iso" ? "Iso" : name.toUpperCase(), `Look from ${name === "iso" ? "the corner" : name.toUpperCase()}`, () => viewer.stage.look(name)]);
-    const labels = made("input", { type: "checkbox", checked: true });
-    labels.addEventListener("change", () => viewer.set({ labels: labels.checked }));
+    this.boxOf = new Map();
+    const box = (key, text) => {
+      const one = made("input", { type: "checkbox", checked: viewer.state[key] });
+      one.addEventListener("change", () => viewer.set({ [key]: one.checked }));
+      this.boxOf.set(key, one);
+      return made("label", {}, one, ` ${text}`);
+    };
+    this.beside = box("beside", "side by side");
     const node = made("input", { type: "text", inputMode: "numeric", size: 6, "aria-label": "Pick the node of this number" });
     node.addEventListener("change", () => {
       if (node.value.trim() && !viewer.find(Number(node.value))) this.say(`There is no node ${node.value.trim()} here.`);
     });
     const out = [this.moving, made("span", { className: "v-views" }, ...views.map((one) => button(...one)))];
-    if (viewer.given.arrows.length) out.push(made("label", {}, labels, " sensors and forces"));
+    if (viewer.given.arrows.length) out.push(box("labels", "sensors and forces"));
+    if (viewer.given.colourings.some(({ labels }) => labels.some(Boolean))) out.push(box("parts", "labels of parts"));
+    out.push(this.beside);
     return [...out, this.field("Node", node), made("span", {}, button("PNG", "Save the picture as a PNG", () => viewer.keep("png")), this.gif)];
   }
 
@@ -130,6 +138,8 @@ export class Panel {
     this.fields.reference.hidden = state.show !== "operating";
     this.spectrum.hidden = state.show !== "operating";
     this.moving.hidden = this.gif.hidden = !viewer.moving;
+    this.beside.hidden = !viewer.hasSides;
+    for (const [key, box] of this.boxOf) box.checked = state[key];
     this.play.textContent = viewer.clock.playing ? "Pause" : "Play";
     this.boxes();
     // no empty bar over a scene without choices
@@ -142,15 +152,15 @@ export class Panel {
     const mark = layers.map(({ name, missing }) => `${name} ${missing}`).join();
     if (mark === this.layers.dataset.mark) return;
     this.layers.dataset.mark = mark;
-    this.layers.replaceChildren(...(layers.length < 2 ? [] : layers).map(({ name, role, shown, missing }) => {
+    this.layers.replaceChildren(...(layers.length < 2 ? [] : layers).map(({ name, colour, style, shown, missing }) => {
       const box = made("input", { type: "checkbox", checked: shown && !missing, disabled: missing });
       box.addEventListener("change", () => {
         const hidden = new Set(viewer.state.hidden);
         if (box.checked) hidden.delete(name); else hidden.add(name);
         viewer.set({ hidden });
       });
-      const swatch = made("i", {});
-      swatch.style.background = `var(--${role})`;
+      const swatch = made("i", { className: style === "ghost" ? "v-dashed" : "" });
+      swatch.style[style === "ghost" ? "borderColor" : "background"] = `var(--${colour})`;
       return made("label", { className: missing ? "v-missing" : "" }, box, swatch, ` ${name}`);
     }));
   }

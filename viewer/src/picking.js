@@ -6,7 +6,7 @@ export function nodeAt(stage, actor, x, y) {
   const { body } = actor, at = [0, 0, 0];
   let best = -1, least = Infinity;
   for (let node = 0; node < body.real; node++) {
-    const [px, py, depth] = stage.project(actor.placeOf(node, at));
+    const [px, py, depth] = stage.project(actor.placeOf(node, at), actor.shift);
     const away = Math.hypot(px - x, py - y);
     if (away > NEAR) continue;
     const score = away + 400 * depth; // 14 px are worth 0.035 of the depth of the scene

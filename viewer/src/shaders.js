@@ -7,6 +7,7 @@ uniform sampler2D uBase, uRe, uIm, uPalette, uRamp;
 uniform int uWide, uColouring;
 uniform vec2 uPhase;
 uniform vec3 uColour;
+uniform float uShift; // to the right, of half the width: for pictures side by side
 ivec2 cell(float node) { int i = int(node + 0.5); return ivec2(i % uWide, i / uWide); }
 vec3 rest(float node) { return texelFetch(uBase, cell(node), 0).xyz; }
 vec3 displacement(float node) {
@@ -46,6 +47,7 @@ void main() {
   vec4 seen = modelViewMatrix * vec4(place(aNode), 1.0);
   vSeen = seen.xyz; vFar = far(seen, modelViewMatrix * vec4(0.0, 0.0, 0.0, 1.0)); vColour = shade(aNode, aGroup);
   gl_Position = projectionMatrix * seen;
+  gl_Position.x += uShift * gl_Position.w;
 }`,
   fragmentShader: `${FADE}
 in vec3 vSeen;
@@ -55,6 +57,12 @@ void main() {
   colour = vec4(faded(vColour * light), 1.0);
 }`,
 };
+
+// Leaves out every second piece of a line: by its place along the line, so that dashes continue over many short lines.
+const DASH = `
+uniform float uDash; // length of a dash in px; 0: none
+flat in vec2 vAlong;
+void dash() { if (uDash > 0.0 && fract(dot(gl_FragCoord.xy, vAlong) / (2.0 * uDash)) > 0.5) discard; }`;
 
 // Lines of a width in pixels: four corners for each, moved apart on the screen.
 export const lines = {
@@ -66,6 +74,7 @@ in vec2 aEnds;
 in float aGroup;
 out vec3 vColour;
 out float vFar;
+flat out vec2 vAlong;
 void main() {
   bool second = position.x > 0.5;
   vec3 first = rest(aEnds.x);
@@ -81,10 +90,13 @@ void main() {
   gl_Position = second ? pb : pa;
   gl_Position.xy += (across + along * (second ? 0.5 : -0.5)) * uWidth / uScreen * gl_Position.w;
   gl_Position.z -= uNear * gl_Position.w;
+  gl_Position.x += uShift * gl_Position.w;
+  vAlong = along.x < 0.0 || (along.x == 0.0 && along.y < 0.0) ? -along : along;
   vFar = far(seen, modelViewMatrix * vec4(0.0, 0.0, 0.0, 1.0)); vColour = shade(second ? aEnds.y : aEnds.x, aGroup);
 }`,
   fragmentShader: `${FADE}
-void main() { colour = vec4(faded(vColour), 1.0); }`,
+${DASH}
+void main() { dash(); colour = vec4(faded(vColour), 1.0); }`,
 };
 
 // The same of one pixel, for many of them.
@@ -95,11 +107,14 @@ uniform float uNear;
 in float aNode, aGroup;
 out vec3 vColour;
 out float vFar;
+flat out vec2 vAlong;
 void main() {
   vec4 seen = modelViewMatrix * vec4(place(aNode), 1.0);
+  vAlong = vec2(0.7071, 0.7071);
   vFar = far(seen, modelViewMatrix * vec4(0.0, 0.0, 0.0, 1.0)); vColour = shade(aNode, aGroup);
   gl_Position = projectionMatrix * seen;
   gl_Position.z -= uNear * gl_Position.w;
+  gl_Position.x += uShift * gl_Position.w;
 }`,
   fragmentShader: lines.fragmentShader,
 };
@@ -116,6 +131,7 @@ void main() {
   vFar = far(seen, modelViewMatrix * vec4(0.0, 0.0, 0.0, 1.0)); vColour = shade(aNode, aGroup);
   gl_Position = projectionMatrix * seen;
   gl_Position.z -= uNear * gl_Position.w;
+  gl_Position.x += uShift * gl_Position.w;
   gl_PointSize = uSize;
 }`,
   fragmentShader: `${FADE}
@@ -142,6 +158,7 @@ void main() {
   vFar = 0.0; vColour = uColour;
   gl_Position = projectionMatrix * seen;
   gl_Position.z -= 0.002 * gl_Position.w;
+  gl_Position.x += uShift * gl_Position.w;
 }`,
   fragmentShader: `${FADE}
 void main() { colour = vec4(faded(vColour), 1.0); }`,

@@ -30,6 +30,9 @@ export function levelled(shapes, body) {
   });
 }
 
+// The colour of a layer by its name: ghosts are grey.
+export const colourOf = ({ role, style }) => (style === "ghost" ? "muted" : role);
+
 // How far a largest displacement of 1 goes, for a scene of this reach.
 export const reach = (radius) => REACH * radius;
 export const TURNS = TURN;
@@ -37,7 +40,7 @@ export const TURNS = TURN;
 export class ModeShapes {
   constructor(given, bodies) {
     this.layers = given.layers.map((layer) => ({
-      ...layer, body: bodies[layer.body], shapes: layer.shapes.map((part) => ({ re: scaled(part.re), im: part.im && scaled(part.im) })),
+      ...layer, colour: colourOf(layer), body: bodies[layer.body], shapes: layer.shapes.map((part) => ({ re: scaled(part.re), im: part.im && scaled(part.im) })),
     }));
     this.rows = given.rows;
   }
@@ -58,7 +61,7 @@ export class OperatingShapes {
     this.references = given.references.map((reference) => ({
       name: reference.name,
       layers: reference.layers.map((layer) => ({
-        ...layer, body: this.body, curve: floats(layer.curve), re: scaled(layer.re), im: scaled(layer.im),
+        ...layer, colour: colourOf(layer), body: this.body, curve: floats(layer.curve), re: scaled(layer.re), im: scaled(layer.im),
       })),
     }));
     this.channels = given.channels;

@@ -51,10 +51,11 @@ export class Spectrum {
   show(reference, layers) {
     let low = Infinity, high = -Infinity;
     for (const { curve } of layers) for (const value of curve) if (value > 0) { low = Math.min(low, Math.log10(value)); high = Math.max(high, Math.log10(value)); }
-    this.svg.replaceChildren(...layers.map(({ role, curve }) => {
+    this.svg.replaceChildren(...layers.map(({ colour, style, curve }) => {
       const line = document.createElementNS(SVG, "path");
       line.setAttribute("d", path(this.operating.freq, curve, [low, high]));
-      line.style.stroke = `var(--${role})`;
+      line.style.stroke = `var(--${colour})`;
+      if (style === "ghost") line.style.strokeDasharray = "5 4";
       return line;
     }), this.cursor = document.createElementNS(SVG, "line"));
     this.cursor.setAttribute("y1", 0);

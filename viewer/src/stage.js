@@ -3,16 +3,23 @@ import { Color, OrthographicCamera, Scene, Vector2, Vector3, WebGLRenderer } fro
 import { OrbitControls } from "three/examples/jsm/controls/OrbitControls.js";
 
 // Eyes by name: where the camera stands from the middle, and what is up.
-const EYES = { iso: [1, 0.78, 0.56], back: [-1, -0.78, 0.56], x: [1, 0, 0], y: [0, -1, 0], z: [0, 0, 1] };
-const MARGIN = 1.28;
+const EYES = { iso: [1, 0.78, 0.56], x: [1, 0, 0], y: [0, -1, 0], z: [0, 0, 1] };
+// Other corners, from which long structures extend over more of the width; taken where the picture becomes larger by GAIN.
+const CORNERS = [[0.42, -1, 0.4], [1, -0.42, 0.4]], GAIN = 1.25;
+// What is left free around the structure, for the ends of lines, and for arrows with their labels (px and share of the height).
+const MARGIN = 20, ARROW_MARGIN = 60, WIDEST_MARGIN = 0.2;
 // What is laid over the right side of the canvas is kept free of the structure up to this share of the width.
 const WIDEST_COVER = 0.5;
 
 export class Stage {
   // "smooth": whether edges are smoothed, which costs large scenes more than it gives. "cover": what is laid over the
-  // right side of the canvas.
-  constructor(place, canvas, xyz, smooth = true, cover = null) {
+  // right side of the canvas. "arrows": whether there are any.
+  constructor(place, canvas, xyz, { smooth = true, cover = null, arrows = false }) {
     this.cover = cover;
+    this.margin = arrows ? ARROW_MARGIN : MARGIN;
+    this.sides = 1; // pictures side by side
+    this.shifts = { left: { value: 0 }, right: { value: 0 } }; // of half the width
+    this.xyz = xyz;
     this.sway = 0; // how far the structure moves
     this.covered = 0; // px at the right that were left free by the last fit
     this.fitted = true; // whether nobody has moved the camera since
@@ -54,39 +61,81 @@ export class Stage {
       }
     }
     this.middle = low.map((value, c) => (Number.isFinite(value) ? (value + high[c]) / 2 : 0));
-    this.box = low.map((value, c) => (Number.isFinite(value) ? (high[c] - value) / 2 : 0));
-    this.radius = Math.hypot(...this.box) || 1;
+    this.radius = Math.hypot(...low.map((value, c) => (Number.isFinite(value) ? (high[c] - value) / 2 : 0))) || 1;
   }
 
   // Looks from a side, with everything in view.
   look(name) {
-    const eye = new Vector3(...EYES[name]).normalize().multiplyScalar(4 * this.radius);
     this.camera.up.set(0, 0, 1);
     if (name === "z") this.camera.up.set(0, 1, 0);
-    this.camera.position.copy(eye);
-    this.controls.target.set(0, 0, 0);
-    this.camera.lookAt(0, 0, 0);
+    const sizes = [EYES[name], ...(name === "iso" ? CORNERS : [])].map((eye) => [this.turnTo(eye).pixel, eye]);
+    const [best] = [...sizes].sort((a, b) => a[0] - b[0]);
+    this.turnTo(best[0] * GAIN < sizes[0][0] ? best[1] : sizes[0][1]);
     this.fit();
   }
 
-  fit() {
+  // Puts the camera in a direction, and returns what is in view.
+  turnTo(eye) {
     this.controls.target.set(0, 0, 0);
+    this.camera.position.set(...eye).normalize().multiplyScalar(4 * this.radius);
+    this.camera.lookAt(0, 0, 0);
+    this.camera.updateMatrixWorld();
+    return this.view();
+  }
+
+  // The middle of all nodes to the right and upwards, and the size of a pixel with which they fill the picture.
+  view() {
+    const [right, up, back] = [new Vector3(), new Vector3(), new Vector3()];
+    this.camera.matrixWorld.extractBasis(right, up, back);
+    const extent = (axis) => {
+      let low = Infinity, high = -Infinity;
+      for (const points of this.xyz) {
+        for (let i = 0; i < points.length; i += 3) {
+          const at = axis.x * (points[i] - this.middle[0]) + axis.y * (points[i + 1] - this.middle[1]) + axis.z * (points[i + 2] - this.middle[2]);
+          if (at < low) low = at;
+          if (at > high) high = at;
+        }
+      }
+      return low <= high ? [(low + high) / 2, high - low] : [0, 0];
+    };
+    const [x, wide] = extent(right), [y, high] = extent(up), [width, height] = this.size;
+    this.covered = this.toLeave();
+    const least = (0.1 * this.radius) / (height || 1);
+    // arrows have room at rest, and the structure in motion
+    const needed = (margin, more) => {
+      const free = (size) => Math.max(size - 2 * Math.min(margin, WIDEST_MARGIN * height), 1);
+      return Math.max((wide + more) / free((width - this.covered) / this.sides), (high + more) / free(height));
+    };
+    return { right, up, x, y, pixel: Math.max(needed(this.margin, 0), needed(MARGIN, 2 * this.sway), least) };
+  }
+
+  // Whether two pictures side by side are as large as one.
+  get hasRoom() {
+    const [one, two] = [1, 2].map((sides) => { this.sides = sides; return this.view().pixel; });
+    this.sides = 1;
+    return two <= one * (1 + 1e-6);
+  }
+
+  fit() {
     const back = new Vector3();
     this.camera.getWorldDirection(back);
-    this.camera.position.copy(back.multiplyScalar(-4 * this.radius));
     this.camera.updateMatrixWorld();
-    const [right, up] = [new Vector3(), new Vector3()];
-    this.camera.matrixWorld.extractBasis(right, up, back);
-    const half = (axis) => axis.toArray().reduce((sum, part, c) => sum + Math.abs(part) * this.box[c], 0) * MARGIN || this.radius;
-    const [width, height] = this.size;
-    this.covered = this.toLeave();
-    const aspect = ((width - this.covered) || 1) / (height || 1);
-    this.half = Math.max(half(up) + this.sway, (half(right) + this.sway) / aspect, 0.05 * this.radius);
+    const { right, up, x, y, pixel } = this.view();
+    this.controls.target.copy(right.multiplyScalar(x).add(up.multiplyScalar(y)));
+    this.camera.position.copy(this.controls.target).add(back.multiplyScalar(-4 * this.radius));
+    this.half = (pixel * (this.size[1] || 1)) / 2;
     this.camera.zoom = 1;
     this.fitted = true;
     this.frustum();
     this.controls.update();
     this.invalidate();
+  }
+
+  // Draws one picture, or two side by side.
+  split(sides) {
+    if (sides === this.sides) return;
+    this.sides = sides;
+    this.fit();
   }
 
   // Width in px of what is laid over the canvas; 0 where too little would be left beside it.
@@ -103,6 +152,9 @@ export class Stage {
     const left = -0.5 * across * (1 - this.covered / width); // the middle of what is free
     Object.assign(this.camera, { left, right: left + across, top: this.half, bottom: -this.half });
     this.camera.updateProjectionMatrix();
+    const aside = this.sides > 1 ? (width - this.covered) / (2 * width) : 0;
+    this.shifts.left.value = -aside;
+    this.shifts.right.value = aside;
   }
 
   resize() {
@@ -112,7 +164,8 @@ export class Stage {
     this.size = [clientWidth, clientHeight];
     this.renderer.setSize(clientWidth, clientHeight, false);
     this.uniforms.uScreen.value.set(clientWidth, clientHeight);
-    if (first) this.fit();
+    if (first) { this.look("iso"); this.onSize?.(); }
+    else if (this.fitted) this.fit();
     this.frustum();
     this.draw(); // at once: another size empties the canvas
   }
@@ -141,10 +194,10 @@ export class Stage {
     for (const listener of this.listeners) listener();
   }
 
-  // A point of the scene on the screen, in px, and how far it is from the eye.
-  project(point, out = new Vector3()) {
+  // A point of the scene on the screen, in px, and how far it is from the eye; "shift" to the right, of half the width.
+  project(point, shift = 0, out = new Vector3()) {
     out.set(...point).project(this.camera);
-    return [(out.x + 1) * 0.5 * this.size[0], (1 - out.y) * 0.5 * this.size[1], out.z];
+    return [(out.x + shift + 1) * 0.5 * this.size[0], (1 - out.y) * 0.5 * this.size[1], out.z];
   }
 
   turn(right, up) {

@@ -4,7 +4,7 @@ import { Actor, BY_DISPLACEMENT, BY_GROUP, PLAIN } from "./actor.js";
 import { arrowsOf } from "./arrows.js";
 import { Body } from "./body.js";
 import { Clock } from "./clock.js";
-import { css, rgb } from "./colours.js";
+import { between, css, rgb } from "./colours.js";
 import { drawLegend } from "./legend.js";
 import { Overlay } from "./overlay.js";
 import { Panel } from "./panel.js";
@@ -15,6 +15,11 @@ import { Spectrum } from "./spectrum.js";
 import { Stage } from "./stage.js";
 
 const MANY_FACES = 20000;
+// Arrows beyond which their labels are shown under the pointer only, and px from the pointer to the arrow.
+const MANY_ARROWS = 24, NEAR = 18;
+// Labels of parts at once, the largest changes first (others where the pointer is, up to so many nodes that are searched
+// for it); px of a dash; px of a caption below the upper edge.
+const MOST_PARTS = 6, MOST_NODES = 20000, DASH = 5, CAPTION = 16;
 const written = (value) => Number(value.toPrecision(5)).toString();
 
 export class Viewer {
@@ -23,18 +28,22 @@ export class Viewer {
     this.given = given;
     this.state = {
       show: "rest", row: 0, reference: 0, line: 0, colouring: given.colourings.length ? 0 : "none", amplitude: 1,
-      labels: true, hidden: new Set(),
+      labels: true, parts: true, beside: false, hidden: new Set(),
     };
     this.bodies = given.bodies.map((body) => new Body(body));
     this.modes = given.modes && new ModeShapes(given.modes, this.bodies);
     this.operating = given.operating && new OperatingShapes(given.operating, this.bodies);
-    this.picked = -1;
+    for (const { name, style } of [...(this.modes?.layers ?? []), ...(this.operating?.references[0]?.layers ?? [])]) if (style === "ghost") this.state.hidden.add(name);
+    this.picked = this.hovered = this.pointed = -1;
     this.panel = new Panel(element, this);
-    this.stage = new Stage(this.panel.stage, this.panel.canvas, this.bodies.map((body) => body.xyz), this.bodies.every((body) => body.faces.length < 3 * MANY_FACES), this.panel.legend);
+    this.stage = new Stage(this.panel.stage, this.panel.canvas, this.bodies.map((body) => body.xyz), {
+      smooth: this.bodies.every((body) => body.faces.length < 3 * MANY_FACES), cover: this.panel.legend, arrows: given.arrows.length > 0,
+    });
     if (this.modes || this.operating) this.stage.sway = reach(this.stage.radius);
     this.build();
     this.clock = new Clock(element, () => this.animate());
-    this.stage.onDraw(() => this.overlay.draw(this.stage, (arrow) => this.tip(arrow), this.pickedPlace()));
+    this.stage.onSize = () => { if (this.hasSides && this.stage.hasRoom) this.set({ beside: true }); };
+    this.stage.onDraw(() => this.overlay.draw(this.stage, this.pickedPlace(), this.arrowBoxes()));
     this.listen();
     if (this.operating) this.spectrum = new Spectrum(this.panel.spectrum, this.operating, (line) => this.set({ line }));
     this.dark = matchMedia("(prefers-color-scheme: dark)");
@@ -45,19 +54,24 @@ export class Viewer {
 
   // -- what is drawn
   build() {
-    const { shared, scene } = this.stage, [model] = this.bodies;
+    const { shared, scene, shifts: { left, right } } = this.stage, [model, test] = this.bodies;
     const actor = (body, options) => {
       const made = new Actor(body, shared, options);
       scene.add(made);
       return made;
     };
-    this.base = actor(model, { width: 2.2 });
-    this.ghost = actor(model, { surface: false, width: 1, squares: false, behind: true });
-    const layer = ({ body, style }) => (style === "surface" ? this.base
-      : actor(body, { surface: false, width: style === "dots" ? 2.2 : 1.6, dots: style === "dots", squares: false }));
+    this.base = actor(model, { width: 2.2, shift: right });
+    const still = { surface: false, width: 1, squares: false, behind: true };
+    this.ghost = actor(model, { ...still, shift: right });
+    this.testGhost = test && actor(test, { ...still, shift: left });
+    const looks = {
+      dots: { width: 2.2, dots: true, shift: left }, wire: { width: 1.6, shift: right },
+      ghost: { width: 1.2, dash: DASH * Math.min(devicePixelRatio || 1, 2), shift: right },
+    };
+    const layer = ({ body, style }) => (style === "surface" ? this.base : actor(body, { surface: false, squares: false, ...looks[style] }));
     this.actors = { modes: (this.modes?.layers ?? []).map(layer), operating: [] };
     this.actors.operating = (this.operating?.references[0]?.layers ?? []).map(layer);
-    this.all = new Set([this.base, this.ghost, ...this.actors.modes, ...this.actors.operating]);
+    this.all = new Set([this.base, this.ghost, ...(this.testGhost ? [this.testGhost] : []), ...this.actors.modes, ...this.actors.operating]);
     this.arrows = new Map();
     for (const kind of ["sensor", "force"]) {
       const own = this.given.arrows.filter((arrow) => arrow.kind === kind);
@@ -70,6 +84,14 @@ export class Viewer {
   }
 
   get moving() { return this.state.show !== "rest"; }
+
+  // Whether there are layers of a test and of a model, to be drawn side by side.
+  get hasSides() {
+    const styles = this.layers().map(({ style }) => style);
+    return styles.includes("dots") && styles.some((style) => style !== "dots");
+  }
+
+  get isSplit() { return this.state.beside && this.hasSides; }
 
   // Layers of what is shown, with their actors and whether they are seen.
   layers() {
@@ -91,10 +113,12 @@ export class Viewer {
         this.state.line = this.spectrum.line;
       }
     }
-    if (["show", "row", "reference", "line", "hidden"].some((key) => key in changes)) {
+    if (["show", "row", "reference", "line", "hidden", "beside"].some((key) => key in changes)) {
       const layers = this.layers();
       for (const actor of this.all) actor.visible = false;
+      this.stage.split(this.isSplit ? 2 : 1);
       this.ghost.visible = this.moving;
+      if (this.testGhost) this.testGhost.visible = this.isSplit;
       this.base.visible = !this.moving;
       this.base.shape(null);
       const shapes = show === "modes" ? this.modes.at(row) : show === "operating" ? this.operating.at(reference, this.state.line) : [];
@@ -134,32 +158,107 @@ export class Viewer {
     const chosen = typeof state.colouring === "number" ? given.colourings[state.colouring] : null;
     const layers = this.layers();
     const primary = layers.find((layer) => layer.actor === this.base);
-    const plain = colour(primary ? primary.role : "plain");
+    const plain = colour(primary ? primary.colour : "plain");
     if (chosen) {
-      this.base.palette([colour("none"), ...this.groupSteps(chosen)[0].map((step) => colour(step < 0 ? "none" : chosen.steps[step].colour))]);
+      const [steps, , places] = this.groupSteps(chosen), stops = chosen.scale?.colours.map(colour);
+      this.base.palette([colour("none"), ...steps.map((step, group) => {
+        const place = places?.[group] ?? null;
+        return place !== null ? between(stops, place) : colour(step < 0 ? "none" : chosen.steps[step].colour);
+      })]);
       this.base.colour(BY_GROUP, plain, element);
     } else {
       this.base.colour(state.colouring === "displacement" && this.moving ? BY_DISPLACEMENT : PLAIN, plain, element);
     }
-    this.ghost.colour(PLAIN, colour("ghost"), element);
-    for (const layer of layers) if (layer.actor !== this.base) layer.actor.colour(PLAIN, colour(layer.role), element);
+    for (const ghost of [this.ghost, this.testGhost]) ghost?.colour(PLAIN, colour("ghost"), element);
+    for (const layer of layers) if (layer.actor !== this.base) layer.actor.colour(PLAIN, colour(layer.colour), element);
     for (const [kind, mesh] of this.arrows) {
-      mesh.material.uniforms.uColour.value.copy(new Vector3(...colour(kind === "force" ? "force" : "text")));
+      mesh.material.uniforms.uColour.value.copy(new Vector3(...colour(kind === "force" ? "force" : "third")));
       mesh.visible = state.labels;
     }
-    this.overlay.name(state.labels ? given.arrows : []);
+    this.nameAll();
     const seen = layers.filter((layer) => layer.shown && !layer.missing);
     drawLegend(this.panel.legend, {
-      colouring: chosen ?? state.colouring, moving: this.moving, arrows: state.labels ? this.arrows : new Map(),
+      colouring: this.base.visible && chosen ? chosen : state.colouring, moving: this.moving, arrows: state.labels ? this.arrows : new Map(),
       layers: seen.filter((layer) => layer.actor !== this.base || !(chosen || state.colouring === "displacement")),
     });
     this.stage.refit();
     this.stage.invalidate();
   }
 
-  // Step and text of each group: of the mode that is shown, where they differ by mode.
-  groupSteps({ by_row: rows, step_of_group: steps, texts }) {
-    return (this.state.show === "modes" && rows[this.state.row]) || [steps, texts];
+  // Step, text and place on the scale of each group: of the mode that is shown, where they differ by mode.
+  groupSteps({ by_row: rows, step_of_group: steps, texts, scale }) {
+    const row = this.state.show === "modes" ? this.state.row : -1;
+    return [...(rows[row] ?? [steps, texts]), scale?.by_row[row] ?? scale?.of_group];
+  }
+
+  // -- labels over the picture
+  nameAll() {
+    const { colouring } = this.state, chosen = typeof colouring === "number" ? this.given.colourings[colouring] : null;
+    this.overlay.name([...this.sideNames(this.layers()), ...this.partNames(chosen), ...this.arrowNames()]);
+  }
+
+  screen(actor, place) { return this.stage.project(place, actor.shift); }
+
+  sideNames(layers) {
+    if (!this.isSplit) return [];
+    const names = (test) => layers.filter((layer) => layer.shown && !layer.missing && (layer.style === "dots") === test).map(({ name }) => name);
+    return [1, 3].map((quarter) => ({
+      text: names(quarter === 1).join(", "), kind: "side",
+      at: () => [(quarter / 4) * (this.stage.size[0] - this.stage.covered), CAPTION],
+    }));
+  }
+
+  // Groups with their change, the largest first.
+  partNames(chosen) {
+    if (!this.state.parts || !chosen || !this.base.visible) return [];
+    const places = this.groupSteps(chosen)[2] ?? [], anchors = this.base.body.anchors();
+    const rank = (group) => Math.abs((places[group] ?? 0.5) - 0.5);
+    const named = chosen.labels.map((text, group) => ({ text, group })).filter(({ text, group }) => text && anchors[group] >= 0);
+    const first = named.sort((a, b) => rank(b.group) - rank(a.group)).slice(0, MOST_PARTS).map(({ group }) => group);
+    const about = this.pointed < 0 ? [] : this.base.body.groupsAt(this.pointed);
+    const shown = about.some((group) => chosen.labels[group]) ? about : first;
+    return named.filter(({ group }) => shown.includes(group))
+      .map(({ text, group }) => ({ text, kind: "part", at: () => this.screen(this.base, this.base.restOf(anchors[group])) }));
+  }
+
+  // Labels of sensors and forces; of many, those of the node under the pointer and of the picked one.
+  arrowNames() {
+    const { arrows } = this.given, few = arrows.length <= MANY_ARROWS;
+    const shown = (node) => few || node === this.hovered || (this.picked >= 0 && this.pickedActor.body === this.bodies[0] && node === this.picked);
+    return (this.state.labels ? arrows : []).map((arrow) => ({
+      text: arrow.label, kind: arrow.kind, at: () => (shown(arrow.node) ? this.screen(this.base, this.tip(arrow)) : null),
+    }));
+  }
+
+  // The boxes around the arrows at rest, in px: labels of parts do not jump while the structure moves.
+  arrowBoxes() {
+    return (this.state.labels ? this.given.arrows : []).map((arrow) => {
+      const at = this.base.restOf(arrow.node), [ax, ay] = this.screen(this.base, at), [bx, by] = this.screen(this.base, this.tip(arrow, at));
+      return [Math.min(ax, bx) - 3, Math.min(ay, by), Math.max(ax, bx) + 3, Math.max(ay, by)];
+    });
+  }
+
+  // Shows the labels of what is under the pointer.
+  point(x, y) {
+    const arrow = this.arrowAt(x, y), before = this.pointed;
+    const named = this.state.parts && this.base.visible && this.base.body.real <= MOST_NODES;
+    this.pointed = named ? nodeAt(this.stage, this.base, x, y) : -1;
+    if (arrow === this.hovered && before === this.pointed) return;
+    this.hovered = arrow;
+    this.nameAll();
+    this.stage.invalidate();
+  }
+
+  // The node whose arrows are under the pointer; -1 for none.
+  arrowAt(x, y) {
+    let best = -1, least = NEAR;
+    for (const arrow of this.state.labels ? this.given.arrows : []) {
+      const [ax, ay] = this.screen(this.base, this.base.placeOf(arrow.node)), [bx, by] = this.screen(this.base, this.tip(arrow));
+      const along = Math.min(1, Math.max(0, ((x - ax) * (bx - ax) + (y - ay) * (by - ay)) / ((bx - ax) ** 2 + (by - ay) ** 2 || 1)));
+      const away = Math.hypot(x - ax - along * (bx - ax), y - ay - along * (by - ay));
+      if (away < least) { least = away; best = arrow.node; }
+    }
+    return best;
   }
 
   // -- nodes
@@ -168,12 +267,18 @@ export class Viewer {
     return this.base.visible || !seen.length ? this.base : seen[0];
   }
 
-  tip(arrow) {
-    const at = this.base.placeOf(arrow.node), length = this.stage.length.value * (arrow.kind === "force" ? -1.15 : 1);
+  // What is picked at a place: in the left one of two pictures the test.
+  pickableAt(x) {
+    const onLeft = this.isSplit && x < (this.stage.size[0] - this.stage.covered) / 2;
+    return (onLeft && this.layers().find((layer) => layer.style === "dots" && layer.shown && !layer.missing)?.actor) || this.pickable;
+  }
+
+  tip(arrow, at = this.base.placeOf(arrow.node)) {
+    const length = this.stage.length.value * (arrow.kind === "force" ? -1.15 : 1);
     return at.map((value, c) => value + length * arrow.vector[c]);
   }
 
-  pickedPlace() { return this.picked < 0 ? null : this.pickedActor.placeOf(this.picked); }
+  pickedPlace() { return this.picked < 0 ? null : this.screen(this.pickedActor, this.pickedActor.placeOf(this.picked)); }
 
   // What is known of a node, as the event for other scripts has it.
   about(actor, node) {
@@ -223,9 +328,14 @@ export class Viewer {
     canvas.addEventListener("pointerdown", (event) => { from = at(event); });
     canvas.addEventListener("pointerup", (event) => {
       const [x, y] = at(event);
-      if (from && Math.hypot(x - from[0], y - from[1]) < 5) this.pick(nodeAt(this.stage, this.pickable, x, y));
+      const actor = this.pickableAt(x);
+      if (from && Math.hypot(x - from[0], y - from[1]) < 5) this.pick(nodeAt(this.stage, actor, x, y), actor);
       from = null;
     });
+    canvas.addEventListener("pointermove", (event) => {
+      if (!event.buttons) this.point(...at(event));
+    });
+    canvas.addEventListener("pointerleave", () => this.point(-Infinity, -Infinity));
     const turn = Math.PI / 24;
     const keys = {
       ArrowLeft: () => this.stage.turn(-turn, 0), ArrowRight: () => this.stage.turn(turn, 0),

@@ -27,7 +27,14 @@ from updyn.style import STATES
 from updyn.updating.judge.modal_table import ModalRow, ModalTable, ModeEntry
 from updyn.updating.judge.settings import EFFORT
 from updyn.updating.result import UpdateResult
-from updyn.viewer.bodies import arrows_at, entries_of, model_body, motions, sensor_body
+from updyn.viewer.bodies import (
+    arrows_at,
+    connect_nodes,
+    entries_of,
+    model_body,
+    motions,
+    sensor_body,
+)
 from updyn.viewer.colourings import by_size
 from updyn.viewer.scene import (
     Body,
@@ -43,13 +50,13 @@ from updyn.viewer.scene import (
 
 __all__ = ["colour_by_std", "scene_of", "sensors_of"]
 
-#: Colour and style of each layer, after a fit and before any fit.
-_LOOKS = {
-    "updated": (STATES["updated"], "surface"),
-    "start": (STATES["start"], "wire"),
-    "test": (STATES["measured"], "dots"),
-}
-_START_LOOKS = {"start": (STATES["start"], "surface"), "test": (STATES["measured"], "dots")}
+#: Colour and style of each layer, after a fit and before any fit. The test has a colour that is in
+#: no colour scale of the groups.
+_TEST = ("third", "dots")
+_GHOST = (STATES["start"], "ghost")
+_LOOKS = {"updated": (STATES["updated"], "surface"), "start": _GHOST, "test": _TEST}
+_START_LOOKS = {"start": (STATES["start"], "surface"), "test": _TEST}
+_OPERATING_LOOKS = {"measured": _TEST, "start": _GHOST, "updated": (STATES["updated"], "wire")}
 
 
 def scene_of(
@@ -78,7 +85,7 @@ def scene_of(
     operating: OperatingShapes | None = None
     has_sensors = np.isin(geometry.nodes, [Dof.parse(label).node for label in responses]).any()
     if moves and has_sensors:
-        measured = sensor_body(_choose_geometry(geometry, data[0]), responses)
+        measured = connect_nodes(sensor_body(_choose_geometry(geometry, data[0]), responses))
         first = data[0]
         fixed = models
         if isinstance(first, FRF):
@@ -316,8 +323,9 @@ def _make_operating_shapes(
     if not len(data.freq):
         return None, []
     states = {"measured": data.measured, "start": data.before, "updated": data.after}
-    styles = {"measured": "dots", "start": "wire", "updated": "wire"}
-    looks = {name: (STATES[name], style) for name, style in styles.items()}
+    looks = dict(_OPERATING_LOOKS)
+    if data.after is None:
+        looks["start"] = (STATES["start"], "wire")
     present = {name: values for name, values in states.items() if values is not None}
     notes = []
     shown = min(len(data.references), REPORT_SIZE.operating_references)

@@ -17,6 +17,7 @@ from updyn.report.scene import colour_by_std, scene_of, sensors_of
 from updyn.report.section import PageContent, ReportSection
 from updyn.report.templates import render_template
 from updyn.updating.result import UpdateResult
+from updyn.viewer.colourings import format_percent, scale_of_changes
 from updyn.viewer.page import fragment, script
 from updyn.viewer.scene import Colouring, Scene
 
@@ -31,13 +32,6 @@ __all__ = [
 
 #: Number of steps of the colour scale on each side of no change.
 STEPS = 4
-#: Colours of the viewer by CSS class of ``structure.css``.
-_TOKENS = {
-    "s0": "same",
-    "s-none": "none",
-    **{f"s{-step}": f"less-{step}" for step in range(1, STEPS + 1)},
-    **{f"s{step}": f"more-{step}" for step in range(1, STEPS + 1)},
-}
 #: Smallest range of the colour scale, in the logarithm of the factor; guards against rounding
 #: errors.
 _LEAST = 1e-9
@@ -186,7 +180,7 @@ class _GroupChanges:
 
     def _title(self, name: str) -> str:
         quantity, factor = self.changes[name]
-        text = f"{name}: {quantity_words(quantity)} {_percent(factor)}"
+        text = f"{name}: {quantity_words(quantity)} {format_percent(factor)}"
         if self.remarks[name]:
             text += f", {self.remarks[name]}"
         return text
@@ -201,17 +195,32 @@ class _GroupChanges:
         steps = []
         for step in range(-STEPS, STEPS + 1):
             if step:
-                text = _percent(math.exp(self.reach * step / STEPS), 2)
+                text = format_percent(math.exp(self.reach * step / STEPS), 2)
                 steps.append((f"s{step}", text))
         return steps + out
 
     def make_colouring(self, groups: Sequence[str]) -> Colouring:
-        scale, parts = self.scale(), self.parts()
-        steps = [(_TOKENS[colour], text) for colour, text in scale]
-        number = {colour: i for i, (colour, _) in enumerate(scale)}
-        of_group = [number[parts[name][0]] if name in parts else -1 for name in groups]
-        texts = [parts[name][1] if name in parts else f"{name}: no unknown" for name in groups]
-        return Colouring("Change", "", steps, of_group, texts)
+        """Return the colouring of the viewer: significant changes on a scale, with labels."""
+        titles = {name: self._title(name) for name in self.changes}
+        significant = {name for name in self.changes if not self.remarks[name]}
+        steps = []
+        if len(significant) < len(self.changes):
+            steps.append(("same", "not significant or not determined"))
+        if self.changes and len(self.changes) < len(groups):
+            steps.append(("none", "no unknown"))
+        scale = None
+        if significant:
+            factors = [self.changes[g][1] if g in significant else math.nan for g in groups]
+            scale = scale_of_changes(factors, self.reach)
+        return Colouring(
+            "Change",
+            "",
+            steps,
+            [0 if self.remarks.get(name) else -1 for name in groups],
+            [titles.get(name, f"{name}: no unknown") for name in groups],
+            scale=scale,
+            labels=[titles[name] if name in significant else "" for name in groups],
+        )
 
     def legend(self) -> list[tuple[str, str]]:
         """Return CSS class and text of each group, significant and large changes first."""
@@ -258,11 +267,3 @@ def _step(log: float, reach: float) -> int:
     """Return the step of the colour scale, never 0 for a significant change."""
     step = int(np.clip(round(log / reach * STEPS), -STEPS, STEPS))
     return step or int(np.sign(log))
-
-
-def _percent(factor: float, digits: int = 3) -> str:
-    percent = 100.0 * (factor - 1.0)
-    text = f"{percent:+.{digits}g}"
-    if abs(percent) >= 10.0**digits:  # avoid powers of ten
-        text = f"{percent:+.0f}"
-    return f"{text} %".replace("-", "\u2212")

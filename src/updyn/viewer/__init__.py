@@ -15,6 +15,7 @@ from updyn.viewer.scene import (
     OperatingLayer,
     OperatingShapes,
     Reference,
+    Scale,
     Scene,
 )
 
@@ -29,6 +30,7 @@ __all__ = [
     "OperatingLayer",
     "OperatingShapes",
     "Reference",
+    "Scale",
     "Scene",
     "arrows_at",
     "by_size",

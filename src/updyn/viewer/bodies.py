@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
+from scipy.spatial import KDTree
 
 from updyn.arrays import BoolArray, IndexArray, RealArray
 from updyn.dofs import DIRECTIONS, Dof, DofSet
@@ -21,13 +23,15 @@ from updyn.viewer.groups import (
 )
 from updyn.viewer.scene import Arrow, Body, Entries
 
-__all__ = ["arrows_at", "entries_of", "model_body", "motions", "sensor_body"]
+__all__ = ["arrows_at", "connect_nodes", "entries_of", "model_body", "motions", "sensor_body"]
 
 #: Number of points on the rim of a disc, spacing of its spokes, and its radius as a fraction of the
 #: diagonal of the structure.
 _RIM = 16
 _SPOKE_EVERY = 4
 _DISC = 0.03
+#: Relative difference up to which two distances are equal, as between nodes of an even grid.
+_SAME = 1e-6
 
 
 def model_body(model: Model, dofs: Iterable[str | Dof] = ()) -> Body:
@@ -129,6 +133,37 @@ def sensor_body(geometry: Geometry, dofs: Iterable[str | Dof]) -> Body:
     )
     rotations = _find_rotational_dofs(measured, geometry)
     return _add_discs(body, [(int(place[node]), axis) for node, axis in rotations])
+
+
+def connect_nodes(body: Body) -> Body:
+    """Return a body of measured nodes in which nodes without a line are connected to neighbours."""
+    between = body.lines[(body.lines < body.real).all(axis=1)]  # no spokes of discs
+    lines = _find_neighbours(body.xyz[: body.real], between)
+    return replace(
+        body,
+        lines=np.concatenate([body.lines, lines]),
+        line_group=np.concatenate([body.line_group, np.full(len(lines), -1, dtype=np.intp)]),
+    )
+
+
+def _find_neighbours(xyz: RealArray, ends: IndexArray) -> IndexArray:
+    """Return lines, shape (k, 2), from each node that has none in `ends` to its neighbours."""
+    # Two nodes are neighbours if no third one is closer to both of them than they are to each
+    # other (relative neighbourhood graph: a chain along a beam, a grid on a plate).
+    # G. T. Toussaint, "The relative neighbourhood graph of a finite planar set", Pattern
+    # Recognition 12 (1980) 261-268
+    loose = np.setdiff1d(np.arange(len(xyz)), ends)
+    if not loose.size or len(xyz) < 2:
+        return np.empty((0, 2), dtype=np.intp)
+    away, near = KDTree(xyz).query(xyz[loose], k=min(len(xyz), FIGURES.neighbours + 1))
+    found = set()
+    for node, distances, others in zip(loose.tolist(), away, near, strict=True):
+        for distance, other in zip(distances.tolist(), others.tolist(), strict=True):
+            closer = others[distances < distance * (1.0 - _SAME)]
+            between = np.linalg.norm(xyz[closer] - xyz[other], axis=1) < distance * (1.0 - _SAME)
+            if other != node and not between.any():
+                found.add((min(node, other), max(node, other)))
+    return np.array(sorted(found), dtype=np.intp).reshape(-1, 2)
 
 
 def _triangles(corners: IndexArray, group: IndexArray) -> tuple[IndexArray, IndexArray]:

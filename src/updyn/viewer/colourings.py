@@ -1,4 +1,4 @@
-"""Colours of groups by magnitude, such as standard deviation or share of strain energy."""
+"""Colours of groups by magnitude or by change, on continuous scales with round ticks."""
 
 from __future__ import annotations
 
@@ -8,12 +8,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from updyn.arrays import RealArray
-from updyn.viewer.scene import Colouring
+from updyn.settings import FIGURES
+from updyn.viewer.scene import Colouring, Scale
 
-__all__ = ["by_size"]
+__all__ = ["by_size", "format_percent", "scale_of_changes"]
 
-#: Number of steps of the sequential colour map.
-_STEPS = 8
+#: Colours of magnitudes from small to large, and of changes from decrease to increase.
+_SEQUENTIAL = tuple(f"seq-{step}" for step in range(8))
+_DIVERGING = (
+    *(f"less-{step}" for step in (4, 3, 2, 1)),
+    *(f"more-{step}" for step in (1, 2, 3, 4)),
+)
 
 
 def by_size(
@@ -25,7 +30,7 @@ def by_size(
     by_row: ArrayLike | None = None,
     logarithmic: bool = False,
 ) -> Colouring:
-    """Return a colouring by nonnegative values, in eight steps.
+    """Return a colouring by nonnegative values, on a continuous scale.
 
     Parameters
     ----------
@@ -38,8 +43,8 @@ def by_size(
     by_row : array_like of float, shape (r, g), optional
         The values for each row of the modes of the scene.
     logarithmic : bool
-        Whether the steps have equal ratios, from the smallest to the largest value; else equal
-        differences, from 0.
+        Whether the scale is logarithmic, from a round number below the smallest value on; else
+        linear from 0. It ends at a round number.
 
     Returns
     -------
@@ -48,38 +53,120 @@ def by_size(
     sizes = np.asarray(values, dtype=np.float64)
     rows = np.empty((0, len(groups))) if by_row is None else np.asarray(by_row, dtype=np.float64)
     every = np.concatenate([sizes, rows.ravel()])
-    edges = _find_edges(every, logarithmic=logarithmic)
-    steps = [(f"seq-{i}", f"up to {_format_value(edge)}") for i, edge in enumerate(edges[1:])]
-    if np.isinf(every).any():
-        steps.append(("same", "not determined"))
+    steps = [("same", "not determined")] if np.isinf(every).any() else []
 
     def describe_sizes(sizes: RealArray) -> tuple[list[int], list[str]]:
-        looks = [_describe_size(name, unit, size, edges) for size in sizes.tolist()]
-        texts = [f"{group}{text}" for group, (_, text) in zip(groups, looks, strict=True)]
-        return [step for step, _ in looks], texts
+        texts = [_describe_size(name, unit, size) for size in sizes.tolist()]
+        of_group = [0 if size == np.inf else -1 for size in sizes.tolist()]
+        return of_group, [f"{group}{text}" for group, text in zip(groups, texts, strict=True)]
 
+    scale = _find_scale(sizes, rows, every[np.isfinite(every)], logarithmic=logarithmic)
     of_group, texts = describe_sizes(sizes)
-    return Colouring(name, unit, steps, of_group, texts, [describe_sizes(row) for row in rows])
+    return Colouring(
+        name, unit, steps, of_group, texts, [describe_sizes(row) for row in rows], scale
+    )
 
 
-def _find_edges(values: RealArray, *, logarithmic: bool) -> RealArray:
-    """Return the step limits, shape (_STEPS + 1,); (2,) for zeros only, (0,) without values."""
-    known = values[np.isfinite(values)]
-    if not known.any():
-        return np.zeros(2 if known.size else 0)
-    low, high = float(known[known > 0.0].min()), float(known.max())
-    if logarithmic and low < high:
-        return np.geomspace(low, high, _STEPS + 1)
-    return np.linspace(0.0, high, _STEPS + 1)
+def scale_of_changes(factors: ArrayLike, reach: float) -> Scale:
+    """Return the scale of factors on properties, even in their logarithm, with 1 in its middle.
+
+    Parameters
+    ----------
+    factors : array_like of float, shape (g,)
+        Positive factor of each group; nan for groups without a place on the scale.
+    reach : float
+        Logarithm of the factor at the end of the scale, positive.
+
+    Returns
+    -------
+    Scale
+    """
+
+    def place(factor: float) -> float:
+        return float(np.clip(0.5 + 0.5 * np.log(factor) / reach, 0.0, 1.0))
+
+    low, high = float(np.expm1(-reach)), float(np.expm1(reach))
+    sizes = _round_numbers(min(0.1 * high, 1.0 + low), high)
+    losses = [size - 1.0 for size in sizes if size < 1.0]
+    changes = [part for size in reversed(sizes) for part in (size, -size)] + losses[::-1]
+    ticks = [(place(1.0 + c), format_percent(1.0 + c)) for c in changes if low <= c <= high]
+    of_group = [place(factor) for factor in np.asarray(factors).tolist()]
+    return Scale(_DIVERGING, _spread_ticks([(0.5, "0 %"), *ticks]), of_group)
 
 
-def _describe_size(name: str, unit: str, size: float, edges: RealArray) -> tuple[int, str]:
+def format_percent(factor: float, digits: int = 3) -> str:
+    """Return the change by a factor in percent, with its sign."""
+    percent = 100.0 * (factor - 1.0)
+    text = f"{percent:+.{digits}g}"
+    if abs(percent) >= 10.0**digits:  # avoid powers of ten
+        text = f"{percent:+.0f}"
+    return f"{text} %".replace("-", "\u2212")
+
+
+def _find_scale(
+    sizes: RealArray, rows: RealArray, known: RealArray, *, logarithmic: bool
+) -> Scale | None:
+    """Return the scale of magnitudes; None if none is known."""
+    if not known.size:
+        return None
+    positive = known[known > 0.0]
+    if logarithmic and positive.size and positive.min() < positive.max():
+        ends = _round_numbers(float(positive.min()), float(positive.max()), outward=True)
+        numbers, span = ends, np.log(ends[-1] / ends[0])
+    else:
+        logarithmic = False
+        numbers = _even_numbers(float(known.max()))
+        span = numbers[-1] or 1.0
+
+    def place(size: float) -> float:
+        if not np.isfinite(size):
+            return np.nan
+        at = np.log(max(size, numbers[0]) / numbers[0]) if logarithmic else size
+        return float(np.clip(at / span, 0.0, 1.0))
+
+    first = [numbers[0], numbers[-1], *(n for n in numbers if np.log10(n or 1.0) % 1.0 == 0.0)]
+    ticks = [(place(number), _format_value(number)) for number in dict.fromkeys(first + numbers)]
+    of_rows = [[place(size) for size in row] for row in rows.tolist()]
+    of_group = [place(size) for size in sizes.tolist()]
+    return Scale(_SEQUENTIAL, _spread_ticks(ticks), of_group, of_rows)
+
+
+def _even_numbers(high: float) -> list[float]:
+    """Return up to six multiples of 1, 2 or 5 times a power of ten, from 0 to `high` or more."""
+    if high == 0.0:
+        return [0.0]
+    step = _round_numbers(0.2 * high, high)[0]
+    return [step * number for number in range(int(np.ceil(high / step * (1.0 - 1e-12))) + 1)]
+
+
+def _round_numbers(low: float, high: float, *, outward: bool = False) -> list[float]:
+    """Return 1, 2 and 5 times powers of ten from `low` to `high`; `outward`: that enclose both."""
+    powers = range(int(np.floor(np.log10(low))) - 1, int(np.ceil(np.log10(high))) + 2)
+    every = np.array([float(f"{digit}e{power}") for power in powers for digit in (1, 2, 5)])
+    slack = 1e-12  # of the rounding of the limits
+    first = np.searchsorted(every, low * (1.0 - slack))
+    last = np.searchsorted(every, high * (1.0 + slack))
+    if outward:
+        first = np.searchsorted(every, low * (1.0 + slack)) - 1
+        last = np.searchsorted(every, high * (1.0 - slack)) + 1
+    return [float(number) for number in every[first:last]]
+
+
+def _spread_ticks(ticks: Sequence[tuple[float, str]]) -> list[tuple[float, str]]:
+    """Return the ticks in order, without those that are too close to one given before them."""
+    kept: list[tuple[float, str]] = []
+    for place, text in ticks:
+        if all(abs(place - other) >= FIGURES.tick_distance for other, _ in kept):
+            kept.append((place, text))
+    return sorted(kept)
+
+
+def _describe_size(name: str, unit: str, size: float) -> str:
     if np.isnan(size):
-        return -1, ""
+        return ""
     if np.isinf(size):
-        return len(edges[1:]), f": {name.lower()} not determined"
-    step = int(np.searchsorted(edges[1:-1], size))
-    return step, f": {name.lower()} {_format_value(size)} {unit}".rstrip()
+        return f": {name.lower()} not determined"
+    return f": {name.lower()} {_format_value(size)} {unit}".rstrip()
 
 
 def _format_value(value: float) -> str:

@@ -9,7 +9,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from updyn.arrays import RealArray
-from updyn.viewer.scene import Body, Entries, Layer, ModeShapes, OperatingShapes, Reference, Scene
+from updyn.viewer.scene import (
+    Body,
+    Colouring,
+    Entries,
+    Layer,
+    ModeShapes,
+    OperatingShapes,
+    Reference,
+    Scale,
+    Scene,
+)
 
 __all__ = ["FORMAT", "as_json", "embedded_json", "encode_scene"]
 
@@ -42,17 +52,7 @@ def encode_scene(scene: Scene) -> dict[str, object]:
         "format": FORMAT,
         "title": scene.title,
         "bodies": [_encode_body(body) for body in scene.bodies],
-        "colourings": [
-            {
-                "name": c.name,
-                "unit": c.unit,
-                "steps": [{"colour": colour, "text": text} for colour, text in c.steps],
-                "step_of_group": list(c.step_of_group),
-                "texts": list(c.texts),
-                "by_row": [[list(steps), list(texts)] for steps, texts in c.by_row],
-            }
-            for c in scene.colourings
-        ],
+        "colourings": [_encode_colouring(colouring) for colouring in scene.colourings],
         "arrows": [
             {
                 "kind": a.kind,
@@ -66,6 +66,33 @@ def encode_scene(scene: Scene) -> dict[str, object]:
         "modes": None if scene.modes is None else _encode_modes(scene.modes),
         "operating": None if scene.operating is None else _encode_operating(scene.operating),
     }
+
+
+def _encode_colouring(colouring: Colouring) -> dict[str, object]:
+    return {
+        "name": colouring.name,
+        "unit": colouring.unit,
+        "steps": [{"colour": colour, "text": text} for colour, text in colouring.steps],
+        "step_of_group": list(colouring.step_of_group),
+        "texts": list(colouring.texts),
+        "by_row": [[list(steps), list(texts)] for steps, texts in colouring.by_row],
+        "scale": None if colouring.scale is None else _encode_scale(colouring.scale),
+        "labels": list(colouring.labels),
+    }
+
+
+def _encode_scale(scale: Scale) -> dict[str, object]:
+    return {
+        "colours": list(scale.colours),
+        "ticks": [[_encode_place(place), text] for place, text in scale.ticks],
+        "of_group": [_encode_place(place) for place in scale.of_group],
+        "by_row": [[_encode_place(place) for place in places] for places in scale.by_row],
+    }
+
+
+def _encode_place(place: float) -> float | None:
+    """Return a place on a scale to four digits, finer than a step of colour; None for nan."""
+    return None if np.isnan(place) else round(float(place), 4)
 
 
 def _encode_floats(values: ArrayLike) -> str:

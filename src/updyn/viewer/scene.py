@@ -25,14 +25,16 @@ __all__ = [
     "OperatingLayer",
     "OperatingShapes",
     "Reference",
+    "Scale",
     "Scene",
 ]
 
 
 #: Colours of layers: the three states of an update, a model outside an update, and others.
 ROLES = (*STATES.values(), "plain", "third")
-#: Styles of layers: faces in the colours of the groups, lines, or nodes with lines.
-STYLES = ("surface", "wire", "dots")
+#: Styles of layers: faces in the colours of the groups, lines, nodes with lines, or dashed grey
+#: lines that are hidden at first.
+STYLES = ("surface", "wire", "dots", "ghost")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -107,6 +109,35 @@ class Body:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Scale:
+    """A continuous colour scale, with the place of each group.
+
+    Attributes
+    ----------
+    colours : sequence of str
+        Colours at even distances from 0 to 1, by the names that steps of a `Colouring` have.
+    ticks : sequence of (float, str)
+        Place from 0 to 1 and text of each tick of the legend.
+    of_group : sequence of float
+        Place of each group from 0 to 1; nan for groups whose colour is that of their step.
+    by_row : sequence of (sequence of float)
+        Places for each row of the modes, if they depend on the mode.
+    """
+
+    colours: Sequence[str]
+    ticks: Sequence[tuple[float, str]]
+    of_group: Sequence[float]
+    by_row: Sequence[Sequence[float]] = ()
+
+    def __post_init__(self) -> None:
+        ticks = [place for place, _ in self.ticks]
+        for places in (ticks, self.of_group, *self.by_row):
+            wrong = [place for place in places if not (np.isnan(place) or 0.0 <= place <= 1.0)]
+            if wrong:
+                raise InputError(f"viewer: place {wrong[0]:g} on a colour scale; expected 0 to 1")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Colouring:
     """A colour for each group of the first body.
 
@@ -124,6 +155,10 @@ class Colouring:
         Text about each group, shown when one of its nodes is selected.
     by_row : sequence of (sequence of int, sequence of str)
         Steps and texts for each row of the modes, if they depend on the mode.
+    scale : Scale, optional
+        Continuous colours, which replace the steps of the groups that have a place on the scale.
+    labels : sequence of str
+        Label of each group in the picture; empty for none.
     """
 
     name: str
@@ -132,6 +167,8 @@ class Colouring:
     step_of_group: Sequence[int]
     texts: Sequence[str]
     by_row: Sequence[tuple[Sequence[int], Sequence[str]]] = ()
+    scale: Scale | None = None
+    labels: Sequence[str] = ()
 
     def __post_init__(self) -> None:
         groups = len(self.step_of_group)
@@ -147,6 +184,14 @@ class Colouring:
                     f"viewer: colouring {self.name!r} has step {wrong[0]} of {len(self.steps)},"
                     " from 0"
                 )
+        places = [] if self.scale is None else [self.scale.of_group, *self.scale.by_row]
+        for what, given in (("labels", [self.labels] if self.labels else []), ("places", places)):
+            for one in given:
+                if len(one) != groups:
+                    raise InputError(
+                        f"viewer: colouring {self.name!r} has {len(one)} {what}; expected one for"
+                        f" each of {groups} groups"
+                    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -38,6 +38,8 @@ ACTIONS = """<script>
   for (let i = 0; i < 100 && viewer.clock.phase === began; i++) await later(50);
   note("animated", viewer.clock.phase !== began);
   viewer.clock.play(false);
+  note("hidden", [...viewer.state.hidden]);
+  note("styles", Object.fromEntries(viewer.layers().map(({ name, style, colour }) => [name, [style, colour]])));
   PIXELS
   const share = (a, b) => { let n = 0; for (let i = 0; i < a.length; i += 4) if (a[i] !== b[i] || a[i + 1] !== b[i + 1] || a[i + 2] !== b[i + 2]) n++; return (4 * n) / a.length; };
   const ground = (data) => data.map((value, i) => data[i % 4]);
@@ -52,6 +54,31 @@ ACTIONS = """<script>
     note(`${show}drawn`, share(one, ground(one)));
     note(`${show}moved`, share(one, pixels()));
   }
+  // Shares of the left and right half in which the test and the model are drawn.
+  const halves = (hidden) => {
+    viewer.set({ hidden: new Set(hidden) });
+    viewer.phase(Math.PI / 3);
+    const data = pixels(), blank = data.slice(0, 3), wide = stage.canvas.width, free = ((stage.size[0] - stage.covered) / stage.size[0]) * wide;
+    const found = [0, 0];
+    for (let i = 0; i < data.length; i += 4) {
+      const x = (i / 4) % wide;
+      if (x < free && (data[i] !== blank[0] || data[i + 1] !== blank[1] || data[i + 2] !== blank[2])) found[x < free / 2 ? 0 : 1]++;
+    }
+    return found.map((one) => (4 * one) / data.length);
+  };
+  viewer.set({ show: "modes", labels: false, beside: true });
+  const ghosts = (visible) => { viewer.ghost.visible = visible; if (viewer.testGhost) viewer.testGhost.visible = visible; };
+  note("testlines", viewer.bodies[1].lines.length / 2);
+  note("beside", viewer.isSplit);
+  note("sides", [...panel.svg.querySelectorAll(".v-side")].map((one) => one.textContent));
+  for (const [name, hidden] of [["onlytest", ["updated", "start"]], ["onlymodel", ["test", "start"]]]) {
+    const draw = stage.draw.bind(stage);
+    stage.draw = () => { ghosts(false); draw(); };
+    note(name, halves(hidden));
+    stage.draw = draw;
+  }
+  viewer.set({ hidden: new Set(["start"]), labels: true, beside: false });
+  note("whole", viewer.isSplit);
   viewer.set({ show: "rest" });
   const heard = [];
   document.addEventListener("updyn-pick", (event) => heard.push(event.detail));
@@ -105,6 +132,22 @@ def test_it_draws_moves_and_picks(result, opened):
     for show, share in (("modes", 0.05), ("operating", 0.005)):
         assert float(found[f"{show}drawn"]) > share
         assert float(found[f"{show}moved"]) > share / 5
+    # the start is a grey dashed ghost, off at first; the test has no colour of the map
+    assert told(found, "hidden") == ["start"]
+    assert told(found, "styles") == {
+        "updated": ["surface", "after"],
+        "start": ["ghost", "muted"],
+        "test": ["dots", "third"],
+    }
+    # side by side: the test on the left, the model on the right
+    assert told(found, "beside") is True
+    assert told(found, "sides") == ["test", "updated"]
+    assert told(found, "whole") is False
+    for name, here in (("onlytest", 0), ("onlymodel", 1)):
+        shares = told(found, name)
+        assert shares[here] > 0.0005
+        assert shares[1 - here] == 0.0
+    assert told(found, "testlines") >= 2  # no loose dots: three sensors, connected
     (picked,) = told(found, "picked")
     assert picked["label"] == 20
     geometry = result.start.geometry

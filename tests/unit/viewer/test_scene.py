@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import dataclasses
 import json
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -12,11 +13,13 @@ import pytest
 import updyn
 from updyn.errors import InputError
 from updyn.geometry import Geometry
+from updyn.settings import FIGURES
 from updyn.viewer import (
     Colouring,
     OperatingLayer,
     OperatingShapes,
     Reference,
+    Scale,
     Scene,
     by_size,
     entries_of,
@@ -27,6 +30,8 @@ from updyn.viewer import (
     page,
     sensor_body,
 )
+from updyn.viewer.bodies import connect_nodes
+from updyn.viewer.colourings import scale_of_changes
 from updyn.viewer.encoding import as_json, encode_scene
 from viewer_case import block, block_scene, shaft
 
@@ -143,31 +148,142 @@ def test_operating_shapes_keep_phase_and_ratio_at_each_line():
     np.testing.assert_allclose(curve, np.sqrt(np.mean(np.abs(values) ** 2, axis=1)), rtol=1e-6)
 
 
-def test_sizes_fall_into_steps():
+def test_sizes_have_a_place_on_a_scale_from_zero():
     found = by_size("Standard deviation", "%", [1.0, 8.0, np.inf, np.nan], list("abcd"))
-    assert found.step_of_group == [0, 7, 8, -1]
     assert found.texts[:3] == [
         "a: standard deviation 1 %",
         "b: standard deviation 8 %",
         "c: standard deviation not determined",
     ]
-    assert found.steps[0] == ("seq-0", "up to 1")
-    log = by_size(
-        "x", "", [1.0, 10.0, 256.0], list("abc"), by_row=[[1.0, 256.0, 2.1]], logarithmic=True
+    np.testing.assert_allclose(found.scale.of_group, [0.125, 1.0, np.nan, np.nan])
+    assert found.steps == [("same", "not determined")]
+    assert found.step_of_group == [-1, -1, 0, -1]
+    ticks = [(0.0, "0"), (0.25, "2"), (0.5, "4"), (0.75, "6"), (1.0, "8")]
+    assert found.scale.ticks == ticks
+    assert found.scale.colours[0] == "seq-0"
+
+
+@pytest.mark.parametrize(
+    ("largest", "texts"),
+    [
+        (7.3, ["0", "2", "4", "6", "8"]),
+        (0.31, ["0", "0.1", "0.2", "0.3", "0.4"]),
+        (100.0, ["0", "20", "40", "60", "80", "100"]),
+    ],
+)
+def test_the_ticks_of_sizes_are_round_and_end_the_scale(largest, texts):
+    scale = by_size("x", "", [largest], ["a"]).scale
+    assert [text for _, text in scale.ticks] == texts
+    assert scale.of_group[0] == pytest.approx(largest / float(texts[-1]))
+    for place, text in scale.ticks:
+        assert place == pytest.approx(float(text) / float(texts[-1]))
+
+
+def test_a_logarithmic_scale_is_even_in_the_logarithm():
+    by_row = [[2.0, 50.0, 10.0]]
+    found = by_size("x", "", [2.0, 20.0, 50.0], list("abc"), by_row=by_row, logarithmic=True)
+    decades = np.log10(50.0 / 2.0)
+    np.testing.assert_allclose(found.scale.of_group, [0.0, 1.0 / decades, 1.0])
+    np.testing.assert_allclose(found.scale.by_row, [[0.0, 1.0, np.log10(5.0) / decades]])
+    assert [text for _, text in found.scale.ticks] == ["2", "5", "10", "20", "50"]
+    wide = by_size("x", "", [0.39, 52.0], list("ab"), logarithmic=True).scale
+    assert [text for _, text in wide.ticks] == ["0.2", "1", "10", "100"]  # decades come first
+
+
+@pytest.mark.parametrize("factor", [0.5, 1.0, 2.0])
+def test_ticks_keep_their_distance(monkeypatch, factor):
+    default = FIGURES.tick_distance
+    settings = dataclasses.replace(FIGURES, tick_distance=factor * default)
+    monkeypatch.setattr("updyn.viewer.colourings.FIGURES", settings)
+    found = by_size("x", "", [0.01, 100.0], list("ab"), logarithmic=True).scale.ticks
+    assert min(b[0] - a[0] for a, b in pairwise(found)) >= factor * default
+    assert len(found) == {0.5: 13, 1.0: 5, 2.0: 3}[factor]  # four decades
+    assert {found[0][1], found[-1][1]} == {"0.01", "100"}
+
+
+def test_changes_have_no_change_in_the_middle_of_their_scale():
+    scale = scale_of_changes([1.0, np.nan, 1.5, 1 / 1.5, 9.0], np.log(1.5))
+    np.testing.assert_allclose(scale.of_group, [0.5, np.nan, 1.0, 0.0, 1.0])
+    assert scale.colours == (
+        *(f"less-{i}" for i in (4, 3, 2, 1)),
+        *(f"more-{i}" for i in (1, 2, 3, 4)),
     )
-    assert log.step_of_group == [0, 3, 7]
-    assert log.by_row[0][0] == [0, 7, 1]
-    assert by_size("x", "", [0.0, np.nan], list("ab")).step_of_group == [0, -1]
+    assert dict(scale.ticks)[0.5] == "0 %"
+    assert [text for _, text in scale.ticks] == ["\u221220 %", "0 %", "+20 %", "+50 %"]
+    for place, text in scale.ticks:
+        change = float(text.removesuffix(" %").replace("\u2212", "-"))
+        assert place == pytest.approx(0.5 + 0.5 * np.log1p(change / 100) / np.log(1.5))
+    losses = [text for place, text in scale_of_changes([1.0], np.log(11.0)).ticks if place < 0.5]
+    assert losses == ["\u221290 %", "\u221280 %", "\u221250 %"]
 
 
-def test_the_legend_has_no_steps_without_sizes():
-    """Where nothing is determined, eight steps up to 0 would say nothing."""
+def test_the_legend_has_no_scale_without_sizes():
     unknown = by_size("Standard deviation", "%", [np.inf, np.nan], list("ab"), logarithmic=True)
     assert unknown.steps == [("same", "not determined")]
     assert unknown.step_of_group == [0, -1]
+    assert unknown.scale is None
     zero = by_size("Standard deviation", "%", [0.0, np.inf], list("ab"), logarithmic=True)
-    assert zero.steps == [("seq-0", "up to 0"), ("same", "not determined")]
-    assert zero.step_of_group == [0, 1]
+    assert zero.scale.ticks == [(0.0, "0")]
+    np.testing.assert_array_equal(zero.scale.of_group, [0.0, np.nan])
+
+
+def test_scale_and_labels_are_encoded():
+    scale = Scale(["seq-0", "seq-7"], [(0.0, "0"), (1.0, "1")], [0.25, np.nan], [[1.0, 0.123456]])
+    colouring = Colouring("c", "", [], [-1, -1], ["a", "b"], scale=scale, labels=["a +1 %", ""])
+    (found,) = json.loads(as_json(block_scene(colourings=[colouring])))["colourings"]
+    assert found["labels"] == ["a +1 %", ""]
+    assert found["scale"] == {
+        "colours": ["seq-0", "seq-7"],
+        "ticks": [[0.0, "0"], [1.0, "1"]],
+        "of_group": [0.25, None],
+        "by_row": [[1.0, 0.1235]],
+    }
+
+
+def test_a_disc_is_connected_to_its_neighbours():
+    model = shaft()
+    body = connected(Geometry(model.geometry.nodes, model.geometry.xyz), model.dofs.labels)
+    assert body.real == 3
+    between = body.lines[(body.lines < body.real).all(axis=1)]
+    assert between.tolist() == [[0, 1], [1, 2]]
+    assert len(body.line_group) == len(body.lines)
+
+
+def connected(geometry, dofs):
+    return connect_nodes(sensor_body(geometry, dofs))
+
+
+def test_sensors_without_a_line_are_connected_to_their_neighbours():
+    beam = Geometry([1, 2, 3, 4], [[0, 0, 0], [1, 0, 0], [2.5, 0, 0], [3, 0.1, 0]])
+    labels = [f"{node}:Z" for node in (1, 2, 3, 4)]
+    assert connected(beam, labels).lines.tolist() == [[0, 1], [1, 2], [2, 3]]
+    # lines of the geometry stay as they are
+    traced = Geometry(beam.nodes, beam.xyz, [[1, 3], [2, 4]])
+    assert connected(traced, labels).lines.tolist() == [[0, 2], [1, 3]]
+    some = Geometry(beam.nodes, beam.xyz, [[1, 2]])
+    assert connected(some, labels).lines.tolist() == [[0, 1], [1, 2], [2, 3]]
+    # a line that ends at a node without a sensor does not count
+    assert connected(traced, labels[:3]).lines.tolist() == [[0, 2], [0, 1], [1, 2]]
+    x, y = np.meshgrid(np.arange(5.0), np.arange(4.0), indexing="ij")
+    xyz = np.stack([x, y, 0.0 * x], -1).reshape(-1, 3)
+    grid = connected(Geometry(np.arange(1, 21), xyz), [f"{n}:Z" for n in range(1, 21)]).lines
+    length = np.linalg.norm(xyz[grid[:, 0]] - xyz[grid[:, 1]], axis=1)
+    np.testing.assert_allclose(length, 1.0)  # a grid without diagonals
+    assert len(grid) == 4 * 4 + 5 * 3
+
+
+@pytest.mark.parametrize(("size", "factor"), [(12, 0.5), (12, 1.0), (24, 1.0), (24, 2.0)])
+def test_neighbours_of_a_sensor_are_searched_among_the_nearest_nodes(monkeypatch, size, factor):
+    """The neighbour of the first sensor is on the other side than a cluster, and farther away."""
+    settings = dataclasses.replace(FIGURES, neighbours=round(factor * FIGURES.neighbours))
+    monkeypatch.setattr("updyn.viewer.bodies.FIGURES", settings)
+    angle = np.linspace(0.0, 0.3, size)
+    cluster = np.stack([np.ones(size), angle, np.zeros(size)], -1)
+    xyz = np.concatenate([[[0.0, 0.0, 0.0], [-1.3, 0.0, 0.0]], cluster])
+    numbers = np.arange(1, size + 3)
+    chain = np.stack([numbers[1:-1], numbers[2:]], -1)  # all but the first have a line
+    body = connected(Geometry(numbers, xyz, chain), [f"{node}:Z" for node in numbers])
+    assert ([0, 1] in body.lines.tolist()) == (factor * 16 >= size + 1)
 
 
 def test_what_does_not_fit_together_is_refused():
@@ -176,6 +292,11 @@ def test_what_does_not_fit_together_is_refused():
         dataclasses.replace(scene, colourings=[Colouring("c", "", [("none", "n")], [0], ["t"])])
     with pytest.raises(InputError, match=r"step 3 of 1, from 0"):
         Colouring("c", "", [("none", "n")], [3], ["t"])
+    with pytest.raises(InputError, match=r"place 1.5 on a colour scale; expected 0 to 1"):
+        Scale(["seq-0", "seq-7"], [], [1.5])
+    for more in ({"labels": ["a", "b"]}, {"scale": Scale(["seq-0", "seq-7"], [], [0.0, 0.0])}):
+        with pytest.raises(InputError, match=r"has 2 (labels|places); expected one for each of 1"):
+            Colouring("c", "", [], [-1], ["t"], **more)
     layer = scene.modes.layers[0]
     with pytest.raises(
         InputError,

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from itertools import combinations
+
 import numpy as np
 import pytest
 
 from pages_read import settled, told
 from updyn.report.templates import asset
-from updyn.viewer import Body, Colouring, Scene, page
-from viewer_case import PIXELS, block_scene
+from updyn.viewer import Body, Colouring, Scene, model_scene, page
+from updyn.viewer.colourings import scale_of_changes
+from viewer_case import PIXELS, block, block_scene
 
 pytestmark = pytest.mark.needs("browser")
 
@@ -199,3 +203,111 @@ def test_a_scene_without_choices_has_no_empty_bar(tmp_path):
     assert opened(Scene([plate(4, 2)]), tmp_path, actions=PARTS)["bar"] == "true"
     (tmp_path / "block").mkdir()
     assert opened(block_scene(), tmp_path / "block", actions=PARTS)["bar"] == "false"
+
+
+#: The place of labels and structure in the picture, at rest.
+LOOKS = """<script>
+(async () => {
+  const root = document.documentElement, place = document.querySelector("[data-scene]");
+  const note = (name, value) => { root.dataset[name] = JSON.stringify(value); };
+  const later = (ms) => new Promise((done) => requestAnimationFrame(() => setTimeout(done, ms)));
+  for (let i = 0; i < 100 && !place.updynViewer; i++) await later(50);
+  const viewer = place.updynViewer, { stage, panel, base } = viewer, [body] = viewer.bodies;
+  viewer.clock.play(false);
+  viewer.set({ show: "rest" });
+  const labels = () => {
+    stage.draw();
+    return [...panel.svg.querySelectorAll(".v-label")].filter((one) => one.getAttribute("visibility") === "visible").map((one) => {
+      const { x, y, width, height } = one.getBBox();
+      return { text: one.textContent, box: [x, y, x + width, y + height] };
+    });
+  };
+  const seen = Array.from({ length: body.real }, (_, node) => stage.project(base.placeOf(node)));
+  const spans = [0, 1].map((c) => Math.max(...seen.map((at) => at[c])) - Math.min(...seen.map((at) => at[c])));
+  note("spans", spans);
+  note("size", [stage.size[0] - stage.covered, stage.size[1]]);
+  note("labels", labels());
+  note("ticks", [...panel.legend.querySelectorAll(".v-tick")].map((one) => [one.textContent, parseFloat(one.style.bottom)]));
+  const { node } = viewer.given.arrows[0] ?? { node: 0 };
+  const [x, y] = stage.project(base.placeOf(node)), box = stage.canvas.getBoundingClientRect();
+  stage.canvas.dispatchEvent(new PointerEvent("pointermove", { clientX: box.left + x, clientY: box.top + y, pointerId: 1 }));
+  note("pointed", labels().map(({ text }) => text));
+  stage.canvas.dispatchEvent(new PointerEvent("pointerleave", { pointerId: 1 }));
+  note("left", labels().map(({ text }) => text));
+  note("done", true);
+})();
+</script></body>"""
+
+
+def change_of(groups):
+    """A continuous colouring with a label for each group."""
+    scale = scale_of_changes(np.linspace(0.8, 1.25, len(groups)), np.log(1.25))
+    texts = [f"{group}: changed" for group in groups]
+    none = [-1] * len(groups)
+    return Colouring("Change", "", [], none, texts, scale=scale, labels=texts)
+
+
+def overlap(one, other):
+    return one[0] < other[2] and other[0] < one[2] and one[1] < other[3] and other[1] < one[3]
+
+
+@pytest.mark.parametrize("size", [(4.0, 0.1, 0.1), (0.4, 0.4, 0.05), (0.1, 0.1, 2.0)])
+def test_the_structure_fills_the_picture(tmp_path, size):
+    scene = model_scene(block((4, 2, 2), size))
+    found = opened(scene, tmp_path, actions=LOOKS)
+    assert "errors" not in found, found["errors"]
+    spans, free = np.array(told(found, "spans")), np.array(told(found, "size"))
+    margin = 2 * 20
+    assert max(spans / (free - margin)) == pytest.approx(1.0, abs=0.01)
+    if size[0] == 4.0:  # a long one lies across the width
+        assert spans[0] > 0.85 * free[0]
+
+
+def test_labels_do_not_overlap(tmp_path):
+    model = block()
+    labels = [f"{node}:{axis}" for node in (15, 30, 45) for axis in "XYZ"]
+    scene = model_scene(
+        model, responses=labels, references=["15:Z"], colourings=[change_of(list(model.groups))]
+    )
+    found = opened(scene, tmp_path, actions=LOOKS)
+    assert "errors" not in found, found["errors"]
+    seen = told(found, "labels")
+    for one, other in combinations(seen, 2):
+        assert not overlap(one["box"], other["box"]), (one, other)
+    width, height = told(found, "size")
+    for one in seen:
+        left, top, right, bottom = one["box"]
+        assert 0 <= left < right <= width
+        assert 0 <= top < bottom <= height
+    texts = {one["text"] for one in seen}
+    assert {"left: changed", "right: changed"} <= texts
+    assert len(texts & set(labels)) >= 5
+    assert dict(told(found, "ticks"))["0 %"] == pytest.approx(50.0)
+
+
+def test_many_labels_come_under_the_pointer(tmp_path):
+    model = block((4, 2, 2))
+    sensors = [f"{node}:{axis}" for node in (15, 14, 13, 45, 44, 43, 30, 29, 28) for axis in "XYZ"]
+    found = opened(model_scene(model, responses=sensors), tmp_path, actions=LOOKS)
+    assert "errors" not in found, found["errors"]
+    assert told(found, "labels") == []
+    pointed = told(found, "pointed")
+    assert pointed
+    assert set(pointed) <= {"15:X", "15:Y", "15:Z"}
+    assert told(found, "left") == []
+
+
+def test_labels_of_many_parts_name_the_largest_changes_and_the_pointed_one(tmp_path):
+    body = plate(9, 8)
+    group = np.repeat(np.arange(8), len(body.faces) // 8)
+    groups = tuple(f"part {number}" for number in range(8))
+    lines = np.full(len(body.lines), -1, dtype=np.intp)
+    body = replace(body, groups=groups, face_group=group, line_group=lines)
+    found = opened(Scene([body], colourings=[change_of(groups)]), tmp_path, actions=LOOKS)
+    assert "errors" not in found, found["errors"]
+    # factors from 0.8 to 1.25: those in the middle change least
+    assert {one["text"] for one in told(found, "labels")} == {
+        f"part {number}: changed" for number in (0, 1, 2, 5, 6, 7)
+    }
+    at_corner = {int(g) for g, face in zip(group, body.faces, strict=True) if 0 in face}
+    assert set(told(found, "pointed")) == {f"part {number}: changed" for number in at_corner}
