@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2, combine_pvalues, f, false_discovery_control
 
+from updyn.updating.judge import adequacy
 from updyn.updating.judge.adequacy import (
     Suspect,
     _combine_p_values,
@@ -513,3 +514,13 @@ def test_values_are_clipped_to_three_standard_deviations():
     values[4] = 100.0j
     std = 1.0 / np.sqrt(2.0 * np.log(2.0))  # of each part of values whose median magnitude is 1
     assert clip_outliers(values)[4, 0] == pytest.approx(3.0j * std)
+
+
+@pytest.mark.parametrize(("p_value", "outcome"), [(0.019, "excess"), (0.021, "noise")])
+def test_one_fit_to_noise_in_fifty_raises_an_alarm(monkeypatch, p_value, outcome):
+    ones = np.ones((1, 1, 1))
+    families = (ones, ones), (p_value, 1.0), (ones, ones)
+    monkeypatch.setattr(adequacy, "_test_families", lambda *about: families)
+    monkeypatch.setattr(adequacy, "_find_worst_misfits", lambda *about: ())
+    monkeypatch.setattr(adequacy, "_describe_outcome", lambda found: "")
+    assert look(noise(1)[:, :1, :1], whitened_H=None).outcome == outcome

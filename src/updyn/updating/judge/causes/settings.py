@@ -585,14 +585,14 @@ class RigidBodySettings:
     #: [1] Share of its deviation that the fit to all sensors leaves, up to which a sensor is not
     #: judged. Why: the others do not determine its motion.
     least_judged: float = 0.05
-    #: [1] Strain energy over the sum of its absolute terms up to which a shape is rigid. Why:
+    #: [1] Strain energy over the sum of its absolute terms up to which a shape is rigid. Rounding:
     #: rounding of the products.
     rigid_energy: float = 1e-10
     #: [degrees] Largest trial turn of a sensor. Why: 90 degrees is another direction.
     most_turn: float = 85.5
     #: [degrees] Step of trial turns. Why: far below the accuracy of a direction.
     turn_step: float = 0.5
-    #: [explanations] Explanations in a statement. Why: length of a sentence.
+    #: [explanations] Explanations in a statement. Drawing: length of a sentence.
     named_explanations: int = 3
 
 
