@@ -82,7 +82,7 @@ class ListLengthSettings:
     #: sentence with more names is hard to read.
     named_items: int = 3
     #: [combinations] Largest number of undetermined, and of determined combinations in the text of
-    #: the identifiability. Why: width of a terminal.
+    #: the identifiability. Drawing: width of a terminal.
     table_combinations: int = 6
     #: [misfits] Largest number of listed channels and bands with a significant misfit. Why: the
     #: list is sorted by size, and a page shows about as many.
@@ -135,11 +135,11 @@ class ShortFitSettings:
     #: [1] Least number of real values per unknown in a short fit. Why: fewer values let any
     #: quantity explain the residual (a rule of thumb).
     values_per_unknown: int = 4
-    #: [std^2] Decrease of the cost by a step below which a short fit ends. Why: a step of one
+    #: [std^2] Decrease of the cost by a step below which a short fit ends. Effort: a step of one
     #: standard deviation, far below the least gain.
     settled_gain: float = 0.5
-    #: [1] Decrease by a step, as a share of the cost, below which a short fit ends. Why: only the
-    #: first two digits of the explained share are shown.
+    #: [1] Decrease by a step, as a share of the cost, below which a short fit ends. Effort: only
+    #: the first two digits of the explained share are shown.
     settled_share: float = 1e-4
     #: [operations] Largest effort of all short fits. Why: about ten seconds.
     most_operations: float = 1e11
@@ -198,13 +198,13 @@ class EffortSettings:
 class NearbyModelSettings:
     """Numbers of reduced models about an estimate."""
 
-    #: [1] Error at the estimate over the largest receptance of a line. Why: below the misfit of any
-    #: test by two orders of magnitude.
+    #: [1] Error at the estimate over the largest receptance of a line. Rounding: below the misfit
+    #: of any test by two orders of magnitude.
     accuracy: float = 1e-4
     #: [lines] Number of lines whose fields compress the basis. Effort: a rule of thumb.
     basis_lines: int = 24
     #: [1] Square root of the share of the energy of the fields that a basis for several states may
-    #: neglect. Why: small compared with the residual that is explained.
+    #: neglect. Rounding: small compared with the residual that is explained.
     dropped_energy_root: float = 1e-3
 
 
@@ -279,16 +279,16 @@ class DiscrepancySettings:
     #: measured beam is 0.3 % with 16 and 34 % with 64. Why: 95 % intervals cover 95.0 % with 8,
     #: 96.7 % with 16 and 96.5 % with 64 (benchmarks/discrepancy.py errors).
     most_dofs: int = 16
-    #: [1] Effect of a change over the largest one below which it is rounding. Why: above the
+    #: [1] Effect of a change over the largest one below which it is rounding. Rounding: above the
     #: rounding of double precision.
     negligible_effect: float = 1e-12
-    #: [1] Least logarithm of the ratio of the variances of model error and noise. Why: the effect
-    #: is then a hundredth of the noise.
+    #: [1] Least logarithm of the ratio of the variances of model error and noise. Rounding: the
+    #: effect is then a hundredth of the noise.
     least_log_ratio: float = -9.0
-    #: [1] Largest logarithm of this ratio. Why: the noise is then below 1e-6 of the effect.
+    #: [1] Largest logarithm of this ratio. Rounding: the noise is then below 1e-6 of the effect.
     most_log_ratio: float = 30.0
-    #: [1] Number of ratios in the grid in which the maximum of the likelihood is bracketed. Why: a
-    #: step of 0.5; the maximum is then refined between the neighbours.
+    #: [1] Number of ratios in the grid in which the maximum of the likelihood is bracketed. Effort:
+    #: a step of 0.5; the maximum is then refined between the neighbours.
     n_ratios: int = 79
 
 
