@@ -23,6 +23,9 @@ An `InputError` has a key path, ``error.key``: names of arguments or keys, and p
 that identify the input. The code that raises it gives the path within its own arguments, such as
 ``key=("noise", "floor")``. A caller that extracted these arguments from a larger input prepends
 their place with `key_path`. `updyn.job.Job.located` adds the job file and the line of the key.
+
+The traceback of an uncaught `InputError` ends at the caller's line; ``python -X dev`` shows all of
+its frames.
 """
 
 from __future__ import annotations
@@ -31,6 +34,8 @@ import difflib
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from os import PathLike
+
+from updyn.tracebacks import render_error, show_short_tracebacks
 
 __all__ = [
     "AbsentError",
@@ -85,6 +90,12 @@ class InputError(UpdynError, ValueError):
     def __init__(self, *args: object, key: Sequence[str | int] = ()) -> None:
         super().__init__(*args)
         self.key = tuple(key)
+
+    def _render_traceback_(self) -> list[str]:  # IPython calls it
+        return render_error(self)
+
+
+show_short_tracebacks(InputError)
 
 
 class DofError(InputError):
