@@ -19,7 +19,12 @@ from updyn import notebook
 from updyn.geometry import Geometry
 from updyn.settings import NOTEBOOK
 from updyn.style import PAPER
+from updyn.updating.judge.causes.finding import Finding, Findings
+from updyn.updating.judge.claim import PARTS, Claim
+from updyn.updating.judge.trust import Trust
 
+#: Objects that are shown as tables alone.
+PLAIN = {"correlation", "mode correlation", "modes", "findings"}
 HOSTILE = '<script>alert("1")</script> & <img src=x onerror=y>'
 
 
@@ -45,6 +50,10 @@ def objects(data):
         "result": result,
         "joint": updyn.JointResult({"a": result, "b": result}, "Both"),
         "Plant": oscillator(band=(0.5, 20.0)),
+        "correlation": updyn.correlate(chain(), data),
+        "mode correlation": updyn.correlate(chain(), updyn.modes(chain(), 4)),
+        "modes": updyn.modes(chain(), 4),
+        "findings": Findings([Finding("sign", ("1:Z",), 0.0, 1e9, 1.0, "Wrong.", "Turn it.")]),
     }
 
 
@@ -72,9 +81,11 @@ def test_all_are_well_formed_small_and_load_nothing(data):
         page = shown._repr_html_()
         tree(shown)
         assert len(page) < 60_000, name
-        assert "<svg" in page, name
+        assert "<svg" in page or name in PLAIN, name
         assert not re.search(r"<script|<link|<iframe|<img|url\(|\bon\w+=", page), name
-        assert set(re.findall(r'https?://[^"\s]+', page)) == {"http://www.w3.org/2000/svg"}
+        assert set(re.findall(r'https?://[^"\s]+', page)) <= {"http://www.w3.org/2000/svg"}
+        # The ground of a table is that of the notebook, light or dark.
+        assert not re.search(r"<(table|tr|td|th|div)[^>]*(background|color)", page), name
 
 
 def test_names_are_escaped(data):
@@ -183,9 +194,31 @@ def test_a_result_shows_its_verdict_values_and_intervals():
     assert shown["bay 8.stiffness"][5] == "at its lower bound"
     page = result._repr_html_()
     assert f"background:{PAPER['warn-ground']}" in page
-    assert "not-identifiable" in page
+    assert ">Not all unknowns determined</span>" in page
     assert "determined 6 of 7 unknowns" in text(result)
     assert "tests 2" in text(updyn.JointResult({"a": result, "b": result}))
+
+
+@pytest.mark.parametrize(
+    ("change", "phrase", "ground"),
+    [
+        ({"status": "converged"}, "Usable", "good-ground"),
+        ({"validated": Claim(False, "It is off.")}, "Fits, does not predict", "bad-ground"),
+        ({"plausible": Claim(False, "It is off.")}, "Not credible", "bad-ground"),
+        ({"validated": Claim(None, "", asked=False)}, "Fits, not validated", "warn-ground"),
+    ],
+)
+def test_the_mark_of_a_result_is_its_verdict(change, phrase, ground):
+    """Of fits that all converged."""
+    claims = {name: Claim(True, "It holds.") for name in PARTS}
+    trust = Trust(**(claims | {k: v for k, v in change.items() if k != "status"}))
+    result = dataclasses.replace(realistic(), status="converged", trust=trust)
+    page = result._repr_html_()
+    assert f">{phrase}</span>" in page
+    assert f"background:{PAPER[ground]}" in page
+    assert ">converged<" not in page
+    joint = updyn.JointResult({"a": result, "b": result})._repr_html_()
+    assert f">{phrase}</span>" in joint
 
 
 def test_a_result_without_notes_has_no_column_of_them():
@@ -193,6 +226,80 @@ def test_a_result_without_notes_has_no_column_of_them():
     (p,) = result.parameters[:1]
     alone = dataclasses.replace(result, parameters=type(result.parameters)((p,)))
     assert cells(alone)[0] == ["unknown", "start", "value", "std. dev.", "95 % interval"]
+
+
+def tables(shown):
+    """Header and rows of each table."""
+    found = []
+    for one in tree(shown).iter("table"):
+        rows = [["".join(cell.itertext()) for cell in row] for row in one.iter("tr")]
+        found.append((rows[0], rows[1:]))
+    return found
+
+
+def test_a_correlation_of_frfs_shows_its_figures_and_responses(data):
+    found = updyn.correlate(chain(), data)
+    (_, figures), (header, responses) = tables(found)
+    shown = dict(figures)
+    assert float(shown["level difference, median (dB)"]) == pytest.approx(
+        np.median(np.abs(found.db_error)), rel=5e-3
+    )
+    assert float(shown["FRAC, worst channel"]) == pytest.approx(found.frac.min(), abs=1e-4)
+    assert [row[0] for row in responses] == list(data.responses.labels)
+    worst = header.index("residual") + 1
+    assert float(responses[1][worst]) == pytest.approx(found.relative_residual[1].max(), rel=5e-3)
+    assert "lines 120 from 4 to 420 Hz" in text(found)
+
+
+def at_sensors(model):
+    found = updyn.modes(model, 2)
+    return 1.02 * found.frequency, found.at(["1:Z", "3:Z"]), ["1:Z", "3:Z"]
+
+
+def test_a_correlation_of_modes_shows_its_table():
+    model = chain(n=3)
+    found = updyn.correlate(model, updyn.ModeSet(*at_sensors(model)))
+    ((header, rows),) = tables(found)
+    assert header[-1] == "MAC"
+    lines = found.table().splitlines()
+    assert [" ".join(row) for row in rows] == [" ".join(line.split()) for line in lines[1:]]
+    assert f"pairs {len(found.pairs.mac)}" in text(found)
+    alone = updyn.correlate(model, updyn.ModeSet(updyn.modes(model, 2).frequency))
+    assert "The measured modes have no shapes" in text(alone)
+
+
+def test_modes_of_a_model_show_frequencies_and_loss_factors():
+    found = updyn.modes(chain(n=3), 3)
+    ((header, rows),) = tables(found)
+    assert header == ["mode", "frequency (Hz)", "loss factor"]
+    assert [float(row[1]) for row in rows] == pytest.approx(list(found.frequency), rel=1e-5)
+    assert [float(row[2]) for row in rows] == pytest.approx(list(found.loss_factor), rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("odds", "words"), [(250.0, "2.5e+02 to 1"), (9e5, "9e+05 to 1"), (1e300, "> 1e+06 to 1")]
+)
+def test_findings_show_cause_and_remedy(odds, words):
+    one = Finding("swapped", ("1:Z", "2:Z"), 0.0, odds, 0.97, HOSTILE, "Check this.")
+    found = Findings([one, dataclasses.replace(one, channels=())])
+    ((header, rows),) = tables(found)
+    assert header == ["cause", "channels", "odds", "explains", "statement", "remedy"]
+    assert rows[0] == ["swapped", "1:Z, 2:Z", words, "97 %", HOSTILE, "Check this."]
+    assert rows[1][1] == "all"
+    assert "<script" not in found._repr_html_()
+    assert "<table" not in Findings()._repr_html_()
+    assert "found 0" in text(Findings())
+
+
+def test_a_diagnosis_is_a_tuple_that_a_notebook_shows():
+    model = chain(n=3)
+    clean = measured(model, n_lines=40, responses=["1:Z", "2:Z", "3:Z"], references=["3:Z"])
+    turned = dataclasses.replace(clean, values=clean.values * np.array([1, -1, 1])[:, None])
+    found = updyn.diagnose(model, turned)
+    assert isinstance(found, tuple)
+    assert found[0].kind == "sign"
+    ((_, rows),) = tables(found)
+    assert rows[0][:2] == ["sign", "2:Z"]
 
 
 @pytest.mark.parametrize(

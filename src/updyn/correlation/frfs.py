@@ -9,11 +9,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from updyn.arrays import BoolArray, ComplexArray, NumberArray, RealArray
+from updyn.correlation.figures import FIGURE_NAMES, SHORT_NAMES, figure_text
 from updyn.correlation.shapes import ratio
 from updyn.dofs import DofSet
 from updyn.errors import DataError
 from updyn.frf import FRF
 from updyn.model import Model
+from updyn.notebook import card, table
 from updyn.positions import warn_of_labels
 from updyn.settings import ROUNDING
 
@@ -60,6 +62,24 @@ class Correlation:
 
     def __repr__(self) -> str:
         return "Correlation(" + ", ".join(f"{k} {v:.3g}" for k, v in self.figures().items()) + ")"
+
+    def _repr_html_(self) -> str:
+        figures = [
+            [FIGURE_NAMES[name], figure_text(name, value)] for name, value in self.figures().items()
+        ]
+        names = [name for name in SHORT_NAMES if name in self.figures()]
+        rows = []
+        for label, values in self.by_response().items():
+            rows.append([label, *(figure_text(name, values[name]) for name in names)])
+        facts = {
+            "responses": len(self.responses),
+            "references": len(self.references),
+            "lines": f"{len(self.freq)} from {self.freq[0]:g} to {self.freq[-1]:g} Hz",
+        }
+        header = ("response", *(SHORT_NAMES[name] for name in names))
+        return card(
+            "Correlation of FRFs", facts, table(("agreement", ""), figures), table(header, rows)
+        )
 
     @property
     def freq(self) -> Array:

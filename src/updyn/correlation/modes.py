@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
@@ -34,6 +35,7 @@ from updyn.errors import DataError, DofError, ModelError
 from updyn.frf import check_band
 from updyn.group import is_number
 from updyn.model import Model
+from updyn.notebook import card, table
 from updyn.text_table import text_table
 
 __all__ = [
@@ -225,6 +227,27 @@ class ModeCorrelation:
 
         The MAC of subspaces is marked by an asterisk, and explained below the table.
         """
+        return "\n".join([text_table(*self.rows()), *self.notes()])
+
+    def _repr_html_(self) -> str:
+        facts = {
+            "pairs": len(self.pairs.mac),
+            "computed": len(self.computed),
+            "measured": len(self.measured),
+            "DOFs": len(self.dofs),
+        }
+        notes = "<br>".join(map(html.escape, self.notes()))
+        return card("Correlation of modes", facts, table(*self.rows()), notes)
+
+    def rows(self) -> tuple[list[str], list[list[str]]]:
+        """Return header and rows of `table`.
+
+        Returns
+        -------
+        header : list of str
+        rows : list of list of str
+            A cell for each heading, by ascending frequency.
+        """
         rows = []
         marks = [self._mark(close) for close in self.in_subspace.tolist()]
         pairs = zip(*self.pairs, self.frequency_change, marks, strict=True)
@@ -240,10 +263,9 @@ class ModeCorrelation:
             cells = ["-", "-", *_format_mode(self.computed, i), "-", f"-{self._mark(False)}"]
             rows.append((float(self.computed.frequency[i]), cells))
         rows.sort(key=lambda row: row[0])
-        header = ("mode", "measured (Hz)", "loss factor", "computed (Hz)", "loss factor")
-        numbered = [[str(i), *cells] for i, (_, cells) in enumerate(rows, 1)]
-        table = text_table((*header, "change (%)", f"MAC{self._mark(False)}"), numbered)
-        return "\n".join([table, *self.notes()])
+        header = ["mode", "measured (Hz)", "loss factor", "computed (Hz)", "loss factor"]
+        header += ["change (%)", f"MAC{self._mark(False)}"]
+        return header, [[str(i), *cells] for i, (_, cells) in enumerate(rows, 1)]
 
     def notes(self) -> list[str]:
         """Return notes on modes without shapes, and the explanations of `subspace_notes`.

@@ -19,6 +19,7 @@ from updyn.dynamics import eigen
 from updyn.dynamics.settings import EIGEN
 from updyn.errors import DataError, ModelError, SolverError, UpdynWarning
 from updyn.model import Matrix, Model
+from updyn.notebook import card, table
 
 __all__ = ["Modes", "modes"]
 
@@ -60,6 +61,16 @@ class Modes:
         if len(self) > 6:
             shown.append("...")
         return f"Modes({len(self)} modes: {', '.join(shown)} Hz)"
+
+    def _repr_html_(self) -> str:
+        rows = [
+            [str(k + 1), f"{frequency:.6g}", f"{loss:.4g}"]
+            for k, (frequency, loss) in enumerate(
+                zip(self.frequency.tolist(), self.loss_factor.tolist(), strict=True)
+            )
+        ]
+        facts = {"modes": len(self), "DOFs": len(self.dofs)}
+        return card("Modes", facts, table(("mode", "frequency (Hz)", "loss factor"), rows))
 
     def at(self, dofs: Iterable[str | Dof]) -> NumberArray:
         """Return the shapes at signed DOFs, shape (k, n); DofError if one is not in the model."""

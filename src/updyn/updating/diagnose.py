@@ -8,7 +8,7 @@ from updyn.errors import OptionError, ParameterError
 from updyn.frf import FRF
 from updyn.model import Model
 from updyn.updating.judge.causes.diagnosis import find_causes
-from updyn.updating.judge.causes.finding import Finding
+from updyn.updating.judge.causes.finding import Finding, Findings
 from updyn.updating.problem.data import Test, check_tests, leave_out_undefined_line
 from updyn.updating.problem.noise import choose_noise
 from updyn.updating.problem.parameters import ParameterSet, parameters
@@ -52,7 +52,8 @@ def diagnose(
     Returns
     -------
     tuple of Finding
-        The likeliest first; empty if no fault is found at odds of 100 to 1.
+        The likeliest first; a notebook shows it as a table. Empty if no fault is
+        found at odds of 100 to 1.
 
     Raises
     ------
@@ -82,7 +83,7 @@ def diagnose(
     part = FRFPart.build(
         test.model, test.frf, selection.parameters, tier=exact, backend=backend, session=session
     )
-    return tuple(find_causes(part, choose_noise(noise, test.frf)))
+    return Findings(find_causes(part, choose_noise(noise, test.frf)))
 
 
 def _all_unknowns(model: Model) -> ParameterSet:

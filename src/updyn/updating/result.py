@@ -37,7 +37,15 @@ from updyn.updating.problem.parameters import Parameter, ParameterSet
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["STATUSES", "JointResult", "UpdateResult", "estimated_gains", "find_result", "interval"]
+__all__ = [
+    "STATUSES",
+    "JointResult",
+    "UpdateResult",
+    "describe_ending",
+    "estimated_gains",
+    "find_result",
+    "interval",
+]
 
 STATUSES = (
     "converged",
@@ -328,10 +336,8 @@ class UpdateResult:
     def summary(self) -> str:
         """Return the result as text: verdict, unknowns and identifiability."""
         width = max(28, 2 + max(map(len, self.parameters.names)))
-        title = self.title or "Update"
         lines = [
-            f"{title}: {self.status} after {format_count(self.iterations, 'iteration')}"
-            f" ({self.method}). {self.badge.phrase}.",
+            describe_ending(self),
             *self._verdict_lines(),
             "",
             f"{'unknown':<{width}}{'start':>12}{'value':>14}{'std':>12}  note",
@@ -521,7 +527,7 @@ class JointResult:
         for line in self.first.summary().removesuffix(agreement).rstrip().splitlines():
             if line not in of_first:
                 lines.append(line)
-        lines[0] = lines[0].replace(self.first.title or "Update", self.title or "Update", 1)
+        lines[0] = describe_ending(self)
         for name, result in self.results.items():
             for line in _describe_residual(result.adequacy, result.message):
                 lines.append(f"{name}: {line.strip()}")
@@ -530,9 +536,17 @@ class JointResult:
         return "\n".join(lines).rstrip()
 
 
+def describe_ending(result: UpdateResult | JointResult) -> str:
+    """Return title, status, number of iterations and verdict of a result in a line."""
+    first = result.first
+    return (
+        f"{result.title or 'Update'}: {first.status} after"
+        f" {format_count(first.iterations, 'iteration')} ({first.method}). {first.badge.phrase}."
+    )
+
+
 def _format_html(result: UpdateResult, title: str, tests: int = 1) -> str:
     """Return a result as HTML: verdict, unknowns with their intervals, changes."""
-    kind = result.badge.colour
     intervals = result.intervals()
     rows, changes = [], []
     for p in result.parameters:
@@ -571,7 +585,7 @@ def _format_html(result: UpdateResult, title: str, tests: int = 1) -> str:
     return card(
         title or "Update",
         facts,
-        f"{badge(result.status, kind)} {html.escape(result.message)}",
+        f"{badge(result.badge.phrase, result.badge.colour)} {html.escape(result.message)}",
         spans(changes, "change from the start (%)"),
         table(header, rows, left=(0, 5)),
     )

@@ -8,12 +8,16 @@ import numpy as np
 
 from updyn.errors import DataError
 from updyn.frf import FRF
+from updyn.notebook import card, table
+from updyn.text_table import percent
 from updyn.updating.judge.causes.catalogue import CAUSES, read_fault
 from updyn.updating.judge.causes.fault import Fault
 from updyn.updating.judge.causes.settings import CAUSE_ODDS
 
-__all__ = ["Finding", "make_fault_finding"]
+__all__ = ["Finding", "Findings", "make_fault_finding"]
 
+#: Odds above which a table shows no number, which would depend on the assumed noise alone.
+_SHOWN_ODDS = 1e6
 #: Kinds that affect some lines only.
 _LOCAL_KINDS = ("mains", "missing-mode")
 #: Kinds that make an answer implausible even with few channels, because a fit takes their values
@@ -130,6 +134,23 @@ class Finding:
         if not self.written:
             raise DataError(f"{self.kind}: no change of the data corrects it. {self.remedy}")
         return read_fault(self.written).repair(frf)
+
+
+class Findings(tuple[Finding, ...]):
+    """Findings, the likeliest first; a notebook shows them as a table."""
+
+    __slots__ = ()
+
+    def _repr_html_(self) -> str:
+        rows = []
+        for one in self:
+            channels = ", ".join(one.channels) or "all"
+            odds = f"{one.odds:.2g} to 1" if one.odds < _SHOWN_ODDS else f"> {_SHOWN_ODDS:.0e} to 1"
+            rows.append(
+                [one.kind, channels, odds, percent(one.explains), one.statement, one.remedy]
+            )
+        header = ("cause", "channels", "odds", "explains", "statement", "remedy")
+        return card("Suspected faults", {"found": len(self)}, table(header, rows, (0, 1, 4, 5)))
 
 
 def make_fault_finding(fault: Fault, log_odds: float, explains: float, test: str) -> Finding:
