@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 __all__ = [
+    "LineClock",
     "NotebookBar",
     "ProgressBar",
     "RunPosition",
@@ -34,6 +35,7 @@ __all__ = [
     "StageClock",
     "asks_to_stop",
     "display_progress",
+    "format_clock",
 ]
 
 _BAR_WIDTH = 12
@@ -151,10 +153,40 @@ def _shorten_name(stage: str) -> str:
     return name if inner in ("", name) else f"{name}: {inner}"
 
 
-def _clock(seconds: float) -> str:
+def format_clock(seconds: float) -> str:
+    """Return a duration as minutes and seconds, from an hour on with hours."""
     minutes, rest = divmod(round(seconds), 60)
     hours, minutes = divmod(minutes, 60)
     return f"{hours}:{minutes:02}:{rest:02}" if hours else f"{minutes}:{rest:02}"
+
+
+class LineClock:
+    """Clock that decides when a plain line is due: first of a stage, or after a growing pause."""
+
+    def __init__(self) -> None:
+        self._begun = time.monotonic()
+        self._stages: set[str] = set()
+        self._printed_at = -math.inf
+
+    @property
+    def elapsed(self) -> float:
+        """Time since the start in s."""
+        return time.monotonic() - self._begun
+
+    def is_due(self, where: RunPosition) -> bool:
+        """Return whether to print a line now, and count it as printed."""
+        stage = str(where.number) if where.of and where.number else where.name
+        if stage in self._stages:
+            growing = max(PROGRESS.line_interval, PROGRESS.line_growth * self.elapsed)
+            pause = min(growing, PROGRESS.longest_interval)
+        else:
+            pause = PROGRESS.stage_interval
+        now = time.monotonic()
+        if now - self._printed_at < pause:
+            return False
+        self._stages.add(stage)
+        self._printed_at = now
+        return True
 
 
 # -- display ---------------------------------------------------------------------------------------
@@ -164,17 +196,18 @@ class ProgressBar:
     def __init__(self, console: Console, stages: Sequence[RunStage] = ()) -> None:
         self.console = console
         self._clock = StageClock(stages)
-        # Stage, step and time of the last plain line.
-        self._shown = "", -1, 0.0
+        self._lines = LineClock()
         self._bar: Any = None
         self._task: Any = None
 
     def show(self, progress: RunProgress) -> None:
         """Display a step, or the lines solved for the next step."""
+        where = self._clock.locate(progress)
         if self._bar is not None:
-            self._draw(progress)
-        else:
-            self._print(progress)
+            self._draw(progress, where)
+        elif self._lines.is_due(where):
+            elapsed = f"{format_clock(self._lines.elapsed)} elapsed"
+            self.note(f"{_name(where)}: {', '.join([*_figures(progress, where), elapsed])}")
 
     def note(self, text: str) -> None:
         """Write a plain line."""
@@ -182,8 +215,7 @@ class ProgressBar:
         self.console.file.flush()
 
     # -- a bar
-    def _draw(self, progress: RunProgress) -> None:
-        where = self._clock.locate(progress)
+    def _draw(self, progress: RunProgress, where: RunPosition) -> None:
         known = not math.isnan(where.share)
         self._bar.update(
             self._task,
@@ -192,28 +224,6 @@ class ProgressBar:
             completed=where.share if known else 0.0,
             figures="  ".join(_figures(progress, where)),
         )
-
-    # -- plain lines
-    def _print(self, progress: RunProgress) -> None:
-        """Print a plain line if one is due."""
-        step = -1 if math.isnan(progress.cost) else progress.accepted
-        if not self._is_due(progress.stage, step):
-            return
-        self._shown = progress.stage, step, time.monotonic()
-        text = progress.stage
-        if step >= 0:
-            text += f"  iteration {step}  cost {progress.cost:.6g}"
-        if progress.n_lines:
-            text += f"  {progress.lines_done} lines solved ({progress.n_lines} a step)"
-        self.note(text)
-
-    def _is_due(self, stage: str, step: int) -> bool:
-        """Return whether to print a plain line: the first of a stage, or after a pause."""
-        shown_stage, shown_step, shown_at = self._shown
-        if stage != shown_stage or shown_step < 0 <= step:
-            return True
-        pause = PROGRESS.same_step_interval if step == shown_step else PROGRESS.line_interval
-        return time.monotonic() - shown_at >= pause
 
     @contextmanager
     def live_bar(self) -> Iterator[None]:
@@ -239,17 +249,17 @@ class ProgressBar:
 
 def _name(where: RunPosition) -> str:
     if where.of and where.number:
-        return f"stage {where.number} of {where.of} {where.name}"
+        return f"stage {where.number} of {where.of}, {where.name}"
     return where.name
 
 
 def _figures(progress: RunProgress, where: RunPosition) -> list[str]:
-    """Return the numbers displayed next to a bar."""
+    """Return iteration and remaining time of the stage, if known, as texts."""
     figures = []
     if not math.isnan(progress.cost):
-        figures = [f"iteration {progress.accepted}", f"cost {progress.cost:.3g}"]
+        figures = [f"iteration {progress.accepted}"]
     if not math.isnan(where.remaining):
-        figures.append(f"up to {_clock(where.remaining)}")
+        figures.append(f"at most {format_clock(where.remaining)} left in this stage")
     return figures
 
 

@@ -133,12 +133,16 @@ class FigureSettings:
 class ProgressSettings:
     """Display of progress."""
 
-    #: [s] Shortest time between plain lines of different steps of a stage. Why: a log of minutes
-    #: has tens of lines.
-    line_interval: float = 1.0
-    #: [s] Shortest time between plain lines within a step. Why: a step of minutes has tens of
-    #: lines.
-    same_step_interval: float = 10.0
+    #: [s] Shortest time between a plain line and the first of another stage. Why: a run of seconds
+    #: is not described stage by stage.
+    stage_interval: float = 1.0
+    #: [s] Shortest time between plain lines of a stage. Why: a log of minutes has ten lines.
+    line_interval: float = 10.0
+    #: [1] Shortest time between plain lines of a stage as a share of the elapsed time. Why: the
+    #: number of lines grows with the logarithm of the run time.
+    line_growth: float = 0.5
+    #: [s] Longest time between plain lines. Why: a run of hours still shows that it lives.
+    longest_interval: float = 600.0
     #: [s] Run time of a stage from which its remaining time is estimated. Why: the first lines
     #: include the start of workers.
     estimate_delay: float = 1.0

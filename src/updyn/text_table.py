@@ -3,9 +3,18 @@
 from __future__ import annotations
 
 import re
+import unicodedata
 from collections.abc import Collection, Sequence
 
-__all__ = ["format_count", "percent", "printable", "text_table"]
+__all__ = [
+    "character_width",
+    "display_width",
+    "fit_columns",
+    "format_count",
+    "percent",
+    "printable",
+    "text_table",
+]
 
 #: Characters that a terminal would interpret, or that change the text direction.
 _CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069]")
@@ -16,13 +25,50 @@ def text_table(
 ) -> str:
     """Return rows as aligned columns, two blanks apart; columns not in `left` align right."""
     cells = [list(header), *(list(row) for row in rows)]
-    widths = [max(len(row[i]) for row in cells) for i in range(len(header))]
+    widths = [max(display_width(row[i]) for row in cells) for i in range(len(header))]
     lines = []
     for row in cells:
-        columns = enumerate(zip(row, widths, strict=True))
-        padded = [c.ljust(w) if i in left else c.rjust(w) for i, (c, w) in columns]
+        padded = []
+        for i, (cell, width) in enumerate(zip(row, widths, strict=True)):
+            blanks = " " * (width - display_width(cell))
+            padded.append(cell + blanks if i in left else blanks + cell)
         lines.append("  ".join(padded).rstrip())
     return "\n".join(lines)
+
+
+def fit_columns(
+    header: Sequence[str],
+    rows: Sequence[Sequence[str]],
+    width: int | None,
+    dropped: Sequence[str],
+    left: Collection[str] = (),
+) -> str:
+    """Return rows as `text_table` does, without the columns that do not fit into a width.
+
+    Columns are dropped in the order of `dropped`, their headings, until the table fits; None is an
+    unlimited width. The first column and those in `left` align left.
+    """
+    names = list(header)
+    for name in ("", *dropped):
+        names = [heading for heading in names if heading != name or not name]
+        at = [i for i, heading in enumerate(header) if heading in names]
+        aligned = {k for k, i in enumerate(at) if i == 0 or header[i] in left}
+        found = text_table([header[i] for i in at], [[row[i] for i in at] for row in rows], aligned)
+        if width is None or max(map(display_width, found.splitlines())) <= width:
+            break
+    return found
+
+
+def display_width(text: str) -> int:
+    """Return the number of columns of a line of text on a terminal."""
+    return len(text) if text.isascii() else sum(map(character_width, text))
+
+
+def character_width(character: str) -> int:
+    """Return the columns of a character: 2 for wide ones of East Asia, 0 for combining marks."""
+    if unicodedata.combining(character) or unicodedata.category(character) in ("Mn", "Me", "Cf"):
+        return 0
+    return 2 if unicodedata.east_asian_width(character) in "WF" else 1
 
 
 def format_count(n: int, noun: str) -> str:

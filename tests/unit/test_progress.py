@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import math
+import re
 import sys
 import types
 
@@ -52,7 +53,7 @@ def test_progress_is_shown_as_lines_where_there_is_no_terminal(capsys):
     captured = capsys.readouterr()
     assert captured.out == ""
     lines = captured.err.splitlines()
-    assert any(line.startswith("maximum-likelihood  iteration") for line in lines)
+    assert re.fullmatch(r"stage \d of \d, [a-z -]+: (iteration \d+, )?0:\d\d elapsed", lines[0])
     assert not any("\x1b" in line for line in lines)
     assert seen
     assert all(isinstance(step, Progress) for step in seen)
@@ -84,8 +85,9 @@ def test_a_terminal_gets_a_bar(monkeypatch):
     monkeypatch.setattr(sys, "stderr", out)
     with display_progress([RunStage("fit", 2)]) as show:
         show(Progress("fit", 1, 3.0, 5, 10, 1))
-    assert "stage 1 of 1 fit" in out.getvalue()
-    assert "iteration 1  cost 3" in out.getvalue()
+    assert "stage 1 of 1, fit" in out.getvalue()
+    assert "iteration 1" in out.getvalue()
+    assert "cost" not in out.getvalue()
 
 
 def test_a_closed_stderr_is_no_error(monkeypatch):
@@ -111,9 +113,9 @@ def test_a_notebook_gets_a_bar_that_goes_away(monkeypatch, clock):
     assert len(handle.shown) == 4
     first, _, third, last = handle.shown
     assert "starting" in first
-    assert "stage 1 of 1 &lt;fit&gt;" in third
+    assert "stage 1 of 1, &lt;fit&gt;" in third
     assert "width:50%" in third
-    assert "iteration 2  cost 1.5" in third
+    assert "iteration 2<" in third
     assert last == ""
 
 
@@ -152,15 +154,3 @@ def test_a_callback_may_return_nothing_else(answer):
         updyn.update(
             chain(), frf, updyn.parameters(chain(), stiffness="all"), callback=lambda step: answer
         )
-
-
-@pytest.mark.parametrize(("step", "pause"), [(2, 1.0), (1, 10.0)])
-def test_pauses_between_plain_lines(clock, step, pause):
-    """A second between steps, ten within a step; the first line of a stage is due at once."""
-    lines = progress.ProgressBar(None)
-    assert lines._is_due("fit", 1)
-    lines._shown = "fit", 1, clock[0]
-    clock[0] += 0.99 * pause
-    assert not lines._is_due("fit", step)
-    clock[0] += 0.02 * pause
-    assert lines._is_due("fit", step)

@@ -6,7 +6,7 @@ import os
 import re
 import shlex
 import shutil
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -26,14 +26,17 @@ from updyn.cli.sections import (
     FinishedRun,
     StartComparison,
     describe_job,
+    describe_results,
     join_sections,
 )
-from updyn.cli.settings import WAITING
+from updyn.cli.settings import LAYOUT, WAITING
 from updyn.cli.terminal import (
     DONE,
     NOT_DETERMINED,
     STOPPED,
+    output_width,
     print_note,
+    print_outcome,
     print_text,
     stderr,
 )
@@ -43,6 +46,7 @@ from updyn.progress import RunStage
 if TYPE_CHECKING:
     from distributed import Client
 
+    from updyn.demos import Demo
     from updyn.engines import Engine
     from updyn.job import Job, JobRun, Prepared
     from updyn.job.proposal import Inputs
@@ -64,6 +68,8 @@ __all__ = [
     "plan",
     "run",
 ]
+
+Verbose = Annotated[bool, Parameter(("--verbose", "-v"), negative=())]
 
 
 def new(
@@ -138,6 +144,7 @@ def run(
     cluster: str | None = None,
     engine: str | None = None,
     resume: Annotated[bool, Parameter(negative=())] = False,
+    verbose: Verbose = False,
 ) -> int:
     """Run a job and write its results: result.json, report.html, run.nc, model.h5, job.toml.
 
@@ -158,15 +165,19 @@ def run(
     resume
         Continue a stopped or interrupted run in that folder; the result is the same as that of an
         uninterrupted run. If nothing was saved, the run starts again and reports this.
+    verbose
+        Print all tables before the outcome.
     """
     from updyn.job import load_job
 
     loaded = load_job(job)
     with open_engine(workers, cluster, engine) as chosen:
-        return _find_exit_code(_run(loaded, out, engine=chosen, resume=resume))
+        done = _run_job(loaded, out, engine=chosen, resume=resume)
+    _print_run(loaded, done, verbose=verbose)
+    return _find_exit_code(done)
 
 
-def check(job: Path, /, *, out: Path | None = None) -> int:
+def check(job: Path, /, *, out: Path | None = None, verbose: Verbose = False) -> int:
     """Check a job without running it: data, unknowns, identifiability at the start.
 
     Prints its findings, and writes the page check.html to DIR: the structure, all channels, maps
@@ -180,7 +191,10 @@ def check(job: Path, /, *, out: Path | None = None) -> int:
         The job file (TOML).
     out
         Folder DIR; by default the job's name with -check, in the same folder.
+    verbose
+        Print all tables before the outcome.
     """
+    from updyn.cli.brief import brief_check
     from updyn.job import check_out, job_analysis, job_selection, load_job, prepare
     from updyn.job.start import agreement_at_start, counterparts_at_start
 
@@ -197,7 +211,7 @@ def check(job: Path, /, *, out: Path | None = None) -> int:
     checked = CheckResult(
         ready, selection, analysis.report, faults, folder, agreement, counterparts
     )
-    print_text(join_sections(CHECK, checked))
+    print_outcome(join_sections(CHECK, checked), brief_check(checked), verbose=verbose)
     _write_start(ready, "check", pages, selection, analysis, faults, agreement, counterparts)
     return NOT_DETERMINED if checked.has_few_common_modes or not analysis.report.complete else DONE
 
@@ -236,7 +250,7 @@ def _write_start(
     pages = write_start_pages(
         ready, work, folder, selection, analysis, faults, agreement, counterparts
     )
-    print_text("\nBefore the fit, as a page: " + ", ".join(map(str, pages)))
+    print_text("Before the fit, as a page: " + ", ".join(map(str, pages)))
 
 
 def demo(
@@ -245,11 +259,12 @@ def demo(
     *,
     out: Path | None = None,
     list_: Annotated[bool, Parameter("--list", negative=())] = False,
+    verbose: Verbose = False,
 ) -> int:
     """Run a shipped example: write its inputs to DIR/inputs, run the job, write the results to DIR.
 
     Where an example has further jobs, their results go to folders in DIR, and the exit code is that
-    of the last one.
+    of the last one. The file demo.txt in DIR compares the results with what is known.
 
     Parameters
     ----------
@@ -259,6 +274,8 @@ def demo(
         Folder DIR; by default demo/NAME in the current one.
     list_
         List the examples and do nothing.
+    verbose
+        Print all tables of each run, and demo.txt, before the outcome.
     """
     from updyn.demos import DEMOS, find_demo
     from updyn.job import load_job
@@ -276,19 +293,44 @@ def demo(
     job = _write_inputs(inputs, chosen.write_inputs)
     print_note(f"demo {chosen.name}: inputs in {inputs}")
     out, results = folder, []
-    while job is not None:
-        done = _run(load_job(job), out)
-        if done.stopped:
-            return STOPPED
+    while True:
+        assert job is not None
+        loaded = load_job(job)
+        done = _run_job(loaded, out)
         results.append(done.result)
-        job = _write_inputs(inputs, lambda at: chosen.next_job(results, at), more=True)
-        if job is not None:
-            out = folder / job.stem
-            print_text("")
-    text = chosen.epilogue(results, inputs)
-    if text:
-        print_text("\n" + text)
+        following = None
+        if not done.stopped:
+            following = _write_inputs(inputs, lambda at: chosen.next_job(results, at), more=True)
+        if following is None:
+            break
+        _print_step(loaded, done, verbose=verbose)
+        job, out = following, folder / following.stem
+    if not done.stopped:
+        _print_demo(chosen, results, folder, verbose=verbose)
+    _print_run(loaded, done, verbose=verbose)
     return _find_exit_code(done)
+
+
+def _print_step(job: Job, done: JobRun, *, verbose: bool) -> None:
+    """Print the verdict of a run that another one follows."""
+    from updyn.updating.result import describe_ending
+
+    ran = FinishedRun(job, done)
+    outcome = " ".join([describe_ending(done.result), *describe_results(ran)])
+    badge = done.result.first.badge
+    print_outcome(join_sections(RUN, ran), outcome, verbose=verbose, badge=badge)
+
+
+def _print_demo(chosen: Demo, results: Sequence[object], folder: Path, *, verbose: bool) -> None:
+    """Write what a demo knows about its results to demo.txt, and print the main points."""
+    from updyn.outputs.switch import open_folder, replace_files
+
+    text = chosen.epilogue(results, folder / "inputs")
+    name = "demo.txt"
+    with open_folder(folder), replace_files(folder, "demo", (name,)) as new:
+        (new / name).write_text(text + "\n", encoding="utf-8")
+    headline = f"{chosen.headline(results)}\nDetails: {folder / name}"
+    print_outcome(text, f"{headline}\n", verbose=verbose)
 
 
 def _write_inputs(
@@ -413,7 +455,7 @@ def info(
     return DONE
 
 
-def correlate(job: Path, /, *, out: Path | None = None) -> int:
+def correlate(job: Path, /, *, out: Path | None = None, verbose: Verbose = False) -> int:
     """Compare the model of a job at the start of its unknowns with its measurement.
 
     Prints the figures of agreement with the data of the fit, and writes the page correlate.html to
@@ -425,9 +467,12 @@ def correlate(job: Path, /, *, out: Path | None = None) -> int:
         The job file (TOML).
     out
         Folder DIR; by default the job's name with -correlate, in the same folder.
+    verbose
+        Print all tables before the outcome.
     """
+    from updyn.cli.brief import brief_head, brief_modes, brief_start
     from updyn.job import job_analysis, job_selection, load_job, prepare
-    from updyn.job.modes import start_modes_text
+    from updyn.job.modes import start_modes, start_modes_text
     from updyn.job.start import start_correlation, start_figures
     from updyn.modal import ModeSet
 
@@ -436,16 +481,21 @@ def correlate(job: Path, /, *, out: Path | None = None) -> int:
     pages = _find_start_folder(loaded, "correlate", out)
     faults = _find_faults(ready)
     agreement = {}
-    print_text(describe_job(ready))
+    details, outcome = [describe_job(ready)], [brief_head(ready)]
     for test in ready.tests:
+        modes = start_modes(test, ready.parameters)
         if isinstance(test.data, ModeSet):
-            text = start_modes_text(test, ready.parameters)
-            print_text("\n" + "\n".join(filter(None, [test.name, text])))
+            text = start_modes_text(modes)
+            details.append("\n".join(filter(None, [test.name, text])))
+            brief = brief_modes(modes, LAYOUT.table_rows, output_width())
+            outcome.append("\n".join(filter(None, [test.name, brief])))
             continue
         found = start_correlation(test, ready.parameters)
         agreement[test.name] = start_figures(test, found)
-        compared = StartComparison(ready, test.name, agreement[test.name], found, faults)
-        print_text("\n" + join_sections(CORRELATE, compared))
+        compared = StartComparison(ready, test.name, agreement[test.name], found, faults, modes)
+        details.append(join_sections(CORRELATE, compared))
+        outcome.append(brief_start(compared, output_width()))
+    print_outcome("\n\n".join(details), "\n\n".join([*outcome, ""]), verbose=verbose)
     if pages is not None:
         selection = job_selection(ready)
         analysis = job_analysis(ready, selection)
@@ -467,6 +517,7 @@ def compare(
     cluster: str | None = None,
     engine: str | None = None,
     list_: Annotated[bool, Parameter("--list", negative=())] = False,
+    verbose: Verbose = False,
 ) -> int:
     """Run every method on the inputs of a job; write compare.html and compare.json to DIR.
 
@@ -498,7 +549,10 @@ def compare(
         Engine of another package, by its registered text.
     list_
         List the methods, their limitations and sources, and do nothing.
+    verbose
+        Print all columns and notes before the outcome.
     """
+    from updyn.cli.brief import brief_comparison
     from updyn.comparison.table import format_methods
     from updyn.job import check_out, load_job, prepare
     from updyn.job.comparison import COMPARISON_FILES, compare_job
@@ -535,8 +589,9 @@ def compare(
             tolerance=tolerance,
             chosen=chosen,
         )
-    print_text(found.summary())
-    print_text(f"\nComparison in {folder}: {folder / 'compare.html'}")
+    outcome = brief_comparison(found, output_width())
+    place = f"Comparison in {folder}: {folder / 'compare.html'}"
+    print_outcome(found.summary(), f"{outcome}\n{place}", verbose=verbose)
     if found.stopped:
         return STOPPED
     if any(row.status in ("converged", "not-identifiable") for row in found):
@@ -544,7 +599,7 @@ def compare(
     return NOT_DETERMINED
 
 
-def modes(job: Path, /, *, out: Path | None = None) -> int:
+def modes(job: Path, /, *, out: Path | None = None, verbose: Verbose = False) -> int:
     """Identify the modes of the job's test; write modes.html and modes.unv to DIR.
 
     The page shows the stabilisation diagram, in which modes can be picked for the table [modes] of
@@ -556,6 +611,8 @@ def modes(job: Path, /, *, out: Path | None = None) -> int:
         The job file (TOML).
     out
         Folder DIR; by default the job's name with -modes, in the same folder.
+    verbose
+        Print all modes with all columns before the outcome.
     """
     from updyn.job import load_job
     from updyn.job.folder import default_out
@@ -564,8 +621,9 @@ def modes(job: Path, /, *, out: Path | None = None) -> int:
     loaded = load_job(job, of_test=True)
     folder = out or default_out(loaded, "modes")
     found = modes_job(loaded, folder, say=lambda text: print_note(text, "dim"))
-    print_text(describe_modes(found))
-    print_text(f"\nModes in {folder}: {folder / 'modes.html'}")
+    outcome = describe_modes(found, LAYOUT.table_rows, output_width())
+    place = f"Modes in {folder}: {folder / 'modes.html'}"
+    print_outcome(describe_modes(found), f"{outcome}\n{place}", verbose=verbose)
     return DONE
 
 
@@ -578,6 +636,7 @@ def plan(
     cluster: str | None = None,
     engine: str | None = None,
     resume: Annotated[bool, Parameter(negative=())] = False,
+    verbose: Verbose = False,
 ) -> int:
     """Choose sensors and forces before a test; write plan.html and plan.json to DIR.
 
@@ -600,7 +659,10 @@ def plan(
     resume
         Continue a stopped or interrupted plan in that folder; the result is the same as that of an
         uninterrupted one. If nothing was saved, it starts again and reports this.
+    verbose
+        Print all tables before the outcome.
     """
+    from updyn.cli.brief import brief_plan
     from updyn.job import load_job
     from updyn.job.folder import default_out
     from updyn.job.planning import plan_job, stages
@@ -618,24 +680,32 @@ def plan(
         again = "updyn plan JOB.toml --resume (with the same --out)"
         print_text(f"plan: {stopped}\nTo continue: {again}")
         return STOPPED
-    print_text(made.summary())
-    print_text(f"\nPlan in {folder}: {folder / 'plan.html'}")
+    outcome = brief_plan(made, output_width())
+    place = f"Plan in {folder}: {folder / 'plan.html'}"
+    print_outcome(made.summary(), f"{outcome}\n{place}", verbose=verbose)
     return DONE
 
 
 # -- parts that several commands use ---------------------------------------------------------------
-def _run(
+def _run_job(
     job: Job, out: Path | None, *, engine: Engine | None = None, resume: bool = False
 ) -> JobRun:
-    """Run a job, and print its summary and the place of its results."""
+    """Run a job with a display of its progress."""
     from updyn.job import check_out, prepare, run_job
 
     folder = check_out(job, out)
     ready = prepare(job)
     with show_progress(stderr(), _list_stages(job)) as display:
-        done = run_job(job, folder, display, prepared=ready, engine=engine, resume=resume)
-    print_text(join_sections(RUN, FinishedRun(job, done)))
-    return done
+        return run_job(job, folder, display, prepared=ready, engine=engine, resume=resume)
+
+
+def _print_run(job: Job, done: JobRun, *, verbose: bool) -> None:
+    """Print the outcome of a run, and the place of its results."""
+    from updyn.cli.outcome import describe_outcome
+
+    ran, result = FinishedRun(job, done), done.result
+    outcome = describe_outcome(result, describe_results(ran), output_width())
+    print_outcome(join_sections(RUN, ran), outcome, verbose=verbose, badge=result.first.badge)
 
 
 def _list_stages(job: Job) -> list[RunStage]:

@@ -22,7 +22,7 @@ from updyn.modal.level import describe_leaning
 from updyn.modal.unexplained import describe_unexplained
 from updyn.model import Group, Matrix, Model
 from updyn.signals.records import as_records
-from updyn.text_table import text_table
+from updyn.text_table import fit_columns, text_table
 from updyn.updating.judge.identifiability import Identifiability
 from updyn.updating.problem.parameters import ParameterSet
 
@@ -176,8 +176,15 @@ def _spacing_text(frf: FRF) -> str:
     return f", {steps.min():g} to {steps.max():g} Hz apart"
 
 
-def describe_modes(found: ModeSet) -> str:
-    """Return frequencies, damping and quality of measured modes, as text."""
+#: Columns of a table of modes, in the order in which they are left out of a narrow terminal.
+_OF_MODES = ("scale", "quality", "phase collinearity", "std")
+
+
+def describe_modes(found: ModeSet, most: int | None = None, width: int | None = None) -> str:
+    """Return frequencies, damping and quality of measured modes, as text.
+
+    Of more than `most` modes, the first are listed; `width` limits the columns.
+    """
     rows = []
     for k in range(len(found)):
         row = [
@@ -198,8 +205,10 @@ def describe_modes(found: ModeSet) -> str:
         f"{len(found.dofs)} DOFs: {_format_dofs(found.dofs)}"
         if found.has_shapes
         else "without shapes",
-        text_table(header, rows),
+        fit_columns(header, rows[:most], width, _OF_MODES),
     ]
+    if most is not None and len(rows) > most:
+        texts.append(f"... and {len(rows) - most} more (--verbose)")
     if len(found.unexplained):
         peaks = describe_unexplained(found.unexplained)
         texts.append(f"{peaks}; [modes] poles makes modes of them.")

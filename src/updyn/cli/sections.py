@@ -17,6 +17,7 @@ from updyn.text_table import text_table
 
 if TYPE_CHECKING:
     from updyn.correlation import Correlation
+    from updyn.correlation.modes import ModeCorrelation
     from updyn.job import Prepared
     from updyn.job.prepared import PreparedTest
     from updyn.job.run import JobRun
@@ -33,7 +34,12 @@ __all__ = [
     "CheckResult",
     "FinishedRun",
     "StartComparison",
+    "describe_fit",
     "describe_job",
+    "describe_results",
+    "format_counterparts",
+    "format_faults",
+    "format_next_step",
     "join_sections",
 ]
 
@@ -61,29 +67,34 @@ def _format_summary(ran: FinishedRun) -> str:
     return ran.run.summary()
 
 
-def _format_results(ran: FinishedRun) -> str:
+def describe_results(ran: FinishedRun) -> list[str]:
+    """Return further results, how to continue an unfinished run, and the place of the results.
+
+    Each is a line of text; a further result is that of a table such as ``[plant]``.
+    """
+    from updyn.job.job_table import JOB_TABLES
+
+    further = []
+    for name, found in ran.run.further.items():
+        further += JOB_TABLES[name].summary(found).splitlines()[:1]
     folder = ran.run.folder
     first = "report.html" if ran.job.output.report else "result.json"
-    return f"Results in {folder}: {folder / first}"
+    return [*further, *_format_resume_hint(ran), f"Results in {folder}: {folder / first}"]
 
 
-def _format_resume_hint(ran: FinishedRun) -> str:
+def _format_resume_hint(ran: FinishedRun) -> list[str]:
     """Return how to continue an unfinished run."""
     status, trust = ran.run.result.status, ran.run.result.trust
     if ran.run.stopped:
-        return f"To continue: {_RESUME_COMMAND}"
+        return [f"To continue: {_RESUME_COMMAND}"]
     # More steps are useless if the data are not credible.
     if status == "max-iterations" and (trust is None or trust.credible):
-        return f"To continue with more max_iterations: {_RESUME_COMMAND}"
-    return ""
+        return [f"To continue with more max_iterations: {_RESUME_COMMAND}"]
+    return []
 
 
-#: Sections of ``updyn run``.
-RUN: tuple[Callable[[FinishedRun], str], ...] = (
-    _format_summary,
-    _format_results,
-    _format_resume_hint,
-)
+#: Details of ``updyn run``; `updyn.cli.outcome` makes the outcome.
+RUN: tuple[Callable[[FinishedRun], str], ...] = (_format_summary,)
 
 
 # -- check -----------------------------------------------------------------------------------------
@@ -148,10 +159,10 @@ def _format_agreement(checked: CheckResult) -> str:
 
 
 def _format_check_faults(checked: CheckResult) -> str:
-    return _format_faults(checked.ready.tests, checked.faults)
+    return format_faults(checked.ready.tests, checked.faults)
 
 
-def _format_counterparts(checked: CheckResult) -> str:
+def format_counterparts(checked: CheckResult) -> str:
     """Return the number of measured modes with a counterpart, with a remedy if there are few."""
     from updyn.updating.before_search import REMEDY
 
@@ -163,7 +174,8 @@ def _format_counterparts(checked: CheckResult) -> str:
     return "\n".join(texts)
 
 
-def _format_next_step(checked: CheckResult) -> str:
+def format_next_step(checked: CheckResult) -> str:
+    """Return whether the job can be run, and the place of its results."""
     if checked.has_few_common_modes:
         return (
             "The job can be run, but its search would end after its first tries, as model and test"
@@ -181,9 +193,9 @@ CHECK: tuple[Callable[[CheckResult], str], ...] = (
     _format_selection,
     _format_identifiability,
     _format_agreement,
-    _format_counterparts,
+    format_counterparts,
     _format_check_faults,
-    _format_next_step,
+    format_next_step,
 )
 
 
@@ -192,7 +204,8 @@ CHECK: tuple[Callable[[CheckResult], str], ...] = (
 class StartComparison:
     """The model of a job at the start, compared with a test; its name may be empty.
 
-    `figures` are for the data of the fit, `found` for all data of the test.
+    `figures` are for the data of the fit, `found` for all data of the test; `modes` are the modes
+    of both, or the reason why they are missing.
     """
 
     ready: Prepared
@@ -200,6 +213,7 @@ class StartComparison:
     figures: Mapping[str, float]
     found: Correlation
     faults: Mapping[str, tuple[Finding, ...]]
+    modes: ModeCorrelation | str
 
 
 def _format_test_name(compared: StartComparison) -> str:
@@ -221,14 +235,13 @@ def _format_by_response(compared: StartComparison) -> str:
 
 def _format_test_faults(compared: StartComparison) -> str:
     tests = [test for test in compared.ready.tests if test.name == compared.test]
-    return _format_faults(tests, compared.faults)
+    return format_faults(tests, compared.faults)
 
 
 def _format_modes(compared: StartComparison) -> str:
     from updyn.job.modes import start_modes_text
 
-    (test,) = (test for test in compared.ready.tests if test.name == compared.test)
-    return start_modes_text(test, compared.ready.parameters)
+    return start_modes_text(compared.modes)
 
 
 #: Sections of ``updyn correlate``, for each test.
@@ -242,7 +255,7 @@ CORRELATE: tuple[Callable[[StartComparison], str], ...] = (
 
 
 # -- several commands ------------------------------------------------------------------------------
-def _format_faults(tests: Sequence[PreparedTest], faults: Mapping[str, tuple[Finding, ...]]) -> str:
+def format_faults(tests: Sequence[PreparedTest], faults: Mapping[str, tuple[Finding, ...]]) -> str:
     """Return the suspected faults in the data of tests, each with its remedy."""
     from updyn.modal import ModeSet
 
@@ -267,7 +280,7 @@ def describe_job(ready: Prepared) -> str:
             texts.append(f"{test.name}:")
         texts.append(_describe_model(test))
         texts.append(_describe_test(test))
-        texts.append(_describe_fit(test))
+        texts.append(describe_fit(test))
     return "\n".join(texts)
 
 
@@ -295,7 +308,7 @@ def _describe_test(test: PreparedTest) -> str:
     )
 
 
-def _describe_fit(test: PreparedTest) -> str:
+def describe_fit(test: PreparedTest) -> str:
     """Return the fitted lines and responses, and the held-out data."""
     from updyn.modal import ModeSet
 

@@ -30,6 +30,26 @@ class DescriptionSettings:
 
 
 @dataclass(frozen=True)
+class LayoutSettings:
+    """Layout of what commands print after their work."""
+
+    #: [lines] Most lines of the outcome of a run. Why: with the prompt and the command, half of a
+    #: common window of 50 lines; a rule of thumb.
+    outcome_lines: int = 20
+    #: [rows] Rows of a table of an outcome, the largest or worst first. Why: chosen for one glance.
+    outcome_rows: int = 5
+    #: [rows] Rows of a table that is the outcome: modes, methods. Why: the outcome of such a
+    #: command is at most 25 lines.
+    table_rows: int = 15
+    #: [columns] Least width that is assumed of a terminal. Why: numbers need three columns next to
+    #: a name; narrower terminals break lines themselves.
+    least_width: int = 40
+    #: [columns] Least width to which sentences in a table are wrapped. Why: a few words a line; a
+    #: rule of thumb.
+    least_text_width: int = 24
+
+
+@dataclass(frozen=True)
 class WaitingSettings:
     """Times that commands wait."""
 
@@ -46,4 +66,5 @@ class WaitingSettings:
 
 
 DESCRIPTION = DescriptionSettings()
+LAYOUT = LayoutSettings()
 WAITING = WaitingSettings()

@@ -4,19 +4,23 @@ from __future__ import annotations
 
 import io
 import os
+import shutil
 import sys
-import textwrap
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, TextIO
 
 from updyn.cli.highlight import THEME, SummaryHighlighter
+from updyn.cli.layout import fit_text
+from updyn.cli.settings import LAYOUT
 from updyn.errors import UpdynWarning
 from updyn.text_table import printable
 
 if TYPE_CHECKING:
     from rich.console import Console
+
+    from updyn.updating.judge.badge import Badge
 
 __all__ = [
     "BAD_INPUT",
@@ -25,13 +29,14 @@ __all__ = [
     "STOPPED",
     "TERMINATED",
     "encode_anything",
+    "output_width",
     "print_error",
     "print_note",
+    "print_outcome",
     "print_text",
     "printable",
     "stderr",
     "warnings_as_notes",
-    "wrap_text",
 ]
 
 #: Exit codes.
@@ -73,16 +78,39 @@ def print_error(message: str) -> int:
     return BAD_INPUT
 
 
-def print_text(text: str) -> None:
-    """Print to stdout, in colour on a terminal; a closed pipe (``| head``) is not an error."""
+def output_width() -> int | None:
+    """Return the width of stdout: COLUMNS, or that of the terminal; None (unlimited) for a pipe."""
+    stated = os.environ.get("COLUMNS", "")
+    if stated.isdecimal() and int(stated):
+        return max(int(stated), LAYOUT.least_width)
+    if sys.stdout is None or not sys.stdout.isatty():
+        return None
+    return max(shutil.get_terminal_size().columns, LAYOUT.least_width)
+
+
+def print_text(text: str, badge: Badge | None = None) -> None:
+    """Print to stdout, in colour on a terminal, with the verdict of `badge` in its colour.
+
+    Text is laid out for the width of the output. A closed pipe (``| head``) is not an error.
+    """
     if sys.stdout is None:  # closed before the start of the process
         return
+    shown, width = printable(text), output_width()
+    if width is not None:
+        shown = fit_text(shown, width)
     with _ignore_closed_pipe(sys.stdout):
         if sys.stdout.isatty():
-            _print_coloured(printable(text))
+            _print_coloured(shown, badge)
         else:
-            sys.stdout.write(printable(text) + "\n")
+            sys.stdout.write(shown + "\n")
             sys.stdout.flush()
+
+
+def print_outcome(details: str, outcome: str, *, verbose: bool, badge: Badge | None = None) -> None:
+    """Print the outcome of a command, after its details if they were asked for."""
+    if verbose and details:
+        print_text(f"{details}\n", badge)
+    print_text(outcome, badge)
 
 
 @contextmanager
@@ -95,28 +123,12 @@ def _ignore_closed_pipe(stream: TextIO | None) -> Iterator[None]:
             os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
-def _print_coloured(text: str) -> None:
+def _print_coloured(text: str, badge: Badge | None) -> None:
     """Print to the terminal, in colour if it and the user (``NO_COLOR``) allow it."""
     from rich.console import Console
 
-    console = Console(theme=THEME, highlighter=SummaryHighlighter())
-    shown = wrap_text(text, console.width)
-    console.print(shown, markup=False, emoji=False, highlight=True, soft_wrap=True)
-
-
-def wrap_text(text: str, width: int) -> str:
-    """Return text wrapped to a width, except table rows (two blanks between their columns)."""
-    lines = []
-    for line in text.splitlines():
-        indent = line[: len(line) - len(line.lstrip())]
-        if len(line) <= width or "  " in line.strip():
-            lines.append(line)
-            continue
-        whole = textwrap.TextWrapper(
-            width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
-        )
-        lines += whole.wrap(line)
-    return "\n".join(lines)
+    console = Console(theme=THEME, highlighter=SummaryHighlighter(badge))
+    console.print(text, markup=False, emoji=False, highlight=True, soft_wrap=True)
 
 
 @contextmanager

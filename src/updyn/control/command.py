@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from updyn.cli.commands import open_engine
-from updyn.cli.terminal import DONE, NOT_DETERMINED, print_note, print_text
+from updyn.cli.commands import Verbose, open_engine
+from updyn.cli.terminal import DONE, NOT_DETERMINED, output_width, print_note, print_outcome
 from updyn.control.job.job_tables import CONTROL, PLANT_PAGE
-from updyn.control.job.messages import describe_plant_result
+from updyn.control.job.messages import brief_plant_result, describe_plant_result
 from updyn.control.job.plant_job import check_plant_out, default_plant_out, plant_job
 from updyn.control.job.tables import PlantTable
 from updyn.job import load_job, prepare
@@ -23,6 +23,7 @@ def plant(
     run: Path | None = None,
     workers: int | None = None,
     cluster: str | None = None,
+    verbose: Verbose = False,
 ) -> int:
     """Make the plant of a job: plant.mat, plant.json, plant.h, plant.html and control.json.
 
@@ -43,6 +44,8 @@ def plant(
         Processes on this machine to spread a family of plants over.
     cluster
         Address of a Dask scheduler to spread it over its workers instead.
+    verbose
+        Print conversions, servo and notes before the outcome.
     """
     loaded = load_job(job)
     folder = check_plant_out(loaded, default_plant_out(loaded) if out is None else out)
@@ -56,18 +59,18 @@ def plant(
             engine=where,
             say=lambda text: print_note(text, "dim"),
         )
-    print_text(describe_plant_result(result))
     table = loaded.table(PlantTable)
     assert table is not None
-    if not result.holds_tolerance:
-        print_text(
-            f"\nNo plant is written; what was reached: {folder / PLANT_PAGE} and {folder / CONTROL}"
-        )
-        return NOT_DETERMINED
     files = [
         *table.files,
         *(table.sampled_files if result.sampled is not None else ()),
         CONTROL,
     ]
-    print_text(f"\nPlant in {folder}: {', '.join(files)}; page: {folder / PLANT_PAGE}")
-    return DONE
+    place = f"Plant in {folder}: {', '.join(files)}; page: {folder / PLANT_PAGE}"
+    if not result.holds_tolerance:
+        place = (
+            f"No plant is written; what was reached: {folder / PLANT_PAGE} and {folder / CONTROL}"
+        )
+    outcome = f"{brief_plant_result(result, output_width())}\n\n{place}"
+    print_outcome(describe_plant_result(result), outcome, verbose=verbose)
+    return DONE if result.holds_tolerance else NOT_DETERMINED

@@ -19,6 +19,7 @@ from updyn.control.servo.margins import Margins
 from updyn.control.servo.record import Servo
 from updyn.control.servo.servo import servo
 from updyn.demos import antenna
+from updyn.demos.antenna import headline
 from updyn.demos.antenna_model import AZIMUTH, NODES
 from updyn.model import Model
 
@@ -32,6 +33,7 @@ __all__ = [
     "azimuth_plant",
     "azimuth_servo",
     "epilogue",
+    "headline",
     "job_tables",
     "margins_table",
     "write_inputs",

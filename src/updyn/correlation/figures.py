@@ -7,7 +7,15 @@ from typing import Any
 
 from updyn.text_table import text_table
 
-__all__ = ["FIGURE_NAMES", "ONE_AT_BEST", "SHORT_NAMES", "agreement_table", "figure_text"]
+__all__ = [
+    "FIGURE_NAMES",
+    "LEADING_FIGURES",
+    "ONE_AT_BEST",
+    "SHORT_NAMES",
+    "agreement_table",
+    "capitalized_name",
+    "figure_text",
+]
 
 #: Names of the figures of `Correlation.figures`, in display order.
 FIGURE_NAMES: Mapping[str, str] = {
@@ -43,8 +51,16 @@ SHORT_NAMES: Mapping[str, str] = {
     "db_error_median": "dB",
     "db_error_p95": "dB, 95 %",
 }
+#: Figures that stand for all others in a line: the first that is known.
+LEADING_FIGURES = ("db_error_median", "frequency_error_rms", "mac_median")
 #: Prefixes of figures with a best value of 1.
 ONE_AT_BEST = ("frac_", "correlation_", "csac_", "csf_", "mac_")
+
+
+def capitalized_name(name: str) -> str:
+    """Return the name of a figure of agreement at the start of a line."""
+    words = FIGURE_NAMES[name]
+    return f"{words[0].upper()}{words[1:]}"
 
 
 def figure_text(name: str, value: float) -> str:

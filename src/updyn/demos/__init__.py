@@ -1,9 +1,9 @@
 """Shipped demos: each writes its inputs and a job file, and runs like any other job.
 
 A demo is a module with ``write_inputs(folder) -> path of the job file``, and optionally
-``next_job(results, folder) -> path or None``, called after each run, and ``epilogue(results,
-folder) -> text``. The outcome of a demo is that of its last run: an earlier run may have unknowns
-that the data do not determine.
+``next_job(results, folder) -> path or None``, called after each run, ``headline(results) -> text``
+of a few lines, and ``epilogue(results, folder) -> text`` with all details. The outcome of a demo is
+that of its last run: an earlier run may have unknowns that the data do not determine.
 """
 
 from __future__ import annotations
@@ -71,6 +71,22 @@ class Demo:
             return None
         job: Path | None = module.next_job(results, folder)
         return job
+
+    def headline(self, results: Sequence[object]) -> str:
+        """Return a few lines about the results in addition to their verdicts.
+
+        Parameters
+        ----------
+        results : sequence of UpdateResult or JointResult
+            Results of all runs, in order.
+
+        Returns
+        -------
+        str
+            Text, possibly empty.
+        """
+        module = importlib.import_module(self.module)
+        return str(module.headline(results)) if hasattr(module, "headline") else ""
 
     def epilogue(self, results: Sequence[object], folder: Path) -> str:
         """Return text about the results in addition to their summaries.

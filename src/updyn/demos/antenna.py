@@ -29,6 +29,7 @@ __all__ = [
     "SENSORS",
     "TRUTH",
     "epilogue",
+    "headline",
     "measure",
     "true_values",
     "write_inputs",
@@ -217,6 +218,17 @@ def true_values(parameters: Sequence[Any]) -> dict[str, float]:
         first = p.acts_on[0]
         out[p.name] = TRUTH[first.group][first.quantity] ** (1.0 / first.power)
     return out
+
+
+def headline(results: Sequence[JointResult]) -> str:
+    """Return the largest deviation from the true values, in standard deviations."""
+    result = results[-1]
+    true = true_values(result.parameters)
+    off = [abs((result.values[name] - true[name]) / result.std[name]) for name in true]
+    return (
+        f"All {len(off)} unknowns are within {max(off):.1f} standard deviations of the values that"
+        " made the data."
+    )
 
 
 def epilogue(results: Sequence[JointResult], folder: Path) -> str:

@@ -13,13 +13,14 @@ from dataclasses import replace
 from importlib import resources
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from updyn.arrays import ComplexArray, NumberArray, RealArray
 from updyn.correlation import Correlation, correlate
 from updyn.dynamics.modes import modes
+from updyn.text_table import text_table
 
 if TYPE_CHECKING:
     from updyn.frf import FRF
@@ -36,6 +37,7 @@ __all__ = [
     "epilogue",
     "find_torsion",
     "fit_one_mode",
+    "headline",
     "next_job",
     "reciprocity",
     "segments_job",
@@ -262,6 +264,20 @@ def _write_job(path: Path, text: str) -> Path:
 
 
 # -- results
+def headline(results: Sequence[UpdateResult]) -> str:
+    """Return source and level differences of the start and of every run."""
+    first = results[0].correlation
+    rows = [_levels(f"start, E = {E / 1e9:g} GPa", first, "before")]
+    rows += [_levels(result.title, result.correlation, "after") for result in results]
+    table = text_table(("level difference, median (dB)", "fitted", "held out"), rows)
+    return f"{_SOURCE}\n{table}"
+
+
+def _levels(name: str, figures: Mapping[str, Any], when: str) -> list[str]:
+    both = figures[when], figures["validation"][when]
+    return [name, *(f"{one['db_error_median']:.3f}" for one in both)]
+
+
 def epilogue(results: Sequence[UpdateResult], folder: Path) -> str:
     """Compare start, whole beam and segments; explain the remaining residual."""
     return f"{_SOURCE}\n\n{comparison(results)}\n\n{describe_residual(results[-1])}"

@@ -19,7 +19,7 @@ from updyn.model import Group, Model
 if TYPE_CHECKING:
     from updyn.updating.result import UpdateResult
 
-__all__ = ["TRUTH", "build", "epilogue", "measure", "write_inputs"]
+__all__ = ["TRUTH", "build", "epilogue", "headline", "measure", "write_inputs"]
 
 _STIFFNESS = (10e3, 12e3, 14e3, 11e3, 13e3, 10e3, 12e3, 14e3, 11e3, 13e3, 10e3, 12e3)  # N/m
 _MASS = 1.0  # kg, each
@@ -108,6 +108,19 @@ def write_inputs(folder: Path) -> Path:
     job = folder / "job.toml"
     job.write_text(_JOB, encoding="utf-8")
     return job
+
+
+def headline(results: Sequence[UpdateResult]) -> str:
+    """Return the largest deviation from the true values, in standard deviations."""
+    result = results[-1]
+    off = []
+    for p in result.parameters:
+        error = result.values[p.name] - TRUTH[p.group][p.quantity]
+        off.append(abs(error / result.std[p.name]))
+    return (
+        f"All {len(off)} unknowns are within {max(off):.1f} standard deviations of the values that"
+        " made the data."
+    )
 
 
 def epilogue(results: Sequence[UpdateResult], folder: Path) -> str:

@@ -31,6 +31,7 @@ __all__ = [
     "FIFTH",
     "READINGS",
     "epilogue",
+    "headline",
     "known_masses",
     "measure",
     "move_along_family",
@@ -212,6 +213,16 @@ def _write_job(
 
 
 # -- results
+def headline(results: Sequence[UpdateResult]) -> str:
+    """Return the ranks with four lines and with five, and the largest error with five."""
+    four, five = results[0].identifiability, results[-1].identifiability
+    return (
+        f"The four lines of the paper determine {four.rank} of {four.n_parameters} unknowns; a"
+        f" fifth line at {FIFTH:g} rad/s determines {five.rank}, the worst to"
+        f" {worst_error(results[-1]):.0e}."
+    )
+
+
 def epilogue(results: Sequence[UpdateResult], folder: Path) -> str:
     """Compare with the paper; show the undetermined combination, and the result of a fifth line."""
     published, second, fifth_line = results

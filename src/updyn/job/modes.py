@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from updyn.correlation import correlate
+from updyn.correlation.modes import ModeCorrelation
 from updyn.dynamics.excitation import hold_base
 from updyn.errors import UpdynError
 from updyn.job.prepared import PreparedTest
@@ -17,7 +18,10 @@ from updyn.updating.modes import identify_modes_for, judge_by_modes, modal_table
 from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.result import JointResult, UpdateResult
 
-__all__ = ["modal_texts", "start_modes_text", "with_modes"]
+__all__ = ["MODES_HEADING", "modal_texts", "start_modes", "start_modes_text", "with_modes"]
+
+#: Heading of the table of modes at the start.
+MODES_HEADING = "Modes of the test (measured) and of the model (computed)"
 
 
 def with_modes(result: UpdateResult | JointResult) -> UpdateResult | JointResult:
@@ -52,22 +56,25 @@ def _select_informative(
     ]
 
 
-def start_modes_text(test: PreparedTest, unknowns: ParameterSet) -> str:
-    """Return a text table of measured and computed modes at the start, or why it is missing."""
+def start_modes(test: PreparedTest, unknowns: ParameterSet) -> ModeCorrelation | str:
+    """Return the correlation of the modes of model and test at the start, or why it is missing."""
     model, data = start_model(test, unknowns), test.data
     if model.n_dofs > EFFORT.most_dofs:
         return f"Modes: not computed for a model of {model.n_dofs} DOFs; see updyn.correlate."
     try:
         measured = data if isinstance(data, ModeSet) else test.modes
         if measured is not None:
-            found = correlate(model, measured)
-        else:
-            band = float(test.freq[0]), float(test.freq[-1])
-            model, frf = hold_base(model, test.frf)
-            found = correlate(model, identify_modes_for(model, frf), band=band)
+            return correlate(model, measured)
+        band = float(test.freq[0]), float(test.freq[-1])
+        model, frf = hold_base(model, test.frf)
+        return correlate(model, identify_modes_for(model, frf), band=band)
     except UpdynError as error:
         return f"Modes: not known; {str(error).removeprefix('modes: ')}."
-    return f"Modes of the test (measured) and of the model (computed)\n{found.table()}"
+
+
+def start_modes_text(found: ModeCorrelation | str) -> str:
+    """Return a text table of measured and computed modes at the start, or why it is missing."""
+    return found if isinstance(found, str) else f"{MODES_HEADING}\n{found.table()}"
 
 
 def modal_texts(result: UpdateResult | JointResult) -> list[str]:

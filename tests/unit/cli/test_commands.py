@@ -72,7 +72,7 @@ def test_run_recovers_the_truth_and_says_0(
     chain_folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     job = write(chain_folder, JOB)
-    assert main(["run", str(job)]) == 0
+    assert main(["run", str(job), "--verbose"]) == 0
 
     out, err = capsys.readouterr()
     folder = chain_folder / "job"
@@ -84,7 +84,7 @@ def test_run_recovers_the_truth_and_says_0(
         assert f"\n  {part:<10}  yes        " in out
     assert "The fit converged and" not in out  # the four parts say it
     assert str(folder / "result.json") in out
-    assert "maximum-likelihood  iteration" in err  # plain lines, as stderr is no terminal here
+    assert re.match(r"stage \d of 4, .*\d:\d\d elapsed\n", err)  # stderr is no terminal here
 
     found = json.loads((folder / "result.json").read_text(encoding="utf-8"))
     assert found["status"] == "converged"
@@ -142,7 +142,7 @@ def test_not_all_determined_says_3_and_writes(
     chain_folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     job = write(chain_folder, OPEN)
-    assert main(["run", str(job)]) == 3
+    assert main(["run", str(job), "--verbose"]) == 3
     found = json.loads((chain_folder / "job" / "result.json").read_text(encoding="utf-8"))
     assert found["status"] == "not-identifiable"
     assert found["identifiability"]["rank"] < found["identifiability"]["n_parameters"] == 4
@@ -298,7 +298,7 @@ def test_check_says_what_can_be_known(
     chain_folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     job = write(chain_folder, JOB)
-    assert main(["check", str(job)]) == 0
+    assert main(["check", str(job), "--verbose"]) == 0
     out = capsys.readouterr().out
     assert "part4.loss_factor  " in out
     assert "\nmodel: 12 DOFs, 4 groups: part1, part2, part3, part4\n" in out
@@ -354,16 +354,18 @@ def test_data_of_zeros_are_refused(
 def test_correlate_agrees_with_the_library(
     chain_folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["correlate", str(write(chain_folder, JOB))]) == 0
+    assert main(["correlate", str(write(chain_folder, JOB)), "--verbose"]) == 0
     out = capsys.readouterr().out
     start = chain.build().scaled({f"part{i}": {"loss_factor": 0.02} for i in (1, 2, 3, 4)})
     measured = chain.measure()
     found = updyn.correlate(start, measured)
     of_fit = measured.select(responses=[x for x in measured.responses.labels if x != "7:X"])
     for name, expected in updyn.correlate(start, of_fit).figures().items():
-        (row,) = (x for x in out.splitlines() if x.startswith(f"{FIGURE_NAMES[name]} "))
+        (row,) = (x for x in out.splitlines() if x.startswith(f"{FIGURE_NAMES[name]}  "))
         assert float(row.split()[-1]) == pytest.approx(expected, rel=5e-3)
-    (row,) = (x for x in out.splitlines() if x.startswith("10:X "))
+    rows = [x for x in out.splitlines() if x.startswith("10:X ")]
+    assert len(set(rows)) == 1  # of the details and of the outcome
+    (row, _) = rows
     values = [float(cell) for cell in row.split()[1:]]
     assert values == pytest.approx(list(found.by_response()["10:X"].values()), rel=5e-3)
     modes = updyn.correlate(start, updyn.identify_modes(measured))
@@ -472,16 +474,20 @@ def test_demo_chain(
     monkeypatch.chdir(tmp_path)
     assert main(["demo", "chain"]) == 0
     out = capsys.readouterr().out
+    assert len(out.splitlines()) <= 20
+    assert out.startswith("All 12 unknowns are within ")
+    assert out.endswith(f"\nResults in demo/chain: {Path('demo/chain/report.html')}\n")
     folder = tmp_path / "demo" / "chain"
     assert {p.name for p in folder.iterdir()} == {
-        "inputs", "job.toml", "manifest.json", "model.h5", "report.html", "result.json", "run.nc",
+        "demo.txt", "inputs", "job.toml", "manifest.json", "model.h5", "report.html", "result.json",
+        "run.nc",
     }  # fmt: skip
-    assert "Against the values that made the data:" in out
-    errors = [
-        float(line.split()[-1]) for line in out.split("made the data:\n")[1].splitlines()[1:13]
-    ]
+    text = (folder / "demo.txt").read_text(encoding="utf-8")
+    assert text.startswith("Against the values that made the data:\n")
+    errors = [float(line.split()[-1]) for line in text.splitlines()[2:14]]
     assert len(errors) == 12
     assert max(map(abs, errors)) < 4
+    assert f"within {max(map(abs, errors)):.1f} standard deviations" in out
     assert main(["check", str(folder / "job.toml")]) == 0
 
 

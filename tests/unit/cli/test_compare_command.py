@@ -37,7 +37,7 @@ def ran(inputs: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, i
     folder = tmp_path_factory.mktemp("out") / "deep" / "compared"
     said: list[str] = []
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("updyn.cli.commands.print_text", said.append)
+        patch.setattr("updyn.cli.commands.print_outcome", lambda *texts, **_: said.extend(texts))
         job, truth = inputs / "compare_stiffness.toml", inputs / "compare_stiffness_truth.toml"
         words = ["compare", str(job), "--truth", str(truth), "--fewest", "--out", str(folder)]
         with no_cause_search():
@@ -71,7 +71,7 @@ def test_a_method_that_fails_says_why_on_screen_page_and_record(
     inputs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     words = ["compare", str(inputs / "compare.toml"), "--out", str(tmp_path)]
-    assert main([*words, "--methods", "reduced-frf,frf-sensitivity"]) == 3
+    assert main([*words, "--methods", "reduced-frf,frf-sensitivity", "--verbose"]) == 3
     said = capsys.readouterr().out
     record = json.loads((tmp_path / "compare.json").read_text(encoding="utf-8"))
     page = (tmp_path / "compare.html").read_text(encoding="utf-8")
@@ -303,7 +303,7 @@ def test_ctrl_c(inputs: Path, tmp_path: Path) -> None:
     ) as process:
         assert process.stderr is not None
         for line in process.stderr:
-            if "lines: " in line:  # the first method is through, and its fewest lines are sought
+            if line.startswith("stage "):
                 os.kill(process.pid, signal.SIGINT)
                 break
         _, err = process.communicate(timeout=120)

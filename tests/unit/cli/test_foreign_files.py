@@ -221,7 +221,7 @@ def test_a_name_that_no_file_can_have(job: Path, capsys: pytest.CaptureFixture[s
 def test_inputs_of_a_demo_that_were_edited_are_kept(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("updyn.cli.commands._run", lambda *_: pytest.fail("the work was begun"))
+    monkeypatch.setattr("updyn.cli.commands._run_job", lambda *_: pytest.fail("the work was begun"))
     inputs = tmp_path / "inputs"
     inputs.mkdir()
     (inputs / "job.toml").write_text("mine")

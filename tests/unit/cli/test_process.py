@@ -90,7 +90,7 @@ def long_job(chain_folder: Path) -> Path:
 def test_ctrl_c_stops_after_the_step_and_writes(long_job: Path) -> None:
     process = updyn_process("run", str(long_job))
     assert process.stderr is not None
-    assert any("iteration 0" in line for line in process.stderr)
+    assert any("iteration" in line for line in process.stderr)
     process.send_signal(signal.SIGINT)
     out, err = process.communicate(timeout=120)
     assert process.returncode == 130, err
@@ -119,7 +119,7 @@ def test_ctrl_c_stops_after_the_step_and_writes(long_job: Path) -> None:
 def test_a_second_ctrl_c_leaves_at_once_and_writes_no_results(long_job: Path) -> None:
     process = updyn_process("run", str(long_job))
     assert process.stderr is not None
-    assert any("iteration 0" in line for line in process.stderr)
+    assert any("iteration" in line for line in process.stderr)
     process.send_signal(signal.SIGINT)
     assert any("Stopping after this step" in line for line in process.stderr)
     process.send_signal(signal.SIGINT)
@@ -140,7 +140,7 @@ def test_a_killed_run_is_resumed_to_the_result_of_one_that_was_not(long_job: Pat
     long_job.write_text(job, encoding="utf-8")
     process = updyn_process("run", str(long_job))
     assert process.stderr is not None
-    assert any("iteration 0" in line for line in process.stderr)
+    assert any("iteration" in line for line in process.stderr)
     process.kill()
     process.communicate(timeout=120)
     left = sorted(p.name for p in (long_job.parent / "job").iterdir())
@@ -163,7 +163,7 @@ def test_ctrl_c_reaches_workers_too_and_stops_them_in_order(long_job: Path) -> N
     """A terminal sends Ctrl-C to every process of the job."""
     process = updyn_process("run", str(long_job), "--workers", "2", start_new_session=True)
     assert process.stderr is not None
-    assert any("iteration 0" in line for line in process.stderr)
+    assert any("iteration" in line for line in process.stderr)
     os.killpg(process.pid, signal.SIGINT)
     out, err = process.communicate(timeout=120)
     assert process.returncode == 130, err

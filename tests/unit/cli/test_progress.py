@@ -9,18 +9,21 @@ import re
 import signal
 import subprocess
 import sys
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
 from rich.console import Console
 
+from overriding import override
 from updyn import progress as module
 from updyn.cli import main
 from updyn.cli.highlight import STATUS_STYLES, THEME, SummaryHighlighter
 from updyn.cli.progress import ProgressDisplay
-from updyn.cli.terminal import wrap_text
 from updyn.progress import RunStage, StageClock
+from updyn.settings import PROGRESS
 from updyn.updating.fit.monitor import Progress
+from updyn.updating.judge.badge import Badge, Colour
 from updyn.updating.result import STATUSES
 
 NAN = float("nan")
@@ -34,26 +37,89 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:
 
 
 # -- plain lines -----------------------------------------------------------------------------------------------------
-def test_lines_are_not_closer_than_they_should_be(clock: list[float]) -> None:
+def plain_lines(
+    clock: list[float], steps: list[tuple[float, str, int]], *stages: RunStage
+) -> list[str]:
+    """The lines of a log, for steps at a time, of a stage, with a number of accepted steps."""
     out = io.StringIO()
-    show_progress = ProgressDisplay(Console(file=out, width=200))
-    for t, stage, step, cost, lines in (
-        (0.0, "start", 0, NAN, 10),
-        (1.5, "start", 0, NAN, 20),  # within a step: not after 1.5 s
-        (2.0, "log", 0, 5.0, 30),  # a new stage, and the first step, at once
-        (2.5, "log", 1, 4.0, 40),  # a step: not after 0.5 s
-        (3.1, "log", 2, 3.0, 50),
-        (12.0, "log", 2, 3.0, 60),
-        (13.2, "log", 2, 3.0, 70),
-    ):
+    clock[0] = 100.0
+    show_progress = ProgressDisplay(Console(file=out, width=200), stages)
+    for t, stage, step in steps:
         clock[0] = 100.0 + t
-        assert show_progress(Progress(stage, 9, cost, lines, 100, step)) is False
-    assert out.getvalue().splitlines() == [
-        "start  10 lines solved (100 a step)",
-        "log  iteration 0  cost 5  30 lines solved (100 a step)",
-        "log  iteration 2  cost 3  50 lines solved (100 a step)",
-        "log  iteration 2  cost 3  70 lines solved (100 a step)",
+        cost = NAN if step < 0 else 5.0
+        assert show_progress(Progress(stage, 9, cost, 10, 100, max(step, 0))) is False
+    return out.getvalue().splitlines()
+
+
+def test_lines_are_not_closer_than_they_should_be(clock: list[float]) -> None:
+    steps = [
+        (0.0, "start", -1),
+        (0.9, "log", 0),  # a new stage, but less than a second after the last line
+        (1.1, "log", 0),
+        (11.0, "log", 1),  # less than ten seconds
+        (11.2, "log", 2),
+        (12.5, "start", 3),  # no new stage
+        (40.0, "log", 4),
+        (59.0, "log", 5),  # less than half of the time so far
+        (80.5, "log", 6),
     ]
+    assert plain_lines(clock, steps) == [
+        "start: 0:00 elapsed",
+        "log: iteration 0, 0:01 elapsed",
+        "log: iteration 2, 0:11 elapsed",
+        "log: iteration 4, 0:40 elapsed",
+        "log: iteration 6, 1:20 elapsed",
+    ]
+
+
+def test_a_log_of_eight_hours_has_few_lines_and_no_long_silence(clock: list[float]) -> None:
+    lines = plain_lines(clock, [(float(t), "fit", t) for t in range(0, 8 * 3600, 5)])
+    assert 48 <= len(lines) < 70
+    hours = [re.search(r"(\d+):(\d+):(\d+) elapsed", line) for line in lines[-40:]]
+    times = [3600 * int(h[1]) + 60 * int(h[2]) + int(h[3]) for h in hours if h]
+    assert max(b - a for a, b in pairwise(times)) <= 605
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "steps", "lines"),
+    [
+        ("stage_interval", 1.0, [(0.0, "a", 0), (1.4, "b", 0)], (2, 1)),
+        ("stage_interval", 1.0, [(0.0, "a", 0), (0.7, "b", 0)], (1, 1)),
+        ("line_interval", 10.0, [(0.0, "a", 0), (14.0, "a", 1)], (2, 1)),
+        ("line_growth", 0.5, [(0.0, "a", 0), (100.0, "a", 1), (220.0, "a", 2)], (3, 2)),
+        ("longest_interval", 600.0, [(0.0, "a", 0), (5000.0, "a", 1), (5700.0, "a", 2)], (3, 2)),
+    ],
+)
+def test_pauses_between_plain_lines(
+    clock: list[float],
+    field: str,
+    value: float,
+    steps: list[tuple[float, str, int]],
+    lines: tuple[int, int],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """As set, and with twice the pause."""
+    assert getattr(PROGRESS, field) == value
+    found = [len(plain_lines(clock, steps))]
+    override(monkeypatch, PROGRESS, **{field: 2.0 * value})
+    assert (*found, len(plain_lines(clock, steps))) == lines
+
+
+def test_a_line_names_the_stage_of_all_and_the_time_left(clock: list[float]) -> None:
+    """200 of at most 1000 lines in 20 s: at most 80 s are left."""
+    out = io.StringIO()
+    display = ProgressDisplay(
+        Console(file=out, width=200), [RunStage("start"), RunStage("fit", 10)]
+    )
+    for t, stage, lines in ((0.0, "start", 100), (5.0, "fit", 100), (25.0, "fit", 300)):
+        clock[0] = 100.0 + t
+        display(Progress(stage, 1, 2.0, lines, 100, 3))
+    assert out.getvalue().splitlines()[1:] == [
+        "stage 2 of 2, fit: iteration 3, 0:05 elapsed",
+        "stage 2 of 2, fit: iteration 3, at most 1:20 left in this stage, 0:25 elapsed",
+    ]
+    assert "lines" not in out.getvalue()
+    assert "cost" not in out.getvalue()
 
 
 def test_it_says_whether_to_stop(clock: list[float]) -> None:
@@ -193,10 +259,13 @@ report = false
     )
     written = on_a_terminal(["run", str(job)])
     assert "\x1b[?25l" in written  # a bar is drawn
-    assert "job: \x1b[1;32mconverged\x1b[0m after " in written
+    # The verdict has a colour, and the status of the fit has none.
+    assert re.search(r"job: converged after \d+ iterations \(output-error\)\.\s", written)
+    assert "\x1b[1;33mNot known whether credible\x1b[0m." in written
+    assert "determined \x1b[1;32myes\x1b[0m, " in written
     assert "\x1b[1munknown " in written
     plain = on_a_terminal(["run", str(job)], NO_COLOR="1")
-    assert "job: converged after " in re.sub(r"\x1b\[[01]m", "", plain)  # bold may stay
+    assert "Not known whether credible." in re.sub(r"\x1b\[[01]m", "", plain)  # bold may stay
     assert not re.search(r"\x1b\[[0-9;]*3[0-9]m", plain)  # no colours of letters
 
 
@@ -209,22 +278,34 @@ def test_a_pipe_gets_no_control_codes(
     assert "\x1b" not in "".join(capsys.readouterr())
 
 
+@pytest.mark.parametrize(
+    ("colour", "style"), [("good", "good"), ("warn", "warning"), ("bad", "bad")]
+)
+def test_a_verdict_has_the_colour_of_its_badge(colour: Colour, style: str) -> None:
+    """On one line or two, and nowhere else."""
+    highlighter = SummaryHighlighter(Badge("Fits, does not predict", colour))
+    for gap in (" ", "\n"):
+        text = highlighter(f"Fits: converged after 2 iterations (log). Fits, does{gap}not predict.")
+        (span,) = text.spans
+        assert text.plain[span.start : span.end] == f"Fits, does{gap}not predict"
+        assert span.style == f"updyn.{style}"
+
+
+@pytest.mark.parametrize(
+    ("answer", "style"),
+    [("yes", "good"), ("no", "bad"), ("not known", "warning"), ("not asked", "faint")],
+)
+def test_the_parts_of_a_verdict_have_colours(answer: str, style: str) -> None:
+    text = SummaryHighlighter()(f"  resembles {answer}, converged {answer},\nplausible {answer}")
+    assert [str(span.style) for span in text.spans] == 3 * [f"updyn.{style}"]
+    assert {text.plain[span.start : span.end] for span in text.spans} == {answer}
+
+
 def test_every_status_has_a_colour() -> None:
     assert set(STATUSES) <= set(STATUS_STYLES)
     for status, style in STATUS_STYLES.items():
-        text = SummaryHighlighter()(f"job: {status} after 3 iterations (log)")
+        text = SummaryHighlighter()(f"log  {status}  12 of 12")
         (span,) = text.spans
         assert text.plain[span.start : span.end] == status
         assert span.style == f"updyn.{style}"
         assert span.style in THEME.styles
-
-
-def test_sentences_are_broken_at_blanks_and_tables_are_not() -> None:
-    row = "part1.mass            1       1.09975    0.000382"
-    text = f"{row}\n  a sentence of some length in words\nResults/in/one/long/path/stay"
-    assert wrap_text(text, 20).splitlines() == [
-        row,
-        "  a sentence of some",
-        "  length in words",
-        "Results/in/one/long/path/stay",
-    ]

@@ -50,7 +50,7 @@ def ran(tmp_path_factory: pytest.TempPathFactory) -> Path:
     )
     said: list[str] = []
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("updyn.cli.commands.print_text", said.append)
+        patch.setattr("updyn.cli.commands.print_outcome", lambda *texts, **_: said.extend(texts))
         # The masses of the model are wrong, and held.
         assert main(["run", str(folder / "job.toml")]) == 3
     (folder / "said.txt").write_text("\n".join(said))

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import io
 import json
 import re
+from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 
 import numpy as np
@@ -19,12 +21,11 @@ from updyn.job import load_job, prepare
 @pytest.fixture(scope="module")
 def ran(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, int, str]:
     folder = tmp_path_factory.mktemp("demo") / "beam"
-    with pytest.MonkeyPatch.context() as patch:
-        said: list[str] = []
-        patch.setattr("updyn.cli.commands.print_text", said.append)
-        with no_cause_search():  # `updating/judge/causes/test_measured_beam.py` has tests of it
-            code = main(["demo", "--out", str(folder)])
-    return folder, code, "\n".join(said)
+    out, err = io.StringIO(), io.StringIO()
+    # `updating/judge/causes/test_measured_beam.py` has tests of the causes.
+    with redirect_stdout(out), redirect_stderr(err), no_cause_search():
+        code = main(["demo", "--out", str(folder)])
+    return folder, code, err.getvalue() + out.getvalue()
 
 
 @pytest.fixture(scope="module")
@@ -53,6 +54,26 @@ def test_both_runs_converge_and_leave_their_files(ran) -> None:
             assert (folder / name / file).stat().st_size > 100
     assert "Copyright (c) 2018 - 2019 Ladisk" in (folder / "inputs" / "README.md").read_text()
     assert "by construction" in (folder / "report.html").read_text()
+
+
+def test_the_default_demo_prints_forty_lines_at_most(ran, results) -> None:
+    """With its progress; the verdict of the last run and the path of its report come last."""
+    folder, _, printed = ran
+    lines = printed.splitlines()
+    assert len(lines) <= 40
+    assert lines[-1] == f"Results in {folder / 'segments'}: {folder / 'segments' / 'report.html'}"
+    assert f"Details: {folder / 'demo.txt'}" in lines
+    ends = [line for line in lines if ": converged after " in line]
+    assert [line.split(":")[0] for line in ends] == [result.title for result in results]
+    last = lines.index(ends[1])
+    assert len(lines) - last <= 20
+    steps = [n for n, line in enumerate(lines) if line.startswith("What to do next")]
+    assert last < lines.index(next(x for x in lines if x.startswith("unknown "))) < steps[0]
+    for result in results:
+        figures = result.correlation["after"], result.correlation["validation"]["after"]
+        (row,) = (line for line in lines if line.startswith(f"{result.title}  "))
+        shown = [float(cell) for cell in row.split()[-2:]]
+        assert shown == pytest.approx([one["db_error_median"] for one in figures], abs=5e-4)
 
 
 def test_the_measurement(measured) -> None:
@@ -142,7 +163,7 @@ def test_the_resolved_job_runs_again_from_the_output_folder(ran, results, tmp_pa
 
 
 def test_figures_that_are_said_are_those_of_the_runs(ran, results) -> None:
-    said = ran[2]
+    said = (ran[0] / "demo.txt").read_text(encoding="utf-8")
     for result in results:
         fitted, held = result.correlation["after"], result.correlation["validation"]["after"]
         row = next(line for line in said.splitlines() if line.startswith(f"{result.title}  "))

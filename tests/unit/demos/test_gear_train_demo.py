@@ -24,7 +24,7 @@ def ran(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, int, str]:
     folder = tmp_path_factory.mktemp("demo") / "gear"
     with pytest.MonkeyPatch.context() as patch:
         said: list[str] = []
-        patch.setattr("updyn.cli.commands.print_text", said.append)
+        patch.setattr("updyn.cli.commands.print_outcome", lambda *texts, **_: said.extend(texts))
         code = main(["demo", "gear-train", "--out", str(folder)])
     return folder, code, "\n".join(said)
 

@@ -9,17 +9,65 @@ from updyn.control.job.checks import band_of_plant, beyond_the_data, part_of_pla
 from updyn.control.job.plant_result import PlantResult
 from updyn.control.job.tables import PlantTable, ServoTable
 from updyn.control.plant import Plant
+from updyn.control.servo.record import Servo
 from updyn.job.prepared import Prepared
-from updyn.text_table import format_count, text_table
+from updyn.text_table import fit_columns, format_count, text_table
 
-__all__ = ["describe_plant_result", "describe_request"]
+__all__ = ["brief_plant_result", "describe_plant_result", "describe_request"]
 
 #: Error measure of a tolerance.
 _MEASURES = {"relative": "relative error", "peak": "error as a share of the peak"}
+#: Heading and attribute of `Margins` of the figures of a loop.
+_MARGINS = (
+    ("crossover (Hz)", "crossover"),
+    ("phase margin (deg)", "phase_margin"),
+    ("gain margin (dB)", "gain_margin_db"),
+    ("modulus margin", "modulus_margin"),
+)
+#: Notes that the brief text has.
+_BRIEF_NOTES = 3
 
 
 def describe_plant_result(result: PlantResult) -> str:
     """Return order, errors, route and conversions of the damping as text."""
+    lines = [*_describe_plant(result), "", _conversions(result)]
+    lines += [f"note: {note}" for note in result.notes]
+    for part in (result.servo, *result.nonlinear, result.drive):
+        if part is not None:
+            lines.append(f"\n{part.summary()}")
+    return "\n".join(lines)
+
+
+def brief_plant_result(result: PlantResult, width: int | None) -> str:
+    """Return order, errors and route of the plant, and the margins of a servo, as text.
+
+    `width` limits the table of margins; None is unlimited.
+    """
+    lines = _describe_plant(result)
+    if result.family is not None:
+        lines = [line.splitlines()[0] for line in lines]
+    lines += [f"note: {note}" for note in result.notes[:_BRIEF_NOTES]]
+    if result.servo is not None:
+        lines += ["", _margins(result.servo, width)]
+    return "\n".join(lines)
+
+
+def _margins(servo: Servo, width: int | None) -> str:
+    """Return a table with the margins of each loop."""
+    broken = () if servo.torque_loop is None else (servo.torque_loop,)
+    rows = []
+    for loop in (*servo.loops, *broken):
+        margins = loop.margins
+        figures = [getattr(margins, attribute) for _, attribute in _MARGINS]
+        cells = ["-" if value is None else f"{value:.4g}" for value in figures]
+        rows.append([loop.name, "yes" if margins.stable else "NO", *cells])
+    headings = [heading for heading, _ in _MARGINS]
+    header = ("loop", "stable", *headings)
+    return fit_columns(header, rows, width, headings[::-1], left=("stable",))
+
+
+def _describe_plant(result: PlantResult) -> list[str]:
+    """Return band, order, errors and route of the plant, or why there is none, as lines of text."""
     found = result.plant
     low, high = result.band
     lines = [f"{result.title}: plant from {low:g} to {high:g} Hz", result.source]
@@ -52,12 +100,7 @@ def describe_plant_result(result: PlantResult) -> str:
         if result.family is not None:
             lines.append(result.family.summary())
             lines += [weight.summary() for weight in result.weights.values()]
-    lines += ["", _conversions(result)]
-    lines += [f"note: {note}" for note in result.notes]
-    for part in (result.servo, *result.nonlinear, result.drive):
-        if part is not None:
-            lines.append(f"\n{part.summary()}")
-    return "\n".join(lines)
+    return lines
 
 
 def _zeros(plant: Plant) -> str:
