@@ -26,7 +26,7 @@ class ModelCheckSettings:
     """Checks of the matrices of a model."""
 
     #: [DOFs] Largest matrix whose eigenvalues are checked; of larger ones, only the diagonal and
-    #: the 2 x 2 minors. Why: the time of a dense eigensolver is a fraction of a second.
+    #: the 2 x 2 minors. Effort: the time of a dense eigensolver is a fraction of a second.
     dense_dofs: int = 600
 
 
@@ -34,7 +34,7 @@ class ModelCheckSettings:
 class VariantSettings:
     """Variants of a model without a mistake in its definition."""
 
-    #: [DOFs] Largest model whose variants are compared with data. Why: a variant takes about a
+    #: [DOFs] Largest model whose variants are compared with data. Effort: a variant takes about a
     #: second.
     largest_model: int = 5_000
 
@@ -74,7 +74,7 @@ class MessageSettings:
     """Length of messages."""
 
     #: [items] Largest number of items that a message lists, such as pairs of nodes or equations.
-    #: Why: a rule of thumb; a message is read at a glance.
+    #: Drawing: a rule of thumb; a message is read at a glance.
     listed_items: int = 6
 
 
@@ -83,18 +83,18 @@ class NotebookSettings:
     """Pictures and tables of objects in notebooks."""
 
     #: [channels] Largest number of channels that are drawn as curves, and of labels that are
-    #: listed; of more, the rms is drawn. Why: more curves cannot be told apart by colour.
+    #: listed; of more, the rms is drawn. Drawing: more curves cannot be told apart by colour.
     most_channels: int = 8
-    #: [bins] Bins of a curve, each drawn with its minimum and maximum. Why: about the width of a
-    #: picture in px.
+    #: [bins] Bins of a curve, each drawn with its minimum and maximum. Drawing: about the width of
+    #: a picture in px.
     curve_bins: int = 600
-    #: [rows] Largest number of rows of a table. Why: a table is shown without scrolling.
+    #: [rows] Largest number of rows of a table. Drawing: a table is shown without scrolling.
     most_rows: int = 20
-    #: [lines] Largest number of lines of a drawn structure. Why: each takes about 50 bytes of the
-    #: notebook file.
+    #: [lines] Largest number of lines of a drawn structure. Drawing: each takes about 50 bytes of
+    #: the notebook file.
     structure_lines: int = 3000
-    #: [nodes] Largest number of nodes of a model that can be rotated. Why: a notebook stores the
-    #: data of each output.
+    #: [nodes] Largest number of nodes of a model that can be rotated. Drawing: a notebook stores
+    #: the data of each output.
     viewer_nodes: int = 20_000
 
 
@@ -102,30 +102,30 @@ class NotebookSettings:
 class FigureSettings:
     """Figures of reports, of matplotlib and of the viewer."""
 
-    #: [cells] Largest map whose values are printed in its cells. Why: in more cells, the numbers
-    #: overlap.
+    #: [cells] Largest map whose values are printed in its cells. Drawing: in more cells, the
+    #: numbers overlap.
     printed_cells: int = 150
-    #: [curves] Largest number of curves that a legend names. Why: more curves cannot be told apart
-    #: by colour and dash.
+    #: [curves] Largest number of curves that a legend names. Drawing: more curves cannot be told
+    #: apart by colour and dash.
     legend_entries: int = 12
     #: [lines] Largest number of measured lines that are drawn as points; more are drawn as a curve.
-    #: Why: more points overlap.
+    #: Drawing: more points overlap.
     measured_points: int = 200
-    #: [channels] Largest number of channels of an overlay. Why: each is a panel of the figure.
+    #: [channels] Largest number of channels of an overlay. Drawing: each is a panel of the figure.
     overlay_channels: int = 16
-    #: [nodes] Largest number of nodes of a group without lines that is drawn as squares. Why:
+    #: [nodes] Largest number of nodes of a group without lines that is drawn as squares. Drawing:
     #: lumped masses have few nodes; a larger group would hide the structure.
     lumped_nodes: int = 4
     #: [1] Largest displacement of a shape over the product of its largest rotation and the size of
-    #: the structure, up to which it has no translations to draw. Why: rounding of eigenvectors is
-    #: smaller, and the displacement of a beam that bends is not.
+    #: the structure, up to which it has no translations to draw. Drawing: rounding of eigenvectors
+    #: is smaller, and the displacement of a beam that bends is not.
     still_share: float = 1e-7
-    #: [nodes] Largest number of other nodes among which those next to a sensor are searched. Why:
-    #: the neighbours of a node of an even grid are among its nearest 6 (8 in a plane with
+    #: [nodes] Largest number of other nodes among which those next to a sensor are searched.
+    #: Drawing: the neighbours of a node of an even grid are among its nearest 6 (8 in a plane with
     #: diagonals), and twice as many leave room for uneven ones.
     neighbours: int = 16
-    #: [1] Smallest distance between two ticks of a colour scale over its length. Why: the scale of
-    #: the viewer is seven lines of text high.
+    #: [1] Smallest distance between two ticks of a colour scale over its length. Drawing: the scale
+    #: of the viewer is seven lines of text high.
     tick_distance: float = 0.14
 
 

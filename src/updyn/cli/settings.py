@@ -9,23 +9,24 @@ from dataclasses import dataclass
 class DescriptionSettings:
     """Limits of what commands print."""
 
-    #: [items] Number of names, keys or DOFs that a line lists. Why: chosen for one line of text.
+    #: [items] Number of names, keys or DOFs that a line lists. Drawing: chosen for one line of
+    #: text.
     listed_items: int = 8
     #: [DOFs] Largest model whose natural frequencies are computed. Effort: a few seconds.
     most_mode_dofs: int = 20_000
-    #: [modes] Number of natural frequencies. Why: chosen for one line of text.
+    #: [modes] Number of natural frequencies. Drawing: chosen for one line of text.
     natural_frequencies: int = 8
     #: [groups] Largest model without a hint on merging groups. Why: a rule of thumb; with two
     #: unknowns a group, a larger model has more than 60.
     many_groups: int = 30
-    #: [families] Families of groups in the hint. Why: chosen for one line of text.
+    #: [families] Families of groups in the hint. Drawing: chosen for one line of text.
     merging_examples: int = 2
-    #: [rows] Rows of a table of pairs of DOFs, the worst first. Why: chosen for one screen.
+    #: [rows] Rows of a table of pairs of DOFs, the worst first. Drawing: chosen for one screen.
     table_rows: int = 20
     #: [1] Lines with a coherence below this limit are counted. Why: a common limit in modal
     #: testing.
     low_coherence: float = 0.9
-    #: [bytes] Start of a file that identifies it. Why: longer than the headers of all formats.
+    #: [bytes] Start of a file that identifies it. Effort: longer than the headers of all formats.
     start_bytes: int = 4096
 
 
@@ -53,15 +54,15 @@ class LayoutSettings:
 class WaitingSettings:
     """Times that commands wait."""
 
-    #: [s] Longest wait for the answer of a Dask scheduler. Why: a rule of thumb for networks.
+    #: [s] Longest wait for the answer of a Dask scheduler. Effort: a rule of thumb for networks.
     scheduler_time: float = 10.0
-    #: [s] Time for the process to end by itself after a second signal. Why: a running factorisation
-    #: cannot be interrupted.
+    #: [s] Time for the process to end by itself after a second signal. Effort: a running
+    #: factorisation cannot be interrupted.
     grace_time: float = 3.0
-    #: [s] Delay of the answer to a signal while its handler has not run. Why: short enough to seem
-    #: immediate.
+    #: [s] Delay of the answer to a signal while its handler has not run. Effort: short enough to
+    #: seem immediate.
     answer_time: float = 0.2
-    #: [s] Delay before a lost signal is sent again. Why: longer than a destructor or callback.
+    #: [s] Delay before a lost signal is sent again. Effort: longer than a destructor or callback.
     resend_time: float = 0.02
 
 

@@ -103,7 +103,7 @@ class CausalBoundSettings:
     outside_lines: int = 400
     #: [1] Factor by which these lines extend beyond the band. Why: a rule of thumb.
     outside_factor: float = 1e3
-    #: [lines] Lines whose responses are computed at once. Why: memory.
+    #: [lines] Lines whose responses are computed at once. Effort: memory.
     block_lines: int = 4096
     #: [1] Largest limit of a gain. Why: that of an undamped resonance outside the band is infinite.
     gain_limit: float = 1e30
@@ -150,7 +150,7 @@ class SpectralSettings:
     #: [1] Largest difference at these lines, as a share of a channel; else lines are solved one by
     #: one. Why: small relative to the error of a plant.
     agreement: float = 1e-7
-    #: [lines] Lines that are solved at once. Why: memory.
+    #: [lines] Lines that are solved at once. Effort: memory.
     block_lines: int = 32
 
 
@@ -196,11 +196,11 @@ class ComplexModesSettings:
 class RationalFitSettings:
     """Numbers of the rational approximation of a response."""
 
-    #: [iterations] Iterations of vector fitting with the given weights. Why: a rule of thumb.
+    #: [iterations] Iterations of vector fitting with the given weights. Effort: a rule of thumb.
     pole_iterations: int = 8
-    #: [iterations] Iterations of vector fitting with updated weights. Why: a rule of thumb.
+    #: [iterations] Iterations of vector fitting with updated weights. Effort: a rule of thumb.
     weighted_iterations: int = 16
-    #: [iterations] Iterations of the outputs with updated weights. Why: a rule of thumb.
+    #: [iterations] Iterations of the outputs with updated weights. Effort: a rule of thumb.
     output_iterations: int = 12
     #: [1] Largest error, as a multiple of the tolerance, of a fit that is refined. Effort: a rule
     #: of thumb.
@@ -208,8 +208,8 @@ class RationalFitSettings:
     #: [1] Smallest factor on the square of the weight of a line in one iteration. Why: a rule of
     #: thumb; weights do not vanish.
     least_weight: float = 0.02
-    #: [steps] Gauss-Newton steps for several inputs. Why: a rule of thumb; they stop when the gain
-    #: is small.
+    #: [steps] Gauss-Newton steps for several inputs. Effort: a rule of thumb; they stop when the
+    #: gain is small.
     newton_steps: int = 6
     #: [steps] Gauss-Newton steps of an approximation that starts at the poles of another: none if
     #: its moved poles hold the tolerance. Why: steps reduce the mean square, but may move real
@@ -232,7 +232,8 @@ class RationalFitSettings:
 class PassivitySettings:
     """Numbers of the passivity of collocated channels."""
 
-    #: [iterations] Iterations in which violations are located and corrected. Why: a rule of thumb.
+    #: [iterations] Iterations in which violations are located and corrected. Effort: a rule of
+    #: thumb.
     iterations: int = 12
     #: [1] Relative distance of an eigenvalue from the imaginary axis within which the sign of the
     #: active part may change. Why: rounding of a double eigenvalue.
@@ -260,7 +261,7 @@ class MeasuredPlantSettings:
 class PlantFamilySettings:
     """Numbers of a plant and its members."""
 
-    #: [members] Largest number of members. Why: memory; each is a plant.
+    #: [members] Largest number of members. Effort: memory; each is a plant.
     most_members: int = 10_000
     #: [draws] Least number of draws that enrich the basis of all members. Why: a rule of thumb.
     least_training_draws: int = 6
@@ -298,7 +299,7 @@ class DiscretisationSettings:
     #: [intervals] Distance of a delay from a whole number of intervals within which it is rounded.
     #: Why: rounding (0.003 / 0.001 is not 3).
     whole_distance: float = 1e-9
-    #: [states] Largest number of states with those of the delay. Why: memory of dense matrices.
+    #: [states] Largest number of states with those of the delay. Effort: memory of dense matrices.
     most_states: int = 2000
     #: [lines] Lines in the band for the deviation, in addition to the peaks. Why: a rule of thumb.
     deviation_lines: int = 400
@@ -367,7 +368,7 @@ class WeightFitSettings:
     tight_share: float = 0.3
     #: [starts] Starts that are optimised to the end. Effort: a rule of thumb.
     most_starts: int = 2
-    #: [steps] Largest number of steps of an optimisation. Why: it ends earlier when the gain is
+    #: [steps] Largest number of steps of an optimisation. Effort: it ends earlier when the gain is
     #: small.
     most_steps: int = 60
     #: [rounds] Largest number of times that lines are added to a fit. Effort: a rule of thumb.
@@ -384,10 +385,10 @@ class WeightFitSettings:
 class PlantPictureSettings:
     """Numbers that limit pictures and texts of a plant."""
 
-    #: [channels] Largest number of channels of a Bode diagram; more are refused. Why: size of the
-    #: figure.
+    #: [channels] Largest number of channels of a Bode diagram; more are refused. Drawing: size of
+    #: the figure.
     most_channels: int = 16
-    #: [modes] Largest number of natural frequencies in a text. Why: length of the text.
+    #: [modes] Largest number of natural frequencies in a text. Drawing: length of the text.
     listed_modes: int = 12
 
 

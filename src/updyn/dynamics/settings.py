@@ -9,16 +9,16 @@ from dataclasses import dataclass
 class AffineSettings:
     """Storage of the matrices of a compiled model; only time and memory depend on it."""
 
-    #: [DOFs] Largest group whose matrix is stored dense, if more than a tenth of it is filled. Why:
-    #: a sparse product saves time only for large, mostly empty matrices.
+    #: [DOFs] Largest group whose matrix is stored dense, if more than a tenth of it is filled.
+    #: Effort: a sparse product saves time only for large, mostly empty matrices.
     dense_group_dofs: int = 400
-    #: [entries] Matrix entries times lines that are added in one step. Why: they fit into the
+    #: [entries] Matrix entries times lines that are added in one step. Effort: they fit into the
     #: processor's cache.
     cached_entries: int = 8192
-    #: [entries] Largest number of entries of all terms that are stored by columns, too. Why: sums
-    #: then take a third of the time, for 12 bytes an entry.
+    #: [entries] Largest number of entries of all terms that are stored by columns, too. Effort:
+    #: sums then take a third of the time, for 12 bytes an entry.
     combined_entries: int = 2**21
-    #: [entries] Largest number of entries whose places are found by sorted numbers. Why: for so
+    #: [entries] Largest number of entries whose places are found by sorted numbers. Effort: for so
     #: few, sparse arrays take longer.
     sorted_entries: int = 2**14
 
@@ -34,7 +34,7 @@ class BasisSettings:
     #: error of the solutions that span a basis. Why: a larger error of a solution would appear as a
     #: direction.
     new_norm: float = 1e-9
-    #: [rows] Rows of a basis that are multiplied in one step. Why: a copy of all rows would take
+    #: [rows] Rows of a basis that are multiplied in one step. Effort: a copy of all rows would take
     #: too much memory.
     rows_per_step: int = 2**16
 
@@ -57,7 +57,7 @@ class CertificateSettings:
     #: unit in the last place.
     factor_rounding: float = 0.5
     #: [lines] Lines at which the error of the larger basis is computed: the worst of as many parts
-    #: of the band. Why: each costs a solution of the full model for each reference.
+    #: of the band. Effort: each costs a solution of the full model for each reference.
     residual_lines: int = 4
 
 
@@ -66,7 +66,7 @@ class EigenSettings:
     """Eigensolvers."""
 
     #: [DOFs] Largest model for dense eigensolvers; half as many with viscous damping, which doubles
-    #: the matrices. Why: for large models, sparse solvers take less time; a rule of thumb.
+    #: the matrices. Effort: for large models, sparse solvers take less time; a rule of thumb.
     dense_dofs: int = 800
     #: [1] Shift of the second dense pass, as a share of the highest wanted eigenvalue. Why:
     #: rounding errors of the lowest eigenvalues grow with the shift, those of the highest become
@@ -91,17 +91,17 @@ class EigenSettings:
 class LineSolverSettings:
     """Choice between dense and sparse solution of the full model."""
 
-    #: [DOFs] Largest model that is solved dense. Why: many lines in one call save the overhead of
-    #: sparse factorisations, which matters for small models only; a rule of thumb.
+    #: [DOFs] Largest model that is solved dense. Effort: many lines in one call save the overhead
+    #: of sparse factorisations, which matters for small models only; a rule of thumb.
     dense_dofs: int = 150
-    #: [1] Fill of the matrix from which larger models are solved dense, too. Why: a sparse
+    #: [1] Fill of the matrix from which larger models are solved dense, too. Effort: a sparse
     #: factorisation then saves little (PARDISO) or takes longer (SuperLU).
     dense_fill: float = 0.3
-    #: [DOFs] Largest filled model that is solved dense. Why: memory of a dense matrix, and time
+    #: [DOFs] Largest filled model that is solved dense. Effort: memory of a dense matrix, and time
     #: that grows with the third power.
     filled_dofs: int = 2000
-    #: [bytes] Memory of a block of lines; larger blocks are distributed less evenly. Why: chosen to
-    #: be small compared with the memory of a worker.
+    #: [bytes] Memory of a block of lines; larger blocks are distributed less evenly. Effort: chosen
+    #: to be small compared with the memory of a worker.
     block_bytes: int = 64 * 2**20
 
 
@@ -118,14 +118,14 @@ class StaticCondensationSettings:
 class PencilSettings:
     """Eigendecomposition of a state in place of factorisations at each line."""
 
-    #: [lines] Smallest number of lines of the full model for an eigendecomposition. Why: it saves
-    #: time from 40 lines for 100 equations; for fewer lines, accuracy has priority.
+    #: [lines] Smallest number of lines of the full model for an eigendecomposition. Effort: it
+    #: saves time from 40 lines for 100 equations; for fewer lines, accuracy has priority.
     least_lines: int = 64
-    #: [lines] Smallest number of lines of a reduced model for an eigendecomposition. Why: it saves
-    #: time from 40 lines for 100 equations.
+    #: [lines] Smallest number of lines of a reduced model for an eigendecomposition. Effort: it
+    #: saves time from 40 lines for 100 equations.
     least_reduced_lines: int = 40
-    #: [lines] Smallest number of lines if the decomposition is real. Why: it takes as long as 4 to
-    #: 8 factorisations.
+    #: [lines] Smallest number of lines if the decomposition is real. Effort: it takes as long as 4
+    #: to 8 factorisations.
     least_real_lines: int = 16
     #: [1] Reciprocal condition of the eigenvectors below which they count as dependent. Why: half
     #: the digits of double precision are lost.
@@ -151,44 +151,45 @@ class ReductionSettings:
     #: [1] Share of the largest missing direction from which one is added to the larger basis. Why:
     #: smaller ones change an error estimate by 0.1 % or less.
     compared_share: float = 1e-3
-    #: [shifts] Shifts of a new basis. Why: both ends and the middle of the band.
+    #: [shifts] Shifts of a new basis. Effort: both ends and the middle of the band.
     first_shifts: int = 3
     #: [shifts] Largest number of shifts, if modes are missed between them. Effort: a rule of thumb.
     most_shifts: int = 32
-    #: [vectors] Basis vectors of a shift that needs no more moments. Why: chosen; few loads need
+    #: [vectors] Basis vectors of a shift that needs no more moments. Effort: chosen; few loads need
     #: moments to find the modes of the band.
     vectors_per_shift: int = 32
-    #: [moments] Largest number of moments at a shift. Why: further ones converge to the same modes.
+    #: [moments] Largest number of moments at a shift. Effort: further ones converge to the same
+    #: modes.
     most_moments: int = 8
-    #: [1] Shift of a basis around the start, in squares of the highest frequency. Why: it is 0.55
-    #: of the highest frequency, near the middle of a band; a rule of thumb.
+    #: [1] Shift of a basis around the start, in squares of the highest frequency. Effort: it is
+    #: 0.55 of the highest frequency, near the middle of a band; a rule of thumb.
     search_shift: float = 0.3
-    #: [1] Shifts of further states in turn, in squares of the highest frequency. Why: they are
+    #: [1] Shifts of further states in turn, in squares of the highest frequency. Effort: they are
     #: 0.45, 0.71 and 0.89 of the highest frequency, spread over a band; a rule of thumb.
     further_shifts: tuple[float, ...] = (0.2, 0.5, 0.8)
     #: [loads] Largest number of loads at the references at a state; more are combined. Effort: a
     #: rule of thumb (Gallivan, Vandendorpe & Van Dooren, 2004).
     most_references: int = 4
-    #: [loads] Random combinations of the sensors at a state. Why: each state has others, so few
+    #: [loads] Random combinations of the sensors at a state. Effort: each state has others, so few
     #: suffice (Gallivan, Vandendorpe & Van Dooren, 2004).
     sensor_combinations: int = 2
-    #: [lines] Largest number of lines of a state whose fields are used for compression. Why: other
-    #: states use other lines.
+    #: [lines] Largest number of lines of a state whose fields are used for compression. Effort:
+    #: other states use other lines.
     lines_per_state: int = 12
     #: [lines] Largest number of such lines of all states. Effort: a rule of thumb.
     lines_of_states: int = 250
     #: [1] Share of the permitted error below which a direction is not added. Why: twenty such
     #: directions together reach the permitted error.
     negligible_share: float = 0.05
-    #: [lines] Lines that are checked in a pass. Why: each costs a solution of the full model.
+    #: [lines] Lines that are checked in a pass. Effort: each costs a solution of the full model.
     lines_per_pass: int = 12
-    #: [lines] Largest number of lines that are checked together. Why: directions that several lines
-    #: miss are added once; more lines need more memory.
+    #: [lines] Largest number of lines that are checked together. Effort: directions that several
+    #: lines miss are added once; more lines need more memory.
     lines_together: int = 4
-    #: [bytes] Largest size of the residuals of lines checked together. Why: a limit of memory.
+    #: [bytes] Largest size of the residuals of lines checked together. Effort: a limit of memory.
     together_bytes: int = 2**28
-    #: [parts] Parts of the band with a line each in a pass with the factors of another state. Why:
-    #: such a pass is cheap and is repeated at other lines.
+    #: [parts] Parts of the band with a line each in a pass with the factors of another state.
+    #: Effort: such a pass is cheap and is repeated at other lines.
     nearby_parts: int = 4
     #: [1] Share of the permitted error to which a basis is enriched. Why: lines without a residual
     #: may be worse than lines with one.
@@ -196,12 +197,13 @@ class ReductionSettings:
     #: [passes] Largest number of passes of an enrichment. Effort: the certificate states the error
     #: that is reached.
     most_passes: int = 24
-    #: [bytes] Memory of a block of lines of a reduced model. Why: enough lines for matrix products.
+    #: [bytes] Memory of a block of lines of a reduced model. Effort: enough lines for matrix
+    #: products.
     block_bytes: int = 192 * 2**20
-    #: [lines] Largest number of lines in such a block. Why: few enough to distribute them and to
+    #: [lines] Largest number of lines in such a block. Effort: few enough to distribute them and to
     #: stop between blocks.
     block_lines: int = 32
-    #: [bytes] Largest basis that is kept after an update. Why: 150,000 DOFs and 334 vectors take
+    #: [bytes] Largest basis that is kept after an update. Effort: 150,000 DOFs and 334 vectors take
     #: 0.4e9.
     kept_bytes: int = 2**30
 
@@ -219,8 +221,8 @@ class ResonanceLineSettings:
     #: [1] Loss factor of an undamped resonance, for the width of its lines. Why: below the damping
     #: of real structures.
     least_loss: float = 1e-4
-    #: [modes] Modes of the first computation, doubled until they cover the band. Why: chosen; only
-    #: the time depends on it.
+    #: [modes] Modes of the first computation, doubled until they cover the band. Effort: chosen;
+    #: only the time depends on it.
     first_modes: int = 20
 
 
@@ -234,7 +236,7 @@ class ShiftedSettings:
     #: [1] Permitted error, in single precision, of solutions that measure errors. Why: an error
     #: needs few digits.
     measuring_error: float = 1e-5
-    #: [DOFs] Largest model that is factorised in double precision. Why: beyond it, memory may be
+    #: [DOFs] Largest model that is factorised in double precision. Effort: beyond it, memory may be
     #: too small; refinement takes as long as single precision saves.
     double_dofs: int = 400_000
     #: [1] Moves of a shift that is a natural frequency, in squares of the highest frequency. Why:

@@ -27,10 +27,10 @@ class ElementSettings:
     #: [elements] Elements of a beam without a given number. Why: the error of 10 bending modes is
     #: then far below that of measurements.
     beam_elements: int = 100
-    #: [entries] Entries of element matrices that are computed at once. Why: 8 MB, for calls of few
-    #: large arrays.
+    #: [entries] Entries of element matrices that are computed at once. Effort: 8 MB, for calls of
+    #: few large arrays.
     entries_at_once: int = 1_000_000
-    #: [entries] Entries of element matrices that are collected before summation. Why: 64 MB with
+    #: [entries] Entries of element matrices that are collected before summation. Effort: 64 MB with
     #: their indices.
     pending_entries: int = 4_000_000
 
@@ -53,7 +53,8 @@ class TrainSettings:
     #: [1] Factor on both ends of the band of a test. Why: the stiffness of the start may be wrong
     #: by a factor of four.
     band_factor: float = 2.0
-    #: [DOFs] Largest train whose ratios are examined. Why: a fraction of a second for each ratio.
+    #: [DOFs] Largest train whose ratios are examined. Effort: a fraction of a second for each
+    #: ratio.
     examined_dofs: int = 300
 
 

@@ -28,13 +28,13 @@ class MatrixFileSettings:
     #: [elements] Elements by which the order of packed triangles is found. Why: one element with
     #: stiffness suffices; the others confirm it.
     sampled_elements: int = 200
-    #: [rows] Largest matrix of a file. Why: above any model; a damaged header would request all
+    #: [rows] Largest matrix of a file. Effort: above any model; a damaged header would request all
     #: memory.
     most_rows: int = 10**8
-    #: [equations] Largest model of OpenSees. Why: it prints full matrices, 128 MB each.
+    #: [equations] Largest model of OpenSees. Effort: it prints full matrices, 128 MB each.
     most_opensees_equations: int = 4000
-    #: [entries] Smallest array that is compressed. Why: chunks cost more than compression saves for
-    #: shorter ones.
+    #: [entries] Smallest array that is compressed. Effort: chunks cost more than compression saves
+    #: for shorter ones.
     compressed_entries: int = 2048
 
 
@@ -42,23 +42,23 @@ class MatrixFileSettings:
 class DeckSettings:
     """Limits of decks, in which a few characters may ask for any amount of memory."""
 
-    #: [files] Largest depth of nested inclusions. Why: the lines of each level are in memory.
+    #: [files] Largest depth of nested inclusions. Effort: the lines of each level are in memory.
     inclusion_depth: int = 20
-    #: [files] Largest number of repeated inclusions. Why: a deck may include a file for each of
+    #: [files] Largest number of repeated inclusions. Effort: a deck may include a file for each of
     #: many parts, but its size may not grow exponentially.
     repeated_inclusions: int = 100
-    #: [lines] Largest number of lines of repeated inclusions. Why: some 100 MB.
+    #: [lines] Largest number of lines of repeated inclusions. Effort: some 100 MB.
     repeated_lines: int = 1_000_000
-    #: [members] Largest number of members by GENERATE and by names of sets. Why: 80 MB.
+    #: [members] Largest number of members by GENERATE and by names of sets. Effort: 80 MB.
     set_members: int = 10_000_000
-    #: [points] Largest number of scalar points. Why: a card such as SPOINT,1,THRU,999999999 would
-    #: fill the memory.
+    #: [points] Largest number of scalar points. Effort: a card such as SPOINT,1,THRU,999999999
+    #: would fill the memory.
     scalar_points: int = 1_000_000
-    #: [cards] Largest number of copies by replication. Why: a line such as =(999999999) would fill
-    #: the memory.
+    #: [cards] Largest number of copies by replication. Effort: a line such as =(999999999) would
+    #: fill the memory.
     copies: int = 100_000
     #: [numbers] Largest number of constants of a set and of values over temperature in a deck of
-    #: Ansys. Why: above any real deck.
+    #: Ansys. Effort: above any real deck.
     property_values: int = 1000
     #: [1] Principal stiffness of a grid, relative to the largest one, below which a degree of
     #: freedom is fixed. Why: the default of EPZERO (MSC Nastran Quick Reference Guide, PARAM).
@@ -69,11 +69,12 @@ class DeckSettings:
     #: [1] Relative difference of the section at both ends of a beam up to which it is constant.
     #: Why: half a unit of the fourth digit; a field of eight columns has four digits or more.
     section_tolerance: float = 5e-4
-    #: [elements] Number of solids that are computed together. Why: some 300 MB of temporary arrays.
+    #: [elements] Number of solids that are computed together. Effort: some 300 MB of temporary
+    #: arrays.
     solids_per_batch: int = 4096
-    #: [degrees of freedom] Largest number of labels in a message. Why: the message stays short.
+    #: [degrees of freedom] Largest number of labels in a message. Drawing: the message stays short.
     named_dofs: int = 3
-    #: [levels] Largest depth of nested tables and arrays in TOML. Why: above any real file; each
+    #: [levels] Largest depth of nested tables and arrays in TOML. Effort: above any real file; each
     #: level of a value takes a level of recursion.
     toml_depth: int = 50
 
@@ -157,27 +158,27 @@ class FileTextSettings:
     #: [1] Similarity (difflib) from which a name counts as misspelt. Why: one wrong letter of eight
     #: or one missing letter of five; a higher value would miss misspellings of short names.
     misspelt_similarity: float = 0.86
-    #: [characters] Largest part of a line that a message quotes. Why: the message stays in one
+    #: [characters] Largest part of a line that a message quotes. Drawing: the message stays in one
     #: line.
     quoted_characters: int = 60
     #: [columns] Largest number of columns of a table, or arrays of a file, that a message lists.
-    #: Why: tables of many channels repeat the same few names.
+    #: Drawing: tables of many channels repeat the same few names.
     listed_columns: int = 12
-    #: [values] First values of a column or an array that a form shows. Why: enough to tell a
+    #: [values] First values of a column or an array that a form shows. Drawing: enough to tell a
     #: frequency from a magnitude; they fit a line.
     first_values: int = 3
-    #: [lines] First lines of a text that a form shows. Why: the preambles of most exports.
+    #: [lines] First lines of a text that a form shows. Drawing: the preambles of most exports.
     first_lines: int = 15
-    #: [characters] Part of each of these lines. Why: lines of many channels have thousands.
+    #: [characters] Part of each of these lines. Drawing: lines of many channels have thousands.
     first_line_characters: int = 200
-    #: [bytes] Largest HDF5 file of which a message lists the arrays. Why: for the list it is read a
-    #: second time.
+    #: [bytes] Largest HDF5 file of which a message lists the arrays. Effort: for the list it is
+    #: read a second time.
     listed_bytes: int = 2**26
-    #: [messages] Largest number of messages of another program that are reported. Why: later ones
-    #: usually follow from the first.
+    #: [messages] Largest number of messages of another program that are reported. Drawing: later
+    #: ones usually follow from the first.
     reported_messages: int = 3
-    #: [characters] Largest part of a file name in the name of its temporary file. Why: names have
-    #: 255 bytes at most.
+    #: [characters] Largest part of a file name in the name of its temporary file. Drawing: names
+    #: have 255 bytes at most.
     temporary_stem: int = 40
 
 

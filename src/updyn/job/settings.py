@@ -24,7 +24,7 @@ class ModePickSettings:
 class ProposalSettings:
     """Numbers of a proposed job file."""
 
-    #: [sensors] Largest number of sensors listed in a comment. Why: chosen for a readable file.
+    #: [sensors] Largest number of sensors listed in a comment. Drawing: chosen for a readable file.
     listed_sensors: int = 24
     #: [responses] Least number of responses for which one is held out. Why: with fewer, the fit
     #: needs all; a rule of thumb.
@@ -53,7 +53,7 @@ class ProposalSettings:
 class JobMessageSettings:
     """Numbers of messages about job files."""
 
-    #: [characters] Longest value that a message repeats. Why: chosen for one line of text.
+    #: [characters] Longest value that a message repeats. Drawing: chosen for one line of text.
     longest_value: int = 40
 
 

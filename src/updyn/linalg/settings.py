@@ -26,8 +26,8 @@ class SparseSolverSettings:
     #: [1] Share of the error that remains after a refinement step, up to which factors in single
     #: precision are used. Why: refinement converges, and no eigenvalue changes its sign.
     largest_remaining_share: float = 0.2
-    #: [steps] Largest number of refinement steps. Why: the largest remaining share to this
-    #: power is 1e-14.
+    #: [steps] Largest number of refinement steps. Effort: the largest remaining share to this power
+    #: is 1e-14.
     most_refinements: int = 20
     #: [eps] Rounding errors of a residual, which refinement cannot reduce, times the growth. Why: a
     #: rule of thumb.
@@ -36,16 +36,16 @@ class SparseSolverSettings:
     #: stiffnesses that are too far apart. Why: rotations in N m/rad and translations in N/m reach a
     #: part of it.
     named_stiffness_ratio: float = 1e9
-    #: [columns] Columns that one random combination checks (Freivalds, 1977). Why: the check takes
-    #: the time of one column; the bound of the error grows with their number.
+    #: [columns] Columns that one random combination checks (Freivalds, 1977). Effort: the check
+    #: takes the time of one column; the bound of the error grows with their number.
     columns_per_check: int = 64
-    #: [entries] Largest product of a matrix with a vector that is computed in one call. Why: BLAS
-    #: then uses one thread (OpenBLAS: up to 9216 entries).
+    #: [entries] Largest product of a matrix with a vector that is computed in one call. Effort:
+    #: BLAS then uses one thread (OpenBLAS: up to 9216 entries).
     one_thread_entries: int = 8192
-    #: [numbers] Numbers that are compared in one step. Why: they fit into the processor's cache.
+    #: [numbers] Numbers that are compared in one step. Effort: they fit into the processor's cache.
     cached_numbers: int = 2**15
-    #: [entries] Rows or entries of a pattern that are processed in one step. Why: index arrays of
-    #: all entries would take as much memory as the matrix.
+    #: [entries] Rows or entries of a pattern that are processed in one step. Effort: index arrays
+    #: of all entries would take as much memory as the matrix.
     entries_per_step: int = 2**18
     #: [1] Size below which cuDSS perturbs pivots of a matrix with unit diagonal; such a
     #: factorisation fails. Why: 13 of 16 digits are lost.

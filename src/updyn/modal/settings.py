@@ -16,7 +16,7 @@ class ChannelFitSettings:
     #: coefficient of a column below it is 0. Why: 50 times the rounding of the decomposition.
     independent_share: float = 1e-14
     #: [elements] Largest number of elements of column products in memory at once; affects only
-    #: memory and time. Why: 32 MB of complex numbers, chosen.
+    #: memory and time. Effort: 32 MB of complex numbers, chosen.
     block_elements: int = 2_000_000
 
 
@@ -76,10 +76,10 @@ class PoleRefinementSettings:
     #: noise of lines that the fit follows. Why: avoids division by the small remaining share; a
     #: rule of thumb.
     least_noise_share: float = 0.05
-    #: [1] Iterations of the estimate of proportional noise and floor. Why: chosen; the
+    #: [1] Iterations of the estimate of proportional noise and floor. Effort: chosen; the
     #: multiplicative updates converge slowly, but the weights need no more accuracy.
     noise_iterations: int = 20
-    #: [values] Values of channels estimated together; affects only the time. Why: with their
+    #: [values] Values of channels estimated together; affects only the time. Effort: with their
     #: temporaries they fit into the second-level cache of a processor.
     cached_values: int = 1 << 14
     #: [1] Noise below this share of the largest value of a channel is rounding error. Why: rounding
@@ -94,14 +94,14 @@ class PoleRefinementSettings:
 class VectorFittingSettings:
     """Numbers of rational fits by vector fitting."""
 
-    #: [poles] Number of initial poles, evenly distributed over the band. Why: chosen; poles are
+    #: [poles] Number of initial poles, evenly distributed over the band. Effort: chosen; poles are
     #: added as needed.
     first_poles: int = 4
     #: [1] Loss factor of initial and of added poles. Why: a rule of thumb; the fit relocates the
     #: poles.
     new_loss_factor: float = 0.01
-    #: [sweeps] Largest number of relocations of all poles. Why: vector fitting converges within a
-    #: few.
+    #: [sweeps] Largest number of relocations of all poles. Effort: vector fitting converges within
+    #: a few.
     sweeps: int = 6
     #: [1] Relative change of all poles at which the relocation ends. Why: rounding of eigenvalues.
     settled_change: float = 1e-11
@@ -163,7 +163,7 @@ class NoiseFreeDataSettings:
     #: [functions] Number of combinations of the functions from which poles are found. Effort: the
     #: strongest combinations contain all modes of the band.
     strongest_functions: int = 12
-    #: [lines] Lines for each pole in the first test, on some of the lines. Why: more lines than
+    #: [lines] Lines for each pole in the first test, on some of the lines. Effort: more lines than
     #: unknowns, so that noise is noticed; affects only the time.
     test_lines_per_pole: int = 8
 
@@ -268,15 +268,15 @@ class WindowSweepSettings:
     #: [sweeps] Fits with the noise of the windows, each from the poles of the previous one. Why:
     #: chosen; further sweeps change the poles less than the noise.
     sweeps: int = 2
-    #: [channels] Up to this number of channels, each has its own weights on each line. Why: limits
-    #: memory and time.
+    #: [channels] Up to this number of channels, each has its own weights on each line. Effort:
+    #: limits memory and time.
     most_weighted_channels: int = 4096
     #: [lines] Lines, including those of neighbouring windows, for the noise of each channel in a
     #: window. Why: more would mix noise levels, which may differ by 60 dB over a band of
     #: accelerances.
     noise_lines: int = 60
     #: [1] A pole with an excess gain of this multiple of the smallest gain is a mode for any noise,
-    #: without a fit that omits it. Why: affects only the time.
+    #: without a fit that omits it. Effort: affects only the time.
     clear_excess: float = 20.0
 
 
@@ -336,7 +336,7 @@ class PoleBundleSettings:
     #: the strongest pole in the run. Why: a tenth of the amplitude; a rule of thumb.
     known_share: float = 0.01
     #: [1] Poles for each run are tried if the expected decrease of a first step is this share of
-    #: the required gain. Why: affects only the time unless a first step predicts less than a
+    #: the required gain. Effort: affects only the time unless a first step predicts less than a
     #: quarter of the gain.
     promised_share: float = 0.25
     #: [runs] Least effective number of runs that contain a mode, from the distribution of its
@@ -380,7 +380,7 @@ class UnexplainedPeakSettings:
     mode_bandwidths: float = 1.0
     #: [lines] Lines added to `mode_bandwidths`. Why: a peak of noise moves by a line or two.
     mode_lines: float = 2.0
-    #: [peaks] Largest number of peaks in a message. Why: chosen for one line of text.
+    #: [peaks] Largest number of peaks in a message. Drawing: chosen for one line of text.
     listed_peaks: int = 8
 
 
@@ -432,7 +432,7 @@ class SynthesisSettings:
 class ModeDerivativeSettings:
     """Numbers of modes of a model and their derivatives."""
 
-    #: [DOFs] Models of at most this size are decomposed completely; affects only the time. Why:
+    #: [DOFs] Models of at most this size are decomposed completely; affects only the time. Effort:
     #: with 14 unknowns and 6 modes, that takes a third of the time of one factorisation per mode at
     #: 16 DOFs and the same time at 180; with 20 modes half at 300.
     most_decomposed_dofs: int = 160
@@ -473,8 +473,8 @@ class ModeReductionSettings:
     #: [tries] Largest number of enrichments at a state, before modes of the full model are added.
     #: Effort: a rule of thumb.
     most_tries: int = 8
-    #: [vectors] Size above which a basis is begun anew. Why: a rule of thumb; a dense eigenproblem
-    #: of this size takes about as long as that of a sparse model.
+    #: [vectors] Size above which a basis is begun anew. Effort: a rule of thumb; a dense
+    #: eigenproblem of this size takes about as long as that of a sparse model.
     most_vectors: int = 600
     #: [1] Share of the size of a shape above which a derivative by the logarithm of an unknown is
     #: represented. Why: a rule of thumb; derivatives decide the direction of a step, which

@@ -12,20 +12,21 @@ class PlanSettings:
     #: [lines] Default number of lines. Why: about those of a usual test; the layout depends little
     #: on it (a rule of thumb).
     lines: int = 200
-    #: [lines] Largest number of lines. Why: the model is solved at each, and all sensitivities are
-    #: in memory.
+    #: [lines] Largest number of lines. Effort: the model is solved at each, and all sensitivities
+    #: are in memory.
     most_lines: int = 100_000
     #: [draws] Default number of draws of the start of the parameters. Effort: a rule of thumb.
     starts: int = 4
-    #: [draws] Largest number of draws of the start. Why: the plan is computed at each.
+    #: [draws] Largest number of draws of the start. Effort: the plan is computed at each.
     most_starts: int = 1_000
-    #: [DOFs] Number of further sensors and forces with a stated gain. Why: enough to decide on more
-    #: of them (a rule of thumb).
+    #: [DOFs] Number of further sensors and forces with a stated gain. Drawing: enough to decide on
+    #: more of them (a rule of thumb).
     further_items: int = 5
-    #: [1] Number of parts of the band with a stated gain. Why: a resolution of a tenth of the band.
+    #: [1] Number of parts of the band with a stated gain. Drawing: a resolution of a tenth of the
+    #: band.
     band_parts: int = 10
-    #: [items] Largest number of parameters in a message, and of further sensors in a summary. Why:
-    #: more names are hard to read.
+    #: [items] Largest number of parameters in a message, and of further sensors in a summary.
+    #: Drawing: more names are hard to read.
     named_items: int = 3
 
 
@@ -33,13 +34,13 @@ class PlanSettings:
 class InformationSettings:
     """Numbers of the information of all pairs of candidates."""
 
-    #: [bytes] Largest memory for the information of all pairs. Why: available on any computer.
+    #: [bytes] Largest memory for the information of all pairs. Effort: available on any computer.
     most_bytes: int = 2**30
-    #: [bytes] Memory for the derivatives that are processed at a time. Why: about the size of the
-    #: cache of a processor.
+    #: [bytes] Memory for the derivatives that are processed at a time. Effort: about the size of
+    #: the cache of a processor.
     chunk_bytes: int = 32 * 2**20
-    #: [1] Number of pieces into which the lines are divided, for workers and for stopping. Why: a
-    #: stop takes a sixteenth of the time of a point.
+    #: [1] Number of pieces into which the lines are divided, for workers and for stopping. Effort:
+    #: a stop takes a sixteenth of the time of a point.
     pieces: int = 16
     #: [1] Level of a channel over that of the largest one of its unit below which it is rounding.
     #: Why: above the rounding of a solution.
@@ -82,7 +83,8 @@ class ScreeningSettings:
 class CandidateReductionSettings:
     """Numbers of the reduced model of the candidates."""
 
-    #: [DOFs] Number of DOFs above which models are reduced. Why: smaller ones are solved quickly.
+    #: [DOFs] Number of DOFs above which models are reduced. Effort: smaller ones are solved
+    #: quickly.
     most_exact_dofs: int = 600
     #: [1] Largest error, relative to the largest receptance of a line. Why: below the noise of a
     #: test; the expected results are computed with the model itself.
@@ -90,10 +92,10 @@ class CandidateReductionSettings:
     #: [states] Least number of states of a basis, each solved at another shift. Effort: a rule of
     #: thumb.
     least_states: int = 6
-    #: [1] Shifts, in squares of the highest frequency, one for each state in turn. Why: distributed
-    #: over the band (a rule of thumb).
+    #: [1] Shifts, in squares of the highest frequency, one for each state in turn. Effort:
+    #: distributed over the band (a rule of thumb).
     shifts: tuple[float, ...] = (0.2, 0.5, 0.8)
-    #: [moments] Number of moments of the fields at a shift. Why: fields change smoothly with
+    #: [moments] Number of moments of the fields at a shift. Effort: fields change smoothly with
     #: frequency between the shifts (a rule of thumb).
     depth: int = 4
     #: [vectors] Number of random combinations of the responses at a shift. Effort: a rule of thumb.

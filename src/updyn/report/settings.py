@@ -9,38 +9,38 @@ from dataclasses import dataclass
 class ReportComputationSettings:
     """Lines at which a report computes the models."""
 
-    #: [lines x DOFs] Largest number at which the models are computed at every measured line. Why:
-    #: seconds to a few minutes.
+    #: [lines x DOFs] Largest number at which the models are computed at every measured line.
+    #: Effort: seconds to a few minutes.
     evaluation_budget: int = 2_000_000
-    #: [lines x DOFs] The same after the user has stopped the run. Why: about a second.
+    #: [lines x DOFs] The same after the user has stopped the run. Effort: about a second.
     stopped_budget: int = 50_000
-    #: [lines] Largest number of measured lines. Why: more than a figure has pixels.
+    #: [lines] Largest number of measured lines. Effort: more than a figure has pixels.
     most_lines: int = 5_000
-    #: [lines] Smallest number of measured lines, also for large models. Why: fewer do not show the
-    #: curves.
+    #: [lines] Smallest number of measured lines, also for large models. Effort: fewer do not show
+    #: the curves.
     least_lines: int = 100
-    #: [lines] Smallest number of measured lines after a stop. Why: the user waits.
+    #: [lines] Smallest number of measured lines after a stop. Effort: the user waits.
     least_stopped_lines: int = 8
-    #: [lines] Additional lines for the curves of the models, evenly spaced. Why: about half the
+    #: [lines] Additional lines for the curves of the models, evenly spaced. Effort: about half the
     #: pixels of a figure.
     even_lines: int = 400
-    #: [lines] Largest number of additional lines near resonances. Why: 75 resonances with 16 lines
-    #: each.
+    #: [lines] Largest number of additional lines near resonances. Effort: 75 resonances with 16
+    #: lines each.
     resonance_lines: int = 1_200
-    #: [lines x DOFs] Largest number for all additional lines. Why: a quarter of the time of the
+    #: [lines x DOFs] Largest number for all additional lines. Effort: a quarter of the time of the
     #: measured lines.
     grid_budget: int = 500_000
-    #: [lines] Lines of the band of uncertainty. Why: each is computed for every draw.
+    #: [lines] Lines of the band of uncertainty. Effort: each is computed for every draw.
     band_lines: int = 400
-    #: [draws] Draws from which the band is computed. Why: five of them lie beyond each end of a
+    #: [draws] Draws from which the band is computed. Effort: five of them lie beyond each end of a
     #: band of 95 %; a rule of thumb.
     band_draws: int = 200
     #: [1] Lines x DOFs x solves of the band, as a multiple of the budget of the models, above which
-    #: the page has no band. Why: some minutes.
+    #: the page has no band. Effort: some minutes.
     band_cost: int = 20
-    #: [lines] Lines of the curves on a page of comparison. Why: about the pixels of a figure.
+    #: [lines] Lines of the curves on a page of comparison. Effort: about the pixels of a figure.
     comparison_lines: int = 600
-    #: [lines] Measured lines on a page of comparison up to which points are drawn. Why: a curve
+    #: [lines] Measured lines on a page of comparison up to which points are drawn. Effort: a curve
     #: would suggest data between the lines.
     comparison_points: int = 150
 
@@ -49,37 +49,40 @@ class ReportComputationSettings:
 class ReportSizeSettings:
     """Size of a page in the browser."""
 
-    #: [bytes] Largest size of the FRFs on a page, before base64. Why: 100 channels of 2,000 lines
-    #: with coherence are complete in a page of less than 10 MB.
+    #: [bytes] Largest size of the FRFs on a page, before base64. Drawing: 100 channels of 2,000
+    #: lines with coherence are complete in a page of less than 10 MB.
     frf_bytes: int = 4_000_000
-    #: [1] Share of it for the measured data. Why: they have coherence in addition to the values;
-    #: the models have more lines.
+    #: [1] Share of it for the measured data. Drawing: they have coherence in addition to the
+    #: values; the models have more lines.
     measured_share: float = 0.62
-    #: [lines] Smallest number of lines of a channel. Why: fewer do not show a curve.
+    #: [lines] Smallest number of lines of a channel. Drawing: fewer do not show a curve.
     least_channel_lines: int = 50
-    #: [lines] Largest number of lines of a curve of selected channels. Why: more than a figure has
-    #: pixels.
+    #: [lines] Largest number of lines of a curve of selected channels. Drawing: more than a figure
+    #: has pixels.
     curve_lines: int = 3_000
-    #: [lines] Lines of an FDAC map. Why: about three pixels each.
+    #: [lines] Largest number of lines of a curve on the first screen. Drawing: about two for each
+    #: pixel of its width.
+    small_curve_lines: int = 600
+    #: [lines] Lines of an FDAC map. Drawing: about three pixels each.
     fdac_lines: int = 120
-    #: [numbers] Largest number of displacements of modes. Why: 1.6 MB.
+    #: [numbers] Largest number of displacements of modes. Drawing: 1.6 MB.
     mode_displacements: int = 600_000
-    #: [modes] Smallest number of modes with shapes. Why: the lowest modes are shown also of large
-    #: models.
+    #: [modes] Smallest number of modes with shapes. Drawing: the lowest modes are shown also of
+    #: large models.
     least_modes: int = 4
-    #: [numbers] Largest number of values of operating shapes. Why: a third of the size of the mode
-    #: shapes.
+    #: [numbers] Largest number of values of operating shapes. Drawing: a third of the size of the
+    #: mode shapes.
     operating_values: int = 200_000
-    #: [lines] Smallest number of lines with operating shapes. Why: fewer would miss resonances.
+    #: [lines] Smallest number of lines with operating shapes. Drawing: fewer would miss resonances.
     least_operating_lines: int = 40
-    #: [references] Largest number of forces with operating shapes. Why: a limit of size; tests have
-    #: fewer.
+    #: [references] Largest number of forces with operating shapes. Drawing: a limit of size; tests
+    #: have fewer.
     operating_references: int = 8
-    #: [lines] Largest number of drawn lines of a structure. Why: the time of the browser for a
+    #: [lines] Largest number of drawn lines of a structure. Drawing: the time of the browser for a
     #: picture.
     structure_lines: int = 8_000
-    #: [lines] Largest number of drawn lines of a geometry in a COMAC map. Why: half of those of a
-    #: larger picture.
+    #: [lines] Largest number of drawn lines of a geometry in a COMAC map. Drawing: half of those of
+    #: a larger picture.
     map_lines: int = 4_000
 
 
@@ -87,30 +90,45 @@ class ReportSizeSettings:
 class ReportListSettings:
     """How many items lists, tables and figures show."""
 
-    #: [unknowns] Unknowns in the figure of changes; those with the largest change are kept. Why:
-    #: the figure fits on a printed page.
+    #: [unknowns] Unknowns in the figure of changes; those with the largest change are kept.
+    #: Drawing: the figure fits on a printed page.
     changed_unknowns: int = 40
-    #: [channels] Channels in the map of misfits; those with the largest misfit are kept. Why: the
-    #: map fits on a printed page.
+    #: [unknowns] Unknowns with the largest changes on the first screen. Drawing: they fit next to
+    #: the verdict at 800 px of height.
+    largest_changes: int = 5
+    #: [unknowns] Unknowns in the map of sensitivities; those with the largest are kept. Drawing:
+    #: the map fits on the first screen.
+    sensitive_unknowns: int = 10
+    #: [modes] Modes of that map up to which each has its frequency and cells have numbers. Drawing:
+    #: more would overlap in half the width of a screen.
+    sensitivity_ticks: int = 12
+    #: [1] Least MAC of a pair of modes that is drawn as good. Why: a usual requirement of
+    #: correlated models (NASA-STD-5002).
+    high_mac: float = 0.9
+    #: [1] Least MAC of a pair that is drawn as fair. Why: a common limit below which shapes are
+    #: regarded as different.
+    fair_mac: float = 0.7
+    #: [channels] Channels in the map of misfits; those with the largest misfit are kept. Drawing:
+    #: the map fits on a printed page.
     misfit_channels: int = 60
-    #: [sensors] Sensors in the COMAC figure; those with the lowest COMAC are kept. Why: more labels
-    #: would overlap.
+    #: [sensors] Sensors in the COMAC figure; those with the lowest COMAC are kept. Drawing: more
+    #: labels would overlap.
     comac_sensors: int = 100
-    #: [nodes] Nodes in a COMAC map up to which they have their number. Why: more labels would
+    #: [nodes] Nodes in a COMAC map up to which they have their number. Drawing: more labels would
     #: overlap.
     labelled_nodes: int = 40
-    #: [channels] Channels that an axis names. Why: more labels would overlap.
+    #: [channels] Channels that an axis names. Drawing: more labels would overlap.
     named_channels: int = 24
-    #: [rows] Rows of the table of modes that are shown unfolded. Why: a screen.
+    #: [rows] Rows of the table of modes that are shown unfolded. Drawing: a screen.
     unfolded_rows: int = 20
-    #: [terms] Terms of a combination of unknowns that are written. Why: a few lines of text.
+    #: [terms] Terms of a combination of unknowns that are written. Drawing: a few lines of text.
     written_terms: int = 16
-    #: [entries] Entries of a list of options that are written. Why: a few lines of text.
+    #: [entries] Entries of a list of options that are written. Drawing: a few lines of text.
     written_entries: int = 20
-    #: [pairs] Pairs of similar modes that are listed. Why: a short list; the number of the others
-    #: follows.
+    #: [pairs] Pairs of similar modes that are listed. Drawing: a short list; the number of the
+    #: others follows.
     listed_pairs: int = 8
-    #: [curves] Singular values of the CMIF that are drawn. Why: more lie in the noise.
+    #: [curves] Singular values of the CMIF that are drawn. Drawing: more lie in the noise.
     indicator_curves: int = 4
     #: [channels] Smallest number of channels for an FDAC map. Why: with one or two channels, shapes
     #: of different lines are alike.

@@ -36,7 +36,7 @@ class LocalRationalSettings:
     #: errors of the polynomials of a window count ten times (1 / sqrt(share)) in the FRF.
     least_separable_share: float = 0.01
     #: [values] Complex numbers in the largest array of a batch of windows; affects only memory and
-    #: time. Why: 5 MB; larger ones are no faster.
+    #: time. Effort: 5 MB; larger ones are no faster.
     batch_values: int = 300_000
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 class StoredArraySettings:
     """Arrays in stored results."""
 
-    #: [bytes] Largest entry of an array. Why: a fixed length for all texts of an array with one
+    #: [bytes] Largest entry of an array. Drawing: a fixed length for all texts of an array with one
     #: long text would be mostly padding.
     entry_bytes: int = 4096
 

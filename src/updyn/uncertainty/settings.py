@@ -9,11 +9,11 @@ from dataclasses import dataclass
 class CountLimitSettings:
     """Largest numbers that users may ask for."""
 
-    #: [draws] Largest number of draws. Why: their mean is accurate to a thousandth of their
+    #: [draws] Largest number of draws. Effort: their mean is accurate to a thousandth of their
     #: standard deviation; all are kept in memory, 8 MB for each unknown.
     most_draws: int = 1_000_000
-    #: [evaluations] Largest number of evaluations of a sampler. Why: all are kept in memory, 80 MB
-    #: for each unknown.
+    #: [evaluations] Largest number of evaluations of a sampler. Effort: all are kept in memory, 80
+    #: MB for each unknown.
     most_evaluations: int = 10_000_000
 
 
@@ -53,10 +53,10 @@ class PosteriorSearchSettings:
 class PredictedBandSettings:
     """Numbers of the bands of predicted FRFs."""
 
-    #: [draws] Largest number of draws of which a band is made. Why: 25 draws are beyond each end of
-    #: a 95 % band.
+    #: [draws] Largest number of draws of which a band is made. Effort: 25 draws are beyond each end
+    #: of a 95 % band.
     most_draws: int = 1000
-    #: [solutions] Number of solutions of a line from which a reduced model is made. Why: the
+    #: [solutions] Number of solutions of a line from which a reduced model is made. Effort: the
     #: reduction takes about 20.
     least_solves: int = 40
     #: [1] Relative change of H, for a change by a factor e along an undetermined combination, above

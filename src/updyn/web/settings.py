@@ -9,36 +9,38 @@ from dataclasses import dataclass
 class WebPageSettings:
     """Content of pages."""
 
-    #: [points] Points of a curve; of more, peaks are kept. Why: more than a screen has pixels.
+    #: [points] Points of a curve; of more, peaks are kept. Drawing: more than a screen has pixels.
     curve_points: int = 4000
-    #: [points] Points of each of several curves. Why: a rule of thumb; the largest number of
+    #: [points] Points of each of several curves. Drawing: a rule of thumb; the largest number of
     #: channels then has 120,000 points.
     shared_points: int = 600
-    #: [channels] Channels that are drawn at once. Why: the time of the browser.
+    #: [channels] Channels that are drawn at once. Drawing: the time of the browser.
     most_channels: int = 200
-    #: [channels] Channels of a table whose entries are shown at once. Why: a page of readable
+    #: [channels] Channels of a table whose entries are shown at once. Drawing: a page of readable
     #: length.
     shown_channels: int = 20
-    #: [lines] Lines of a table in its preview. Why: enough to tell a frequency from a value.
+    #: [lines] Lines of a table in its preview. Drawing: enough to tell a frequency from a value.
     preview_rows: int = 5
-    #: [px] Height of the figure in the preview of a table. Why: form and preview fit a screen.
+    #: [px] Height of the figure in the preview of a table. Drawing: form and preview fit a screen.
     preview_height: int = 260
     #: [lines] About the number of lines at which the model is computed while unknowns are moved.
-    #: Why: each line takes time at each move; a rule of thumb.
+    #: Effort: each line takes time at each move; a rule of thumb.
     model_lines: int = 400
-    #: [modes] Modes of the start that are shown on request. Why: a limit of time; a rule of thumb.
+    #: [modes] Modes of the start that are shown on request. Effort: a limit of time; a rule of
+    #: thumb.
     shown_modes: int = 12
     #: [modes] Modes that the address of a structure may request. Effort: a rule of thumb.
     most_modes: int = 100
-    #: [files] Files in the list of the start page. Why: a page of readable length.
+    #: [files] Files in the list of the start page. Drawing: a page of readable length.
     listed_files: int = 200
-    #: [characters] Part of a wrong entry that a message quotes. Why: the message stays in one line.
+    #: [characters] Part of a wrong entry that a message quotes. Drawing: the message stays in one
+    #: line.
     quoted_characters: int = 40
-    #: [s] Interval at which a page checks for changes. Why: a user notices no delay.
+    #: [s] Interval at which a page checks for changes. Effort: a user notices no delay.
     refresh_interval: float = 0.5
-    #: [edits] Edits that can be undone. Why: the text of each is in memory.
+    #: [edits] Edits that can be undone. Effort: the text of each is in memory.
     undo_steps: int = 200
-    #: [s] Pause in typing that begins another edit. Why: about a sentence at a time.
+    #: [s] Pause in typing that begins another edit. Effort: about a sentence at a time.
     typing_pause: float = 2.0
 
 
@@ -46,20 +48,20 @@ class WebPageSettings:
 class WebLimitSettings:
     """Limits of requests and of the folder of a project."""
 
-    #: [bytes] Largest uploaded file. Why: it is in memory while it is received.
+    #: [bytes] Largest uploaded file. Effort: it is in memory while it is received.
     upload_bytes: int = 256 * 2**20
-    #: [bytes] Form data in addition to an uploaded file. Why: headers and names.
+    #: [bytes] Form data in addition to an uploaded file. Effort: headers and names.
     form_bytes: int = 2**16
-    #: [bytes] Largest message of a page. Why: a job file with its edits.
+    #: [bytes] Largest message of a page. Effort: a job file with its edits.
     message_bytes: int = 4 * 2**20
     #: [levels] Depth of folders in which jobs and results are searched. Effort: a rule of thumb.
     folder_depth: int = 4
     #: [folders] Folders in which jobs and results are searched. Effort: a rule of thumb.
     most_folders: int = 2000
-    #: [bytes] Largest name of a file. Why: file systems accept 255, less the part that a temporary
-    #: name adds.
+    #: [bytes] Largest name of a file. Effort: file systems accept 255, less the part that a
+    #: temporary name adds.
     name_bytes: int = 200
-    #: [characters] Largest first line of a job file that is read. Why: a path has 4096 bytes at
+    #: [characters] Largest first line of a job file that is read. Effort: a path has 4096 bytes at
     #: most on Linux.
     line_characters: int = 4096
 
@@ -68,25 +70,26 @@ class WebLimitSettings:
 class WebTaskSettings:
     """Processes behind the pages."""
 
-    #: [s] Longest time that a page waits until a job is read or solved. Why: reading a large model
-    #: takes minutes.
+    #: [s] Longest time that a page waits until a job is read or solved. Effort: reading a large
+    #: model takes minutes.
     answer_seconds: float = 600.0
-    #: [s] Time in which a killed process ends. Why: the system needs far less.
+    #: [s] Time in which a killed process ends. Effort: the system needs far less.
     kill_seconds: float = 2.0
-    #: [s] Time in which a stopped task may write its results. Why: it also writes the report; a
+    #: [s] Time in which a stopped task may write its results. Effort: it also writes the report; a
     #: rule of thumb.
     stop_seconds: float = 60.0
-    #: [s] Time in which the last lines on stderr are read after the end. Why: they are in a pipe
+    #: [s] Time in which the last lines on stderr are read after the end. Effort: they are in a pipe
     #: already.
     last_lines_seconds: float = 1.0
-    #: [s] Shortest time between two messages of the same step. Why: ten a second look continuous.
+    #: [s] Shortest time between two messages of the same step. Effort: ten a second look
+    #: continuous.
     message_interval: float = 0.1
-    #: [steps] Steps of a task that are kept for the pages. Why: a limit of memory, above any usual
-    #: fit.
+    #: [steps] Steps of a task that are kept for the pages. Effort: a limit of memory, above any
+    #: usual fit.
     kept_steps: int = 5000
-    #: [notes] Notes of a task that are kept. Why: a limit of memory.
+    #: [notes] Notes of a task that are kept. Effort: a limit of memory.
     kept_notes: int = 200
-    #: [lines] Lines on stderr of a task that are kept. Why: a traceback.
+    #: [lines] Lines on stderr of a task that are kept. Effort: a traceback.
     kept_error_lines: int = 50
 
 

@@ -64,12 +64,12 @@ class LoopSimulationSettings:
     steps_per_period: int = 40
     #: [steps] Least number of steps of a simulation. Why: a curve without visible corners.
     least_steps: int = 400
-    #: [steps] Largest number of steps of a simulation. Why: memory; the states of each are kept.
+    #: [steps] Largest number of steps of a simulation. Effort: memory; the states of each are kept.
     most_steps: int = 2_000_000
     #: [steps] Halvings of a step that locate a switch. Why: 2^-44 of a step is rounding of the time
     #: after a few hundred steps.
     switch_halvings: int = 44
-    #: [steps] Steps whose matrix powers are stored and that are computed at once. Why: a rule of
+    #: [steps] Steps whose matrix powers are stored and that are computed at once. Effort: a rule of
     #: thumb for speed.
     block_steps: int = 64
     #: [switches] Switches within one step that count as chatter. Why: a rule of thumb.

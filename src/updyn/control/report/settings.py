@@ -9,22 +9,23 @@ from dataclasses import dataclass
 class ControlReportSettings:
     """Largest numbers of curves, points and rows."""
 
-    #: [channels] Largest number of plotted channels, those with the largest errors. Why: length of
-    #: the page.
+    #: [channels] Largest number of plotted channels, those with the largest errors. Drawing: length
+    #: of the page.
     plotted_channels: int = 6
-    #: [members] Largest number of members of a family with separate curves. Why: size of the page.
+    #: [members] Largest number of members of a family with separate curves. Drawing: size of the
+    #: page.
     plotted_members: int = 40
-    #: [points] Largest number of points of a loop function. Why: size of the page; more than the
-    #: pixels of a figure.
+    #: [points] Largest number of points of a loop function. Drawing: size of the page; more than
+    #: the pixels of a figure.
     loop_points: int = 3000
-    #: [points] Largest number of points of a time series. Why: size of the page; more than the
+    #: [points] Largest number of points of a time series. Drawing: size of the page; more than the
     #: pixels of a figure.
     series_points: int = 4000
-    #: [rows] Largest number of poles and of antiresonances in a table. Why: length of the page.
+    #: [rows] Largest number of poles and of antiresonances in a table. Drawing: length of the page.
     listed_poles: int = 60
-    #: [rows] Largest number of channels in the table of errors. Why: length of the page.
+    #: [rows] Largest number of channels in the table of errors. Drawing: length of the page.
     listed_channels: int = 40
-    #: [items] Largest number of crossings of a loop, and of unstable members, in a list. Why:
+    #: [items] Largest number of crossings of a loop, and of unstable members, in a list. Drawing:
     #: length of the page.
     listed_items: int = 12
 

@@ -129,8 +129,8 @@ class RobustMarginSettings:
 class StepResponseSettings:
     """Numbers of the record of a step response and of its figures."""
 
-    #: [intervals] Approximate least number of intervals of a record. Why: a curve without visible
-    #: corners.
+    #: [intervals] Approximate least number of intervals of a record. Drawing: a curve without
+    #: visible corners.
     least_intervals: int = 1000
     #: [intervals] Largest number of intervals of a record. Effort: a rule of thumb.
     most_intervals: int = 20_000
@@ -156,7 +156,7 @@ class StepResponseSettings:
     #: [intervals] With exact dead time: least number of intervals per dead time; below it, dead
     #: time is approximated. Why: a rule of thumb.
     least_intervals_per_delay: int = 16
-    #: [samples] Approximate number of samples that are stored. Why: size of files.
+    #: [samples] Approximate number of samples that are stored. Drawing: size of files.
     stored_samples: int = 5000
 
 
@@ -172,7 +172,7 @@ class WindSeriesSettings:
     spectrum_lines: int = 2000
     #: [samples] Largest number of samples if the wind has no interval. Effort: a rule of thumb.
     most_default_samples: int = 2**16
-    #: [samples] Largest number of samples of a series. Why: memory.
+    #: [samples] Largest number of samples of a series. Effort: memory.
     most_samples: int = 2**20
 
 

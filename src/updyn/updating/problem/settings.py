@@ -9,22 +9,22 @@ from dataclasses import dataclass
 class EvaluationSettings:
     """Numbers of the evaluation of a residual, block by block of lines."""
 
-    #: [bytes] Size of a block of lines. Why: it fits the processor's cache, and bounds the delay
+    #: [bytes] Size of a block of lines. Effort: it fits the processor's cache, and bounds the delay
     #: after Ctrl-C.
     block_bytes: int = 12 * 2**20
     #: [operations] Floating-point operations of one evaluation above which its lines are
-    #: distributed over workers; below, whole descents are. Why: some tenth of a second.
+    #: distributed over workers; below, whole descents are. Effort: some tenth of a second.
     distributed_work: float = 5e8
     #: [operations] Floating-point operations above which an evaluation is not started after a stop
-    #: request. Why: some ten seconds, which a user would notice.
+    #: request. Effort: some ten seconds, which a user would notice.
     long_work: float = 5e10
-    #: [bytes] Size of the cache of the most recent evaluations. Why: a rule of thumb; small for the
-    #: memory of a computer.
+    #: [bytes] Size of the cache of the most recent evaluations. Effort: a rule of thumb; small for
+    #: the memory of a computer.
     cache_bytes: int = 64 * 2**20
-    #: [s] Time after a stop request in which evaluations still start. Why: a rule of thumb; enough
-    #: to complete small fits.
+    #: [s] Time after a stop request in which evaluations still start. Effort: a rule of thumb;
+    #: enough to complete small fits.
     finishing_time: float = 2.0
-    #: [s] Interval after which a callback is also asked for a stop before an evaluation. Why: a
+    #: [s] Interval after which a callback is also asked for a stop before an evaluation. Effort: a
     #: user notices a longer delay; a callback may be slow.
     stop_interval: float = 1.0
 
@@ -36,18 +36,18 @@ EVALUATION = EvaluationSettings()
 class TriangleSettings:
     """Numbers of the QR factorisation of a Jacobian; results agree to rounding."""
 
-    #: [columns] Columns of a panel of reflections. Why: narrow panels are several times faster for
-    #: tall blocks than one panel.
+    #: [columns] Columns of a panel of reflections. Effort: narrow panels are several times faster
+    #: for tall blocks than one panel.
     panel_columns: int = 16
-    #: [blocks] Number of blocks stacked at a time. Why: a limit of the memory.
+    #: [blocks] Number of blocks stacked at a time. Effort: a limit of the memory.
     stacked_blocks: int = 8
-    #: [1] Ratio of rows to columns above which a triangle is found by Cholesky factors. Why: a rule
-    #: of thumb; the preconditioning pays for tall blocks only.
+    #: [1] Ratio of rows to columns above which a triangle is found by Cholesky factors. Effort: a
+    #: rule of thumb; the preconditioning pays for tall blocks only.
     tall_ratio: int = 20
-    #: [1] Ratio of rows to columns of the sample that shows the correlation of the columns. Why: a
-    #: rule of thumb.
+    #: [1] Ratio of rows to columns of the sample that shows the correlation of the columns. Effort:
+    #: a rule of thumb.
     sample_ratio: int = 4
-    #: [rows] Number of rows processed at a time. Why: they fit the processor's cache.
+    #: [rows] Number of rows processed at a time. Effort: they fit the processor's cache.
     strip_rows: int = 2048
     #: [1] Smallest ratio of diagonal entries of the Cholesky factor of preconditioned columns;
     #: below, reflections are used. Why: rounding; the condition number is about its inverse, and
@@ -143,7 +143,7 @@ class UnknownDefaultSettings:
     #: [1] Default bounds of a factor with powers. Why: a factor of ten in thickness is one of a
     #: thousand in bending stiffness.
     linked_bounds: tuple[float, float] = (0.1, 10.0)
-    #: [rows] Largest number of rows of the text of a set of unknowns. Why: about a screen.
+    #: [rows] Largest number of rows of the text of a set of unknowns. Drawing: about a screen.
     printed_rows: int = 40
 
 

@@ -33,8 +33,8 @@ class EstimatedNoiseSettings:
     #: [values] Largest number of values in the estimate; of more, equally spaced ones are used.
     #: Effort: they determine a standard deviation to better than 1 %.
     most_values: int = 20_000
-    #: [points] Ratios of relative noise to floor in the search whose best point is refined. Why: a
-    #: rule of thumb; the best is refined.
+    #: [points] Ratios of relative noise to floor in the search whose best point is refined. Effort:
+    #: a rule of thumb; the best is refined.
     ratio_points: int = 40
     #: [1] Margin, in logarithm, of the search range beyond the ratios at which both are equally
     #: large. Why: a part of a thousandth of the other is not visible.
