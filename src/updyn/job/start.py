@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -206,6 +207,7 @@ def _make_start(
         modes=test.modes,
         options={"tier": _choose_tier(test) if isinstance(test.data, FRF) else job.method.tier},
         figures=figures,
+        job=shlex.quote(ready.job.path.name),
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from os import PathLike
 from pathlib import Path
 
@@ -10,15 +11,22 @@ import numpy as np
 from updyn import __version__
 from updyn.report.agreement import compute_agreement
 from updyn.report.data import ReportData
+from updyn.report.evidence import show_start
 from updyn.report.formats import extent, format_count, number, percentage, quantity_words
-from updyn.report.head import VerdictPart, key_figure
+from updyn.report.head import key_figure, render_first_screen
 from updyn.report.page import assemble
+from updyn.report.plots import Figure
 from updyn.report.section import PageContent, ReportSection
 from updyn.report.start import Start
-from updyn.report.templates import render_template, write_page
+from updyn.report.templates import write_page
+from updyn.report.verdict import Verdict, VerdictPart
+from updyn.updating.before_search import REMEDY
+from updyn.updating.next_step import NextStep, plan_test, read_step
 from updyn.updating.problem.parameters import Parameter
 
-__all__ = ["write_start"]
+__all__ = ["choose_first_step", "write_start"]
+
+_IN_TERMINAL = "in a terminal, in the folder of the job"
 
 
 def write_start(start: Start, path: str | PathLike[str]) -> Path:
@@ -46,40 +54,63 @@ def write_start(start: Start, path: str | PathLike[str]) -> Path:
 def render(start: Start) -> str:
     """Return the page as HTML."""
     content = PageContent(further={"start": start})
-    title = start.title or "Before the update"
-    return assemble(content, _head(content, start), title, __version__, folds=True)
+    title = start.title or start.model.title or "Before the update"
+    top, figures = _head(content, start, title)
+    return assemble(content, top, title, __version__, figures=figures, folds=True)
 
 
-def _head(content: PageContent, start: Start) -> str:
-    """Return the head of the page: title, identifiability, faults, and figures of agreement."""
-    complete = start.identifiability.complete
+def _head(content: PageContent, start: Start, title: str) -> tuple[str, dict[str, Figure]]:
+    """Return the first screen as HTML, and its figures by name."""
+    return render_first_screen(
+        show_start(content),
+        title=title,
+        about=(
+            f"Before any fit; {format_count(len(start.parameters), 'unknown')};"
+            f" {extent(start.data)}"
+        ),
+        judgement=_judge_start(start, has_frfs=content.has_frfs),
+        step=choose_first_step(start),
+        others=[],
+        key_figures=_key_figures(start, content.data) if content.has_frfs else [],
+        more="",
+        has_updated=False,
+    )
+
+
+def _judge_start(start: Start, *, has_frfs: bool) -> Verdict:
+    """Return the verdict before any fit: identifiability, resemblance, and faults."""
     badge, kind = ("Not all unknowns can be determined", "warn")
-    if complete:
+    if start.identifiability.complete:
         badge, kind = ("All unknowns can be determined", "good")
     if start.findings:
         of_model = start.findings[0].concerns_model
         badge, kind = (f"Look at the {'model' if of_model else 'data'} first", "warn")
     if start.counterparts is not None and start.counterparts.few:
         badge, kind = ("Look at the model first", "bad")
-    return render_template(
-        "updyn.report/head.html",
-        title=start.title,
-        about=(
-            f"Before any fit; {format_count(len(start.parameters), 'unknown')};"
-            f" {extent(start.data)}"
-        ),
-        badge=badge,
-        kind=kind,
-        parts=[
-            _judge_identifiability(start),
-            *_judge_resemblance(start),
-            *_find_model_error(start),
-            _judge_data(start, has_frfs=content.has_frfs),
-        ],
-        cause=start.identifiability.advice,
-        steps=[],
-        key_figures=_key_figures(start, content.data) if content.has_frfs else [],
+    parts = (
+        *_judge_resemblance(start),
+        _judge_identifiability(start),
+        *_find_model_error(start),
+        _judge_data(start, has_frfs=has_frfs),
     )
+    return Verdict(badge, kind, parts)
+
+
+def choose_first_step(start: Start) -> NextStep:
+    """Return the step before the fit: a repair, another test, or the fit."""
+    if start.counterparts is not None and start.counterparts.few:
+        advice = start.counterparts.remedy or REMEDY
+        return NextStep(advice, f"updyn check {start.job}", f"then {_IN_TERMINAL}")
+    if start.findings:
+        step = read_step(start.findings[0].remedy)
+        if step.lines:
+            return step
+        return replace(step, lines=f"updyn check {start.job}", place=f"then {_IN_TERMINAL}")
+    if not start.identifiability.complete:
+        step = plan_test(start.data)
+        return replace(step, advice=start.identifiability.advice or step.advice)
+    advice = start.identifiability.advice or "Fit the unknowns."
+    return NextStep(advice, f"updyn run {start.job}", _IN_TERMINAL)
 
 
 def _judge_identifiability(start: Start) -> VerdictPart:
@@ -144,7 +175,6 @@ class FindingsSection(_StartSection):
     name = heading = "Findings"
     place = 30
     template = "updyn.report/start_findings.html"
-    first_screen = True
 
     def context(self, content: PageContent) -> dict[str, object]:
         """Return the findings, most likely first."""
@@ -159,7 +189,6 @@ class StartUnknownsSection(_StartSection):
     name = heading = "Unknowns"
     place = 70
     template = "updyn.report/start_unknowns.html"
-    first_screen = True
 
     def context(self, content: PageContent) -> dict[str, object]:
         """Return the rows of the table: start, bounds, expected standard deviation."""

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from math import nan
 
 import numpy as np
 
@@ -23,7 +24,7 @@ from updyn.report.settings import REPORT_LIST
 from updyn.updating.problem.parameters import Parameter
 from updyn.updating.result import UpdateResult
 
-__all__ = ["CHANGES", "changes_figure", "is_significant"]
+__all__ = ["CHANGES", "changes_figure", "is_significant", "largest_changes"]
 
 #: Limits of the axis, as ratios to the start; longer bars are clipped.
 _LEAST, _MOST = 0.02, 50.0
@@ -35,6 +36,8 @@ _TICKS = (
 )
 #: Smallest distance between ticks, as a fraction of the axis length.
 _MIN_TICK_GAP = 0.07
+#: The same for the small figure of the largest changes.
+_SMALL_TICK_GAP = 0.3
 #: Order of the quantities; other quantities follow.
 _ORDER = ("stiffness", "mass", "viscous", "loss_factor")
 #: Legend entry, colour and symbol by outcome of an unknown.
@@ -71,7 +74,6 @@ class ChangesSection(ReportSection):
     heading = "Parameter changes"
     place = 20
     template = "updyn.report/changes.html"
-    first_screen = True
 
     def applies(self, content: PageContent) -> bool:
         """Whether the page shows an update."""
@@ -129,19 +131,20 @@ class _ChangeRow:
         return escape_label(f"{self.parameter.group}: {quantity_words(self.parameter.quantity)}")
 
 
-def _select_parameters(result: UpdateResult) -> list[Parameter]:
-    """Return the unknowns to show, in order; of too many, those that changed most."""
-    shown = [p for p in result.parameters if _has_percent(result, p)]
-    most = REPORT_LIST.changed_unknowns
-    if len(shown) <= most:
-        return shown
+def _order_by_change(result: UpdateResult) -> list[Parameter]:
+    """Return the unknowns with a change in percent: significant ones first, then by size."""
 
     def size(p: Parameter) -> tuple[bool, float]:
         ratio = max(result.values[p.name] / p.start, _LEAST)
         return is_significant(result, p), abs(math.log(ratio))
 
-    kept = {p.name for p in sorted(shown, key=size, reverse=True)[:most]}
-    return [p for p in shown if p.name in kept]
+    return sorted((p for p in result.parameters if _has_percent(result, p)), key=size, reverse=True)
+
+
+def _select_parameters(result: UpdateResult) -> list[Parameter]:
+    """Return the unknowns to show, in order; of too many, those that changed most."""
+    kept = {p.name for p in _order_by_change(result)[: REPORT_LIST.changed_unknowns]}
+    return [p for p in result.parameters if p.name in kept]
 
 
 def _classify_change(result: UpdateResult, p: Parameter) -> str:
@@ -166,11 +169,15 @@ def _arrange_rows(result: UpdateResult) -> tuple[list[_ChangeRow], dict[int, str
         headings[place] = quantity_words(quantity)
         place += 1
         for p in members:
-            low, high = _interval(result, p) or (math.nan, math.nan)
-            ratios = np.array([result.values[p.name], low, high]) / p.start
-            rows.append(_ChangeRow(place, p, _classify_change(result, p), *ratios.tolist()))
+            rows.append(_make_row(result, p, place))
             place += 1
     return rows, headings
+
+
+def _make_row(result: UpdateResult, p: Parameter, place: int) -> _ChangeRow:
+    low, high = _interval(result, p) or (math.nan, math.nan)
+    ratios = np.array([result.values[p.name], low, high]) / p.start
+    return _ChangeRow(place, p, _classify_change(result, p), *ratios.tolist())
 
 
 def changes_figure(result: UpdateResult) -> Figure | None:
@@ -189,16 +196,27 @@ def changes_figure(result: UpdateResult) -> Figure | None:
     ticks = [*headings, *(row.place for row in rows)]
     names = [f"<b>{escape_label(text)}</b>" for text in headings.values()]
     names += escape_labels(row.parameter.group for row in rows)
-    last = rows[-1].place
     height = 22 if len(rows) > 8 else 26
     right = [change(row.parameter, result.values[row.parameter.name]) for row in rows]
-    common = {"range": [last + 0.7, -0.7], "zeroline": False, "showgrid": False}
-    font = names_font(names)
     traces.append(_invisible_trace(rows))
-    marks = _choose_ticks(view)
+    figure = _lay_out(rows, view, (ticks, names), right)
+    figure["layout"] |= {"showlegend": True}
+    figure["layout"]["xaxis"]["title"] = {"text": "change from the start"}
+    return {"data": traces, "height": 110 + height * (rows[-1].place + 1)} | figure
+
+
+def _lay_out(
+    rows: Sequence[_ChangeRow],
+    view: tuple[float, float],
+    left: tuple[list[int], list[str]],
+    right: Sequence[str],
+    gap: float = _MIN_TICK_GAP,
+) -> Figure:
+    """Return the layout: an axis in percent, names at `left` places, and text `right` of rows."""
+    last, marks = rows[-1].place, _choose_ticks(view, gap)
+    common = {"range": [last + 0.7, -0.7], "zeroline": False, "showgrid": False}
+    font = names_font(left[1])
     return {
-        "data": traces,
-        "height": 110 + height * (last + 1),
         "layout": {
             "xaxis": {
                 "type": "log",
@@ -207,10 +225,10 @@ def changes_figure(result: UpdateResult) -> Figure | None:
                 "ticktext": [
                     f"{mark:+g} %".replace("-", "−").replace("+0 ", "0 ") for mark in marks
                 ],
-                "title": {"text": "change from the start"},
+                "tickangle": 0,
                 "zeroline": False,
             },
-            "yaxis": {"tickvals": ticks, "ticktext": names, "tickfont": font, **common},
+            "yaxis": {"tickvals": left[0], "ticktext": left[1], "tickfont": font, **common},
             "yaxis2": {
                 "overlaying": "y",
                 "side": "right",
@@ -220,8 +238,62 @@ def changes_figure(result: UpdateResult) -> Figure | None:
                 **common,
             },
             "shapes": [_start_line(last)],
-            "showlegend": True,
         },
+    }
+
+
+def largest_changes(result: UpdateResult) -> Figure | None:
+    """Return bars of the largest changes with their 95 % intervals; None without any."""
+    # The axis contains all estimates and the intervals of the significant ones; others are cut off.
+    chosen = _order_by_change(result)[: REPORT_LIST.largest_changes]
+    rows = [_make_row(result, p, place) for place, p in enumerate(chosen)]
+    if not rows:
+        return None
+    short = [row if row.outcome == "changed" else replace(row, low=nan, high=nan) for row in rows]
+    view = _find_range(short)
+    margin = (view[1] / view[0]) ** 0.1
+    view = view[0] / margin, view[1] * margin
+    beyond = view[0] / margin, view[1] * margin
+    traces: list[dict[str, object]] = []
+    for outcome, (name, colour, symbol) in _STYLES.items():
+        alike = [row for row in rows if row.outcome == outcome]
+        if alike:
+            traces.append(_bars_trace(alike, view, colour))
+            traces.append(_estimates_trace(result, alike, beyond, name, colour, symbol))
+    traces.append(_invisible_trace(rows))
+    left = list(range(len(rows))), [row.name for row in rows]
+    right = [_describe_outcome(row, result) for row in rows]
+    figure = _lay_out(rows, view, left, right, gap=_SMALL_TICK_GAP)
+    figure["layout"] |= {"showlegend": False, "margin": {"l": 60, "r": 8, "t": 4, "b": 26}}
+    return {"data": traces, "height": 40 + 26 * len(rows)} | figure
+
+
+def _describe_outcome(row: _ChangeRow, result: UpdateResult) -> str:
+    """Return the change of a row as text, with its outcome if it is at a bound or open."""
+    p = row.parameter
+    if row.outcome == "undetermined":
+        return result.why_open(p.name).partition(":")[0].removesuffix(" by the data")
+    shown = change(p, result.values[p.name])
+    return f"{shown}, bound" if row.outcome == "bound" else shown
+
+
+def _bars_trace(
+    rows: Sequence[_ChangeRow], view: tuple[float, float], colour: str
+) -> dict[str, object]:
+    """Return bars from no change to the estimates."""
+    x: list[float | None] = []
+    y: list[int | None] = []
+    for row in rows:
+        x += [1.0, float(np.clip(row.ratio, *view)), None]
+        y += [row.place, row.place, None]
+    return {
+        "type": "scatter",
+        "mode": "lines",
+        "x": x,
+        "y": y,
+        "line": {"color": colour, "width": 12},
+        "opacity": 0.35,
+        "hoverinfo": "skip",
     }
 
 
@@ -235,10 +307,10 @@ def _find_range(rows: Sequence[_ChangeRow]) -> tuple[float, float]:
     return low / margin, high * margin
 
 
-def _choose_ticks(view: tuple[float, float]) -> list[float]:
+def _choose_ticks(view: tuple[float, float], gap: float) -> list[float]:
     """Return the changes in percent to label: 0 first, then the roundest values that fit."""
     low, high = np.log(view)
-    apart = _MIN_TICK_GAP * (high - low)
+    apart = gap * (high - low)
     taken: list[float] = []
     for mark in sorted(_TICKS, key=_roundness):
         at = math.log1p(mark / 100.0)

@@ -1,10 +1,13 @@
-"""The section on the worst and the median channel: measured FRF and model curves on a fine grid."""
+"""The worst and the median channel: measured FRF and model curves on a fine grid."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from typing import TypedDict
+
 import numpy as np
 
-from updyn.arrays import ComplexArray, IndexArray, RealArray
+from updyn.arrays import ComplexArray, RealArray
 from updyn.frf import reference_noun
 from updyn.report.data import ReportData
 from updyn.report.formats import figure_of_agreement, percentage, unit
@@ -25,20 +28,19 @@ from updyn.report.section import PageContent, ReportSection
 from updyn.report.settings import REPORT_SIZE
 from updyn.settings import FIGURES
 
-__all__ = ["CHANNELS", "channel_curves", "worst_and_median"]
+__all__ = ["CHANNELS", "channel_curves", "format_channel", "small_curves", "worst_and_median"]
 
 
 class ChannelsSection(ReportSection):
     """FRFs of the channel with the worst agreement and of the median channel."""
 
     anchor = "channels"
-    name = "Channels"
-    heading = "Worst and median channel"
-    place = 60
+    name = "FRFs"
+    heading = "FRFs: worst and median channel"
+    place = 55
     template = "updyn.report/channels.html"
     needs_frfs = True
     of_start = True
-    first_screen = True
 
     def figures(self, content: PageContent) -> dict[str, Figure]:
         """Return magnitude and phase of both channels."""
@@ -60,6 +62,9 @@ class ChannelsSection(ReportSection):
 
 
 CHANNELS = ChannelsSection()
+
+#: Text of ticks of small figures in pixels.
+_SMALL_TEXT = 11
 
 
 def worst_and_median(data: ReportData) -> dict[str, tuple[int, int]]:
@@ -86,11 +91,19 @@ def worst_and_median(data: ReportData) -> dict[str, tuple[int, int]]:
     return {"worst": worst, "median": median}
 
 
+def format_channel(data: ReportData, i: int, j: int) -> str:
+    """Return the labels of response and reference of a channel, and whether it was held out."""
+    return f"{data.responses[i]} / {data.references[j]}{_say_held_out(data, i)}"
+
+
 def _format_title(data: ReportData, name: str, i: int, j: int) -> str:
-    held = ", held out" if data.held_out[i] else ""
     reference = f"{reference_noun(data.quantity)} {data.references[j]}"
-    where = f"response {data.responses[i]}, {reference}{held}"
+    where = f"response {data.responses[i]}, {reference}{_say_held_out(data, i)}"
     return f"{name.capitalize()} channel: {where}"
+
+
+def _say_held_out(data: ReportData, i: int) -> str:
+    return ", held out" if data.held_out[i] else ""
 
 
 def _format_caption(data: ReportData, i: int, j: int) -> str:
@@ -123,19 +136,9 @@ def channel_curves(data: ReportData, i: int, j: int) -> Figure | None:
         _measured_trace(*wrapped_phase(data.freq, measured), "%{y:.0f}°") | {"showlegend": False}
     ]
     drawn = [np.abs(measured)]
-    for name, values, dash in (
-        ("start", data.before_curve, "dot"),
-        ("updated", data.after_curve, "solid"),
-    ):
-        if values is None:
-            continue
-        at = _thin_curve(values[:, i, j])
-        x, H = data.grid[at], values[at, i, j]
-        colour = MODEL_COLOURS[name]
-        level.append(curve(x, np.abs(H), name, colour, unit=unit_of, dash=dash, width=1.5))
-        phase.append(
-            curve(*wrapped_phase(x, H), name, colour, unit="°", dash=dash, legend=False, width=1.5)
-        )
+    for name, x, H, look in _model_curves(data, i, j, REPORT_SIZE.curve_lines):
+        level.append(curve(x, np.abs(H), name, unit=unit_of, **look))
+        phase.append(curve(*wrapped_phase(x, H), name, unit="°", legend=False, **look))
         drawn.append(np.abs(H))
     degrees = {"range": [-190, 190], "tickvals": [-180, -90, 0, 90, 180]}
     panels = [
@@ -143,6 +146,51 @@ def channel_curves(data: ReportData, i: int, j: int) -> Figure | None:
         Panel("phase (°)", phase, degrees),
     ]
     return stack_panels(panels, linear_frequency(data.freq), height=430)
+
+
+def small_curves(data: ReportData, i: int, j: int) -> Figure | None:
+    """Return the magnitude of channel (i, j) as a small figure; None without lines."""
+    if not data.freq.size:
+        return None
+    unit_of = unit(data.quantity, data.responses[i], data.references[j])
+    most = REPORT_SIZE.small_curve_lines
+    at = thin_indices(_level(data.measured[:, i, j]), most)
+    measured = np.abs(data.measured[at, i, j])
+    traces = [_measured_trace(data.freq[at], measured, f"%{{y:.4g}} {unit_of}")]
+    drawn = [measured]
+    for name, x, H, look in _model_curves(data, i, j, most):
+        traces.append(curve(x, np.abs(H), name, unit=unit_of, legend=False, **look))
+        drawn.append(np.abs(H))
+    panel = Panel("", traces, log_range(np.concatenate(drawn)))
+    figure = stack_panels([panel], linear_frequency(data.freq), height=168)
+    figure["layout"] |= {"showlegend": False, "margin": {"l": 40, "r": 8, "t": 6, "b": 40}}
+    figure["layout"]["xaxis"]["title"]["standoff"] = 2
+    for axis in ("xaxis", "yaxis"):
+        figure["layout"][axis]["tickfont"] = {"size": _SMALL_TEXT}
+    return figure
+
+
+def _model_curves(
+    data: ReportData, i: int, j: int, most: int
+) -> Iterator[tuple[str, RealArray, ComplexArray, _Look]]:
+    """Yield name, lines, FRF and look of the curve of each model, with at most `most` lines."""
+    for name, values, dash in (
+        ("start", data.before_curve, "dot"),
+        ("updated", data.after_curve, "solid"),
+    ):
+        if values is None:
+            continue
+        at = thin_indices(_level(values[:, i, j]), most)
+        look = _Look(colour=MODEL_COLOURS[name], dash=dash, width=1.5)
+        yield name, data.grid[at], values[at, i, j], look
+
+
+class _Look(TypedDict):
+    """Colour, dash and width in pixels of a curve."""
+
+    colour: str
+    dash: str
+    width: float
 
 
 def _measured_trace(x: RealArray, y: RealArray, value_format: str) -> dict[str, object]:
@@ -160,7 +208,6 @@ def _measured_trace(x: RealArray, y: RealArray, value_format: str) -> dict[str, 
     } | style
 
 
-def _thin_curve(H: ComplexArray) -> IndexArray:
-    """Return the lines of a curve to draw; of many lines, a selection that keeps every peak."""
-    level = np.log(np.maximum(np.abs(H), np.finfo(np.float64).tiny))
-    return thin_indices(level, REPORT_SIZE.curve_lines)
+def _level(H: ComplexArray) -> RealArray:
+    """Return the logarithm of the magnitude, by which lines are thinned."""
+    return np.log(np.maximum(np.abs(H), np.finfo(np.float64).tiny))

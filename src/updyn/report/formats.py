@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 
 from updyn.arrays import RealArray
@@ -11,6 +12,7 @@ from updyn.frf import FRF, unit
 from updyn.modal import ModeSet
 from updyn.report.settings import REPORT_LIST
 from updyn.text_table import format_count
+from updyn.updating.next_step import split_sentences
 from updyn.updating.problem.parameters import Parameter
 from updyn.updating.result import UpdateResult
 from updyn.updating.result import interval as confidence_interval
@@ -18,6 +20,7 @@ from updyn.updating.result import interval as confidence_interval
 __all__ = [
     "agreement_name",
     "axis_title",
+    "capitalize_first",
     "change",
     "chi_hint",
     "combination_words",
@@ -32,8 +35,10 @@ __all__ = [
     "noise_is_fitted",
     "number",
     "option_words",
+    "paragraphs",
     "percentage",
     "quantity_words",
+    "split_more",
     "unit",
     "unknown_words",
     "validation_words",
@@ -51,6 +56,8 @@ _QUANTITY_WORDS = {
     "calibration": "calibration factor",
     "force_calibration": "calibration factor of the force",
 }
+#: Number of places that a sentence on the residual does not name.
+_MORE = re.compile(r"and \d+ more channels or bands")
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
@@ -272,3 +279,22 @@ def option_words(value: object) -> str:
 def agreement_name(key: str) -> str:
     """Return the table heading of a figure of agreement."""
     return FIGURE_NAMES.get(key, key.replace("_", " "))
+
+
+def capitalize_first(text: str) -> str:
+    """Return a text whose first letter is a capital; the others are unchanged."""
+    return text[:1].upper() + text[1:]
+
+
+def paragraphs(text: str) -> list[str]:
+    """Return a text in paragraphs of at most two sentences."""
+    sentences = split_sentences(text)
+    return [" ".join(sentences[at : at + 2]) for at in range(0, len(sentences), 2)]
+
+
+def split_more(text: str) -> tuple[str, str, str]:
+    """Return a text before, in and after its number of further places, which may be empty."""
+    more = _MORE.search(text)
+    if more is None:
+        return text, "", ""
+    return text[: more.start()], more[0], text[more.end() :]

@@ -1,12 +1,13 @@
-"""The head of the page of an update (title, verdict, key figures) and the table of tests."""
+"""The first screen of the page of an update, and the table of tests."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from urllib.parse import quote
 
+from updyn.report.evidence import Evidence, show_evidence
 from updyn.report.formats import (
     chi_hint,
     decibels,
@@ -18,29 +19,29 @@ from updyn.report.formats import (
     percentage,
     validation_words,
 )
+from updyn.report.plots import Figure
 from updyn.report.residual import residual_tile
 from updyn.report.section import PageContent, ReportSection
 from updyn.report.templates import render_template
-from updyn.updating.judge.claim import Claim
-from updyn.updating.judge.trust import Trust
+from updyn.report.verdict import verdict
 from updyn.updating.judge.verdict import STEP
+from updyn.updating.next_step import choose_next_step
 from updyn.updating.result import JointResult, UpdateResult
 
 __all__ = [
     "TESTS",
-    "Verdict",
-    "VerdictPart",
     "agreement",
     "head",
     "joint_head",
     "key_figure",
-    "verdict",
+    "page_title",
+    "render_first_screen",
 ]
 
 #: Figures of agreement in the table of tests.
 _FIGURES = {
     "frac_median": "FRAC, median",
-    "correlation_min": "correlation, worst",
+    "correlation_min": "FRF correlation, worst",
     "residual_median": "residual, median",
     "db_error_median": "level, median",
 }
@@ -55,7 +56,7 @@ def _in_percent(value: float) -> str:
 #: Key figures: name, title, formatter, ideal value, and 1 if larger is better, else -1.
 _KEY_FIGURES: tuple[tuple[str, str, Callable[[float], str], str, float], ...] = (
     ("frac_median", "FRAC, median", figure_of_agreement, "1 is the same shape", 1.0),
-    ("correlation_min", "Correlation, worst", figure_of_agreement, "1 is ideal", 1.0),
+    ("correlation_min", "FRF correlation, worst", figure_of_agreement, "1 is ideal", 1.0),
     ("residual_median", "Relative residual, median", percentage, "0 % is ideal", -1.0),
     ("db_error_median", "Level difference, median", decibels, "0 dB is ideal", -1.0),
     ("modes_paired", "Modes paired", lambda value: f"{value:.0f}", "all is ideal", 1.0),
@@ -75,24 +76,46 @@ def key_figure(name: str, value: float) -> tuple[str, str, str]:
     return title, say(value), ideal
 
 
-def head(result: UpdateResult, figures: _Figures, data: str = "") -> str:
-    """Return the head of a page as HTML: title, verdict, cause and remedy, key figures.
+def page_title(content: PageContent) -> str:
+    """Return the title of the job, or else that of the model."""
+    result = content.result
+    return result.title or result.start.title or "Model update"
 
-    `figures` are the figures of agreement ``before``, ``after`` and of the ``validation`` set.
+
+def head(
+    content: PageContent,
+    figures: _Figures,
+    *,
+    worst: UpdateResult | None = None,
+    data: str = "",
+) -> tuple[str, dict[str, Figure]]:
+    """Return the first screen of a page as HTML, and its figures by name.
+
+    `figures` are the figures of agreement ``before``, ``after`` and of the ``validation`` set, of
+    the `worst` test if there are several; `data` describes the data of several tests.
     """
-    judgement = verdict(result)
+    assert content.update is not None
+    result = content.result
     unknowns = format_count(len(result.parameters), "unknown")
-    return render_template(
-        "updyn.report/head.html",
-        title=result.title,
+    return render_first_screen(
+        show_evidence(content),
+        title=page_title(content),
         about=f"{unknowns}, method {result.method}; {data or extent(result.data)}",
-        badge=judgement.badge,
-        kind=judgement.kind,
-        parts=judgement.parts,
-        cause=judgement.rest,
-        steps=result.remedy.split(STEP) if result.remedy else [],
-        key_figures=_key_figures(result, figures),
+        judgement=verdict(content),
+        step=choose_next_step(content.update),
+        others=result.remedy.split(STEP)[1:],
+        key_figures=_key_figures(worst or result, figures),
+        more="residual" if content.has_frfs else "",
+        has_updated=True,
     )
+
+
+def render_first_screen(evidence: Evidence, **context: object) -> tuple[str, dict[str, Figure]]:
+    """Return the first screen of a page as HTML, and the figures of its evidence."""
+    html = render_template(
+        "updyn.report/head.html", figures=evidence.figures, panels=evidence.panels, **context
+    )
+    return html, evidence.figures
 
 
 def _key_figures(result: UpdateResult, figures: _Figures) -> list[tuple[str, str, str]]:
@@ -147,17 +170,17 @@ def _format_before_after(
 
 
 # -- several tests -------------------------------------------------------------------------------
-def joint_head(result: JointResult) -> str:
+def joint_head(content: PageContent, result: JointResult) -> tuple[str, dict[str, Figure]]:
     """Return the head of the page of several tests, with the agreement of the worst test."""
     tests = list(result.results.values())
     worst = min(tests, key=lambda test: _agreement(test, "after").get("frac_median", 1.0))
-    figures = agreement(worst)
     residuals = [test.adequacy for test in tests if test.adequacy is not None]
     most_severe = min(residuals, key=lambda found: _SEVERITY.index(found.outcome), default=None)
     return head(
-        replace(worst, title=result.title, adequacy=most_severe),
-        figures,
-        f"{len(tests)} tests; agreement is that of the worst of them",
+        content,
+        agreement(worst),
+        worst=replace(worst, adequacy=most_severe),
+        data=f"{len(tests)} tests; agreement is that of the worst of them",
     )
 
 
@@ -212,84 +235,3 @@ def _agreement(result: UpdateResult, when: str) -> dict[str, float]:
     if when == "validation":
         found = found.get("after") or {}
     return dict(found)
-
-
-# -- verdict -------------------------------------------------------------------------------------
-@dataclass(frozen=True, slots=True)
-class VerdictPart:
-    """One question of a verdict with its answer: `truth`, None if unknown, and the reason."""
-
-    name: str
-    truth: bool | None
-    why: str
-    asked: bool = True
-
-    @property
-    def answer(self) -> str:
-        """The answer in one word."""
-        return Claim(self.truth, self.why, self.asked).answer
-
-    @property
-    def kind(self) -> str:
-        """The CSS class of the badge."""
-        return {True: "good", False: "bad", None: "warn"}[self.truth]
-
-
-@dataclass(frozen=True, slots=True)
-class Verdict:
-    """Whether the result can be trusted; `rest` is the remainder of the result's message."""
-
-    badge: str
-    kind: str
-    parts: tuple[VerdictPart, ...]
-    rest: str
-
-
-def verdict(result: UpdateResult) -> Verdict:
-    """Return the verdict on a result; sentences of its message are not repeated."""
-    badge, kind = result.badge.phrase, result.badge.colour
-    if result.trust is not None:
-        return Verdict(badge, kind, *_list_parts(result, result.trust))
-    first, _, rest = result.message.partition(". ")
-    text = f"{first.removesuffix('.')}." if first else ""
-    steps = f"After {format_count(result.iterations, 'iteration')}."
-    converged, determined = VerdictPart("Converged", True, steps), _judge_identifiability(result)
-    if result.status == "not-identifiable":
-        if not result.is_ambiguous:
-            determined = replace(determined, why=text or determined.why)
-    elif not result.ok:
-        converged = VerdictPart("Converged", False, f"{text} {steps}".strip())
-        if result.status == "failed":
-            determined = replace(determined, truth=None)
-    return Verdict(badge, kind, (converged, determined), rest)
-
-
-def _list_parts(result: UpdateResult, trust: Trust) -> tuple[tuple[VerdictPart, ...], str]:
-    steps = f" After {format_count(result.iterations, 'iteration')}."
-    parts = []
-    for name, claim in trust.items():
-        why = claim.why + steps if name == "converged" else claim.why
-        parts.append(VerdictPart(name.capitalize(), claim.holds, why, claim.asked))
-    return tuple(parts), trust.beyond(result.status, result.message)
-
-
-def _judge_identifiability(result: UpdateResult) -> VerdictPart:
-    """Return the part that states whether the data determine all unknowns."""
-    n, rank = result.identifiability.n_parameters, result.identifiability.rank
-    if result.is_ambiguous:
-        text = (
-            f"At least {1 + len(result.alternatives)} answers fit the data equally well: the values"
-            " below are those of one of them."
-        )
-        return VerdictPart("Determined", False, text)
-    if rank >= n == 1:
-        text = "The data determine the one unknown."
-    elif rank >= n:
-        text = f"The data determine all {n} unknowns."
-    elif rank == 0:
-        text = f"The data determine none of the {n} unknowns."
-    else:
-        text = (
-            f"The data determine {format_count(rank, 'independent combination')} of {n} unknowns."
-        )
-    return VerdictPart("Determined", rank >= n, text)

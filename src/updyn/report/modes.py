@@ -336,7 +336,6 @@ class ModesSection(ReportSection):
     heading = "Modes of test and model"
     place = 40
     template = "updyn.report/modes.html"
-    first_screen = True
     of_start = True
 
     def figures(self, content: PageContent) -> dict[str, Figure]:

@@ -20,13 +20,12 @@ class AllChannelsSection(ReportSection):
     """The levels of all channels in one picture, drawn from the data of `OverlaySection`."""
 
     anchor = "all-channels"
-    name = "All channels"
-    heading = "All channels"
-    place = 55
+    name = "FRFs"
+    heading = "FRFs: all channels in one picture"
+    place = 60
     template = "updyn.report/all_channels.html"
     needs_frfs = True
     of_start = True
-    first_screen = True
 
     def applies(self, content: PageContent) -> bool:
         """Whether the page shows several channels of one test, each with more than one line."""
@@ -57,7 +56,7 @@ class OverlaySection(ReportSection):
 
     anchor = "frfs"
     name = "FRFs"
-    heading = "FRFs of all channels"
+    heading = "FRFs: one channel at a time"
     place = 100
     template = "updyn.report/frfs.html"
     needs_frfs = True

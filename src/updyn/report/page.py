@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from os import PathLike
 from pathlib import Path
 
 from updyn.errors import OptionError, suggest
 from updyn.report.agreement import agreement_figures
-from updyn.report.head import agreement, head, joint_head
+from updyn.report.head import agreement, head, joint_head, page_title
 from updyn.report.plots import Figure
 from updyn.report.section import PageContent, ReportSection, list_shown_objects, select_sections
 from updyn.report.templates import render_template, write_page
@@ -27,14 +28,13 @@ def write_report(
 ) -> Path:
     """Write an update as one HTML page that needs no network and no other file.
 
-    The first screen shows the verdict, the structure in three dimensions (if the model has a
-    geometry), the changes of the unknowns with their intervals, all channels in one picture, and
-    the worst and the median channel. Below it are folded sections, drawn when unfolded: measured
-    FRFs over those of the model before and after, the correlation by channel, a picture of the
-    structure (if the model has a geometry), the unknowns with their uncertainty, their
-    identifiability, the convergence history, validation, residual, noise and provenance. The FRFs
-    of the models are computed for the page at the lines of the data and at additional lines near
-    resonances.
+    The first screen shows the verdict, the next step, the worst and the median channel before and
+    after the update, and the largest changes of the unknowns. Below it are folded sections, drawn
+    when unfolded: the structure in three dimensions (if the model has a geometry), all changes with
+    their intervals, modes, measured FRFs over those of the model before and after, the correlation
+    by channel, the unknowns with their uncertainty, their identifiability, the convergence history,
+    validation, residual, noise and provenance. The FRFs of the models are computed for the page at
+    the lines of the data and at additional lines near resonances.
 
     Parameters
     ----------
@@ -92,24 +92,31 @@ def render(
         further["uncertainty"] = uncertainty
     content = PageContent(result, further)
     if isinstance(result, JointResult):
-        top = joint_head(result)
+        top, drawn = joint_head(content, result)
     else:
         figures = agreement_figures(result, content.data) if content.has_frfs else agreement(result)
-        top = head(result, figures)
-    title, version = content.result.title, content.result.versions.get("updyn", "")
-    return assemble(content, top, title, version, folds=True)
+        top, drawn = head(content, figures)
+    version = content.result.versions.get("updyn", "")
+    return assemble(content, top, page_title(content), version, figures=drawn, folds=True)
 
 
 def assemble(
-    content: PageContent, head: str, title: str, version: str, *, folds: bool = False
+    content: PageContent,
+    head: str,
+    title: str,
+    version: str,
+    *,
+    figures: Mapping[str, Figure] | None = None,
+    folds: bool = False,
 ) -> str:
     """Return a page as HTML with every section that applies to its content.
 
-    `head` is HTML. With `folds`, sections outside the first screen are folded.
+    `head` is HTML, with `figures` by name. With `folds`, sections are folded that are not
+    `ReportSection.unfolded`.
     """
     sections: list[ReportSection] = []
     bodies: list[str] = []
-    figures: dict[str, Figure] = {}
+    figures = dict(figures or {})
     embedded: dict[str, object] = {}
     for section in select_sections(content):
         section_figures = section.figures(content)

@@ -45,10 +45,9 @@ class ViewerSection(ReportSection):
     """The structure in three dimensions: modes and operating shapes before and after the update."""
 
     anchor = "viewer"
-    name = "Viewer"
+    name = "Structure"
     heading = "Structure in three dimensions"
     place = 10
-    first_screen = True
 
     def applies(self, content: PageContent) -> bool:
         """Whether the page shows a model with a geometry."""
@@ -83,8 +82,8 @@ class StructureSection(ReportSection):
 
     anchor = "structure"
     name = "Structure"
-    heading = "Structure"
-    place = 300
+    heading = "Structure as a picture"
+    place = 15
 
     def applies(self, content: PageContent) -> bool:
         """Whether the page shows an update, or a model before one."""

@@ -30,6 +30,7 @@ __all__ = ["asset", "render_template", "write_page"]
 #: Functions of `updyn.report.formats` used as template filters.
 _FILTERS = (
     "agreement_name",
+    "capitalize_first",
     "combination_words",
     "decibels",
     "extent",
@@ -37,7 +38,9 @@ _FILTERS = (
     "format_count",
     "number",
     "option_words",
+    "paragraphs",
     "quantity_words",
+    "split_more",
     "unknown_words",
     "weighted_sum",
 )

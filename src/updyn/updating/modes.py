@@ -7,21 +7,27 @@ from dataclasses import replace
 
 import numpy as np
 
+from updyn.arrays import RealArray
+from updyn.dynamics.affine import AffineSystem
 from updyn.dynamics.excitation import hold_base
 from updyn.errors import OptionError, UpdynError
 from updyn.frf import FRF
 from updyn.modal import ModeSet
+from updyn.modal.sensitivity import RealModes, derivative_forces
 from updyn.model import Model
+from updyn.sensitivity import Unknowns
 from updyn.updating.judge.counterparts import identify_modes_for
 from updyn.updating.judge.modal_table import ModalTable, compare_modes
 from updyn.updating.judge.settings import EFFORT
 from updyn.updating.judge.verdict import explain_rejection
 from updyn.updating.judge.worsened import judge_modes
+from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.result import UpdateResult, estimated_gains
 
 __all__ = [
     "compare_start_modes",
     "find_measured_modes",
+    "frequency_sensitivities",
     "identify_modes_for",
     "judge_by_modes",
     "modal_table",
@@ -119,6 +125,28 @@ def compare_start_modes(
     For models with more than `largest` DOFs (20,000) the table has only a note.
     """
     return _make_table(model, None, modes or data, (), largest)
+
+
+def frequency_sensitivities(
+    model: Model, parameters: ParameterSet, data: FRF | ModeSet, frequency: RealArray
+) -> RealArray:
+    """Return the sensitivities of natural frequencies, shape (n_modes, n_unknowns).
+
+    They are d ln f / d ln p of the undamped modes nearest to `frequency`, in Hz, of a `model` at
+    the start of the unknowns; 0 for unknowns on damping.
+    """
+    if isinstance(data, FRF):
+        model, _ = hold_base(model, data)
+    system = AffineSystem.compile(model)
+    unknowns, values = Unknowns.find(system, parameters), np.ones(len(parameters))
+    modes = RealModes.lowest(system, system.start, 1, float(frequency.max()))
+    nearest = np.argmin(np.abs(modes.frequency - frequency[:, None]), axis=1)
+    shapes, eigenvalues = modes.shapes[:, nearest], modes.value[nearest]
+    out = np.zeros((len(frequency), len(parameters)))
+    for owner, rows, forces, is_mass in derivative_forces(system, unknowns, values, shapes):
+        energy = np.einsum("in,in->n", shapes[rows], forces)
+        out[:, owner] += -0.5 * energy if is_mass else 0.5 * energy / eigenvalues
+    return out
 
 
 def _make_table(

@@ -10,7 +10,7 @@ from updyn.modal import ModeSet
 from updyn.updating.judge.verdict import STEP
 from updyn.updating.result import JointResult, UpdateResult
 
-__all__ = ["NextStep", "choose_next_step", "read_step", "split_sentences"]
+__all__ = ["NextStep", "choose_next_step", "plan_test", "read_step", "split_sentences"]
 
 #: Boundary between two sentences.
 _SENTENCE = re.compile(r"(?<=[.!?]) (?=[A-Z0-9])")
@@ -116,12 +116,12 @@ def _choose_by_status(result: UpdateResult) -> NextStep:
         place = "in a terminal, with the job file of this run and its --out"
         return NextStep("Continue the run.", "updyn run JOB.toml --resume", place)
     if result.status == "not-identifiable":
-        return _plan_test(result.data)
+        return plan_test(result.data)
     advice = "Compare model and test before the next fit."
     return NextStep(advice, "updyn check job.toml", _IN_TERMINAL)
 
 
-def _plan_test(data: FRF | ModeSet) -> NextStep:
+def plan_test(data: FRF | ModeSet) -> NextStep:
     """Return the step that plans a test with one more sensor over the band of the data."""
     lines = data.freq if isinstance(data, FRF) else data.frequency
     sensors = len(data.responses) if isinstance(data, FRF) else len(data.dofs)

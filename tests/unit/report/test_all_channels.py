@@ -19,6 +19,7 @@ ACTIONS = """<script>
   const root = document.documentElement, place = document.getElementById("all-channels-plot");
   const note = (name, value) => { root.dataset[name] = typeof value === "string" ? value : JSON.stringify(value); };
   const until = async (there) => { while (!there()) await new Promise((done) => setTimeout(done, 20)); };
+  updynReport.reveal("all-channels");
   place.scrollIntoView({ behavior: "instant" });
   await until(() => place.updynChannels);
   const drawn = place.updynChannels, said = () => document.getElementById("all-channels-said").textContent;
@@ -128,7 +129,8 @@ def test_on_paper_the_picture_is_as_wide_as_the_sheet(result, tmp_path):
         page.set_default_timeout(300_000)
         page.goto(path.as_uri())
         page.evaluate(
-            "() => document.getElementById('all-channels-plot').scrollIntoView({ behavior: 'instant' })"
+            "() => { updynReport.reveal('all-channels');"
+            " document.getElementById('all-channels-plot').scrollIntoView({ behavior: 'instant' }); }"
         )
         wait_for(page, "() => document.getElementById('all-channels-plot').updynChannels")
         page.emulate_media(media="print")

@@ -19,7 +19,9 @@ ACTIONS = """<script>
   const root = document.documentElement, at = () => document.getElementById("channel-name").textContent;
   const until = async (true_) => { while (!true_()) await new Promise((done) => setTimeout(done, 20)); };
   const places = [...document.querySelectorAll("[data-figure], #overlay-plot")].filter((place) => !place.closest("details:not(.fold)"));
-  await until(() => document.querySelector("[data-figure=changes] .main-svg"));
+  const first = [...document.querySelectorAll("#evidence [data-figure]")];
+  await until(() => first.length && first.every((place) => place.querySelector(".main-svg")));
+  await new Promise((done) => setTimeout(done, 500)); // nothing else is drawn
   root.dataset.lazy = places.some((place) => place.closest("details.fold") && place.querySelector(".main-svg"));
   const said = [at()];
   document.getElementById("next-channel").click(); said.push(at());
@@ -56,7 +58,7 @@ ACTIONS = """<script>
 # What is printed: the colours of a figure and of the page on screen, on paper and afterwards.
 PRINTING = """<script>
 (async () => {
-  const root = document.documentElement, place = document.querySelector("[data-figure=changes]");
+  const root = document.documentElement, place = document.querySelector("[data-figure=overview-changes]");
   while (!place.querySelector(".xtick text")) await new Promise((done) => setTimeout(done, 20)); // drawn after this script
   const shade = (element, name) => getComputedStyle(element)[name];
   const seen = () => [shade(place.querySelector(".xtick text"), "fill"), shade(document.body, "color")].join(" ");
@@ -77,8 +79,8 @@ def test_page_is_drawn_and_works(tmp_path):
     found = attributes(dom)
     assert "errors" not in found, found["errors"]
     assert found["lazy"] == "false"
-    # 14 figures and the overlay, of two layers each at least
-    assert len(re.findall(r'class="main-svg"', dom)) >= 30
+    # 17 figures and the overlay, of two layers each at least
+    assert len(re.findall(r'class="main-svg"', dom)) >= 36
     names = [re.sub(r"\(channel.*", "", c).strip() for c in found["channels"].split("|")]
     assert names == [
         "Response at 1:Z, force at 3:Z",

@@ -344,12 +344,13 @@ def test_units_of_channels():
 
 def test_key_figures_say_when_they_got_worse(result):
     worse = {"before": {"frac_median": 0.9}, "after": {"frac_median": 0.4}, "validation": {}}
-    assert "0.90 → 0.40 worse than the start" in Page(head(result, worse)).words
+    content = PageContent(result)
+    assert "0.90 → 0.40 worse than the start" in Page(head(content, worse)[0]).words
     better = {"before": {"frac_median": 0.4}, "after": {"frac_median": 0.9}, "validation": {}}
-    assert "worse" not in Page(head(result, better)).words
-    assert "FRAC" not in Page(head(result, {})).words
+    assert "worse" not in Page(head(content, better)[0]).words
+    assert "FRAC" not in Page(head(content, {})[0]).words
     rounding = {"before": {"frac_median": 1.0 - 1e-9}, "after": {"frac_median": 1.0 - 2e-9}}
-    assert ">0.999 → >0.999 start → updated" in Page(head(result, rounding)).words
+    assert ">0.999 → >0.999 start → updated" in Page(head(content, rounding)[0]).words
 
 
 def test_checksums_see_every_part(result):

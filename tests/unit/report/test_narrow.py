@@ -44,7 +44,10 @@ def found(result, tmp_path_factory):
             page = browser.new_page(viewport={"width": width, "height": 900})
             page.set_default_timeout(60_000)
             page.goto(path.as_uri())
-            page.evaluate("() => document.getElementById('viewer').scrollIntoView()")
+            page.evaluate(
+                "() => { updynReport.reveal('viewer'); updynReport.reveal('changes');"
+                " document.getElementById('viewer').scrollIntoView(); }"
+            )
             wait_for(
                 page,
                 "() => document.querySelector('[data-figure=changes] .main-svg')"

@@ -185,19 +185,21 @@ def test_names_are_escaped() -> None:
 def test_without_a_geometry_there_is_no_section() -> None:
     page = render(realistic())
     assert 'id="structure"' not in page
-    assert 'href="#structure"' not in page
+    assert 'href="#viewer"' not in page
     with_one = render(fitted(square(), {"first.stiffness": 1.1}))
-    assert with_one.index('href="#structure"') < with_one.index('id="structure"')
+    assert with_one.count(">Structure</a>") == 1  # of the viewer and the picture
+    assert with_one.index('href="#viewer"') < with_one.index('id="structure"')
 
 
-def test_the_viewer_is_on_the_first_screen_below_the_verdict() -> None:
+def test_the_viewer_is_the_first_section_and_the_picture_follows() -> None:
     assert 'id="viewer"' not in render(realistic())  # no geometry
     page = render(fitted(square(), {"first.stiffness": 1.1}))
-    order = [page.index(f'<section id="{name}"') for name in ("verdict", "viewer", "changes")]
+    names = ("verdict", "viewer", "structure", "changes")
+    order = [page.index(f'<section id="{name}"') for name in names]
     assert order == sorted(order)
     viewer = page[order[1] : order[2]]
     assert "data-scene=" in viewer
-    assert "<details" not in viewer
+    assert viewer.count('<details class="fold">') == 1
 
 
 def test_the_page_of_several_tests_shows_the_sensors_of_all() -> None:

@@ -14,10 +14,17 @@ import updyn
 from pages_read import Page, attributes, dump, unfolded
 from report_case import realistic
 from updyn.correlation.figures import FIGURE_NAMES
+from updyn.correlation.modes import correlate_modes
+from updyn.model import Group, Model
 from updyn.report import Start, write_start
+from updyn.report.before import choose_first_step
 from updyn.report.identifiability import combinations_map, singular_values
+from updyn.report.mode_axes import mode_axes
+from updyn.updating.judge.causes.catalogue import read_fault
 from updyn.updating.judge.causes.finding import Finding
+from updyn.updating.modes import compare_start_modes, frequency_sensitivities
 from updyn.updating.problem.data import Test
+from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.update import start_analysis
 from viewer_case import block
 
@@ -58,8 +65,9 @@ def test_sections_of_the_start_and_no_others(html):
     assert page.open == []
     anchors = [a["id"] for a in page.of("section")]
     assert anchors == [
-        *("verdict", "viewer", "modes", "all-channels", "channels", "unknowns"),
-        *("frfs", "agreement", "structure", "identifiability"),
+        *("verdict", "next-step", "evidence"),
+        *("viewer", "structure", "modes", "channels", "all-channels", "unknowns"),
+        *("frfs", "agreement", "identifiability"),
     ]
     assert "updated" not in page.words.replace("not updated", "")
     assert "<b>" not in html.split("<body>")[1].split("<script")[0].split("</h1>")[0]
@@ -69,7 +77,7 @@ def test_key_figures_are_those_of_correlate(start, html):
     found = updyn.correlate(start.model, start.data).figures()
     tiles = dict(re.findall(r"<dt>([^<]*)</dt><dd>([^<]*)<small>", html))
     assert float(tiles["FRAC, median"]) == pytest.approx(found["frac_median"], abs=0.005)
-    assert float(tiles["Correlation, worst"].replace("\u2212", "-")) == pytest.approx(
+    assert float(tiles["FRF correlation, worst"].replace("\u2212", "-")) == pytest.approx(
         found["correlation_min"], abs=0.005
     )
     share = float(tiles["Relative residual, median"].removesuffix(" %"))
@@ -196,9 +204,94 @@ def finding(kind: str, statement: str) -> Finding:
 def test_an_error_of_the_model_is_not_one_of_the_data(start, tmp_path, found, badge, parts):
     findings = tuple(finding(kind, f"It is {kind}.") for kind in found)
     path = write_start(replace(start, findings=findings), tmp_path / "check.html")
-    text = " ".join(Page(path.read_text(encoding="utf-8")).text)
+    text = Page(path.read_text(encoding="utf-8")).words
     assert badge in text
     for part in ("Model sound", "Data sound"):
         assert (f"{part} {parts[part]}" in text) if part in parts else part not in text
     for kind in found:
         assert f"It is {kind}." in text
+
+
+def test_sensitivities_are_those_of_differences(start):
+    """Natural frequencies of the whole model with one unknown changed, by central differences."""
+    frequency = updyn.modes(start.model, 12).frequency[6:]  # without rigid-body modes
+    found = frequency_sensitivities(start.model, start.parameters, start.data, frequency)
+    step = 1e-4
+    for k, name in enumerate(start.parameters.names):
+        group, _, quantity = name.rpartition(".")
+        if quantity == "loss_factor":
+            assert not found[:, k].any()
+            continue
+        ends = []
+        for factor in (1.0 + step, 1.0 - step):
+            model = start.model.scaled({group: {quantity: factor}})
+            ends.append(np.log(updyn.modes(model, 12).frequency[6:]))
+        expected = (ends[0] - ends[1]) / (2.0 * step)
+        np.testing.assert_allclose(found[:, k], expected, rtol=1e-4, atol=1e-6)
+
+
+def test_sensitivities_count_from_the_start_of_the_unknowns():
+    """A mass on a spring: the frequency rises by half of the stiffness, whatever its start."""
+    K, M = np.array([[400.0]]), np.array([[1.0]])
+    model = Model.from_groups(
+        {"spring": Group(stiffness=K, loss_factor=0.1), "mass": Group(mass=M)}, ["1:X"]
+    )
+    unknowns = updyn.parameters(model, stiffness=["spring"], mass=["mass"])
+    unknowns = ParameterSet(tuple(replace(p, start=1.5) for p in unknowns))
+    data = updyn.response(model, [1.0, 2.0, 3.0], ["1:X"], ["1:X"])
+    found = frequency_sensitivities(unknowns.at_start(model), unknowns, data, np.array([3.0]))
+    expected = [0.5 if p.quantity == "stiffness" else -0.5 for p in unknowns]
+    np.testing.assert_allclose(found, [expected], rtol=1e-12)
+
+
+def test_the_map_has_the_most_sensitive_unknowns(start, html):
+    figure = embedded(html, "updyn-figures")["overview-sensitivities"]
+    (trace,) = figure["data"]
+    assert figure["layout"]["yaxis"]["ticktext"] == ["left: stiffness", "right: stiffness"]
+    np.testing.assert_allclose(np.sum(trace["z"], axis=0), 0.5, rtol=1e-9)  # energies of all parts
+
+
+def test_axes_of_modes_join_the_pairs(start, html):
+    figure = embedded(html, "updyn-figures")["overview-modes-start"]
+    found = compare_start_modes(start.model, start.data).correlations["start"]
+    drawn = [trace for trace in figure["data"] if trace["name"].startswith("MAC ")]
+    pairs = sorted(pair for trace in drawn for pair in zip(trace["x"][::3], trace["x"][1::3], strict=True))  # fmt: skip
+    first, second, mac = found.pairs
+    expected = zip(found.measured.frequency[second], found.computed.frequency[first], strict=True)
+    np.testing.assert_allclose(pairs, sorted(expected))
+    high = [trace for trace in drawn if trace["name"] == "MAC 0.9 or more"]
+    assert sum(len(trace["x"]) for trace in high) == 3 * np.count_nonzero(mac >= 0.9)
+    ticks = [trace for trace in figure["data"] if trace["name"].startswith("test")]
+    at = sorted({x for trace in ticks for x in trace["x"]})
+    assert at == pytest.approx(sorted(found.measured.frequency))
+
+
+def test_the_next_step_before_a_fit(start):
+    step = choose_first_step(start)
+    assert step.lines == "updyn run job.toml"
+    named = replace(start, job="block.toml")
+    assert choose_first_step(named).lines == "updyn run block.toml"
+    swapped = replace(finding("swapped", "They are exchanged."), remedy=read_fault("swapped:5:Z,10:Z").remedy)  # fmt: skip
+    assert choose_first_step(replace(start, findings=(swapped,))).lines == 'repair = ["swapped:5:Z,10:Z"]'  # fmt: skip
+    other = replace(finding("no-support", "It is held."), remedy="Check the supports.")
+    step = choose_first_step(replace(start, findings=(other,)))
+    assert (step.advice, step.lines) == ("Check the supports.", "updyn check job.toml")
+    few = replace(start.identifiability, rank=1, n_parameters=2)
+    assert choose_first_step(replace(start, identifiability=few)).lines.startswith("[plan]")
+
+
+def test_pairs_are_drawn_by_their_mac():
+    """Shapes at angles whose squared cosines are 0.96, 0.8 and 0.6."""
+    angles = np.arccos(np.sqrt([0.96, 0.8, 0.6]))
+    shapes = np.zeros((6, 3))
+    for k, angle in enumerate(angles):
+        shapes[2 * k : 2 * k + 2, k] = np.cos(angle), np.sin(angle)
+    dofs = [f"{i}:Z" for i in range(1, 7)]
+    computed = updyn.ModeSet([10.0, 20.0, 30.0], np.eye(6)[:, ::2], dofs)
+    test = updyn.ModeSet([10.1, 20.1, 30.1], shapes, dofs)
+    found = correlate_modes(computed, test)
+    np.testing.assert_allclose(found.pairs.mac, [0.96, 0.8, 0.6])
+    drawn = {trace["name"]: trace["x"][:2] for trace in mode_axes(found, "start")["data"]}
+    assert drawn["MAC 0.9 or more"] == [10.1, 10.0]
+    assert drawn["MAC 0.7 or more"] == [20.1, 20.0]
+    assert drawn["MAC below 0.7"] == [30.1, 30.0]

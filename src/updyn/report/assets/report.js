@@ -70,11 +70,13 @@ const updynReport = (() => {
     return () => { if (painter.done) painter.again(); else ask(place); };
   }
 
+  // What is folded has a width in browsers that hide it by content-visibility.
+  const isShown = (place) => place.clientWidth > 0 && (place.checkVisibility?.() ?? true);
   // Has what is unfolded within an element drawn.
   function ask(within) {
     const idle = !queue.length;
     for (const painter of painters) {
-      if (painter.done || queue.includes(painter) || !within.contains(painter.place) || !painter.place.clientWidth) continue;
+      if (painter.done || queue.includes(painter) || !within.contains(painter.place) || !isShown(painter.place)) continue;
       queue.push(painter);
     }
     if (idle && queue.length) setTimeout(next);
@@ -162,7 +164,17 @@ const updynReport = (() => {
     reveal(decodeURIComponent(location.hash.slice(1)));
   }
 
+  // Copies the lines of an element; they are selected as well, where a browser refuses the clipboard.
+  async function copy(id) {
+    const lines = document.getElementById(id), said = document.querySelector(`[data-copied=${id}]`);
+    getSelection().selectAllChildren(lines);
+    let done = false;
+    try { await navigator.clipboard.writeText(lines.textContent); done = true; } catch { done = document.execCommand("copy"); }
+    said.textContent = done ? "Copied. " : "Selected; copy with Ctrl+C. ";
+  }
+
   function start() {
+    for (const button of document.querySelectorAll("button[data-copy]")) button.addEventListener("click", () => copy(button.dataset.copy));
     const figures = read("updyn-figures");
     for (const place of document.querySelectorAll("[data-figure]")) {
       const figure = figures[place.dataset.figure];
