@@ -63,9 +63,6 @@ class ReportSizeSettings:
     #: [lines] Largest number of lines of a curve on the first screen. Drawing: about two for each
     #: pixel of its width.
     small_curve_lines: int = 600
-    #: [lines] Largest number of lines of a curve on the first screen. Why: about two for each pixel
-    #: of its width.
-    small_curve_lines: int = 600
     #: [lines] Lines of an FDAC map. Drawing: about three pixels each.
     fdac_lines: int = 120
     #: [numbers] Largest number of displacements of modes. Drawing: 1.6 MB.
@@ -103,21 +100,6 @@ class ReportListSettings:
     #: the map fits on the first screen.
     sensitive_unknowns: int = 10
     #: [modes] Modes of that map up to which each has its frequency and cells have numbers. Drawing:
-    #: more would overlap in half the width of a screen.
-    sensitivity_ticks: int = 12
-    #: [1] Least MAC of a pair of modes that is drawn as good. Why: the least
-    #: cross-orthogonality of correlated models in NASA-STD-5002.
-    high_mac: float = 0.9
-    #: [1] Least MAC of a pair that is drawn as fair. Why: a common limit below which shapes are
-    #: regarded as different.
-    fair_mac: float = 0.7
-    #: [unknowns] Unknowns with the largest changes on the first screen. Why: they fit next to the
-    #: verdict at 800 px of height.
-    largest_changes: int = 5
-    #: [unknowns] Unknowns in the map of sensitivities; those with the largest are kept. Why: the
-    #: map fits on the first screen.
-    sensitive_unknowns: int = 10
-    #: [modes] Modes of that map up to which each has its frequency and cells have numbers. Why:
     #: more would overlap in half the width of a screen.
     sensitivity_ticks: int = 12
     #: [1] Least MAC of a pair of modes that is drawn as good. Why: the least
