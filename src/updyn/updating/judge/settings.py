@@ -420,7 +420,7 @@ class SeparationSettings:
     #: [1] Collinearity index above which unknowns are not separable. Why: 10 to 15 (Brun, Reichert
     #: & Kuensch, 2001).
     most_collinearity: float = 15.0
-    #: [1] Least cosine of the effects of two collinear unknowns. Why: an angle of 8 degrees, at
+    #: [1] Least cosine of the effects of two collinear unknowns. Default: an angle of 8 degrees, at
     #: which a seventh of the effect of either is independent of the other.
     least_cosine: float = 0.99
     #: [1] Weight of an unknown over the largest one, from which it is named as an explanation of

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from scipy.stats import chi2
+from scipy.stats import chi2, multivariate_t
 
 import updyn
 from updyn.updating.problem import lines
 from updyn.updating.problem.modal import _subspace_mac
+from updyn.updating.problem.noise import Stated, estimated, known
 from updyn.updating.problem.noise.estimated import Estimated, EstimatedByChannel
 from updyn.updating.problem.noise.known import SmoothVariance, smooth_variance
 from updyn.updating.problem.noise.modes import _estimate_size
@@ -132,3 +134,75 @@ def test_nearly_equal_shapes_span_one_direction(difference, mac):
     span = np.array([[1.0, 1.0], [0.0, difference]])
     found = _subspace_mac(np.array([[0.0], [1.0]]), span)
     assert found == pytest.approx(mac, abs=1e-6)
+
+
+@pytest.mark.parametrize(("n", "has_floor"), [(19, False), (20, True)])
+def test_the_floor_of_the_lines_takes_twenty_of_them(monkeypatch, n, has_floor):
+    """The scatter has Student's distribution of one degree of freedom."""
+    tails = []
+
+    def fit(size, level, squared, freedoms):
+        tails.append(freedoms)
+        return 0.0, 1.0
+
+    monkeypatch.setattr(estimated, "fit_two_numbers", fit)
+    assert (estimated.estimate_floor(noisy(n)[1]) > 0.0) == has_floor
+    assert tails == ([1.0] if has_floor else [])
+
+
+def test_ten_averages_are_assumed(monkeypatch):
+    monkeypatch.setattr(known, "smooth_variance", lambda variance, size, freedom: freedom)
+    frf = noisy(9)[1]
+    assert known._smooth_coherence(replace(frf, coherence=np.full(frf.values.shape, 0.9))) == 9
+
+
+@pytest.mark.parametrize(("freedom", "width"), [(4, 13), (48, 7)])
+def test_a_smoothed_variance_has_forty_eight_degrees_of_freedom(monkeypatch, freedom, width):
+    """An odd number of lines; outliers are searched for in seven at least."""
+    widths = []
+    ones = np.ones((1000, 1, 1))
+
+    def fit(variance, size, freedom, width):
+        widths.append(width)
+        return ones, ones
+
+    monkeypatch.setattr(known, "_fit_two_parts", fit)
+    smooth_variance(ones, ones, freedom)
+    assert widths == [width]
+
+
+def test_noise_has_eight_knots_along_the_lines(monkeypatch):
+    knots = []
+    hat_functions = known._hat_functions
+
+    def make(n_f, number):
+        knots.append(number)
+        return hat_functions(n_f, number)
+
+    monkeypatch.setattr(known, "_hat_functions", make)
+    ones = np.ones((1000, 1, 1))
+    known._fit_two_parts(ones, ones, 48, 7)
+    assert knots == [8]
+
+
+def test_robust_noise_has_the_density_of_five_degrees_of_freedom():
+    """Of the real and the imaginary part together."""
+    frf = frf_of(np.full((1, 1), 1.3 + 0.4j))
+    noise = Robust(Stated(0.1, 0.0))
+    density = multivariate_t(np.zeros(2), 0.5 * 0.1**2 * np.eye(2), df=5)
+    misfits = [
+        noise.negative_log_likelihood(np.full((1, 1, 1), H), frf) for H in (1.0, np.exp(0.1j))
+    ]
+    residuals = [frf.values[0, 0, 0] - H for H in (1.0, np.exp(0.1j))]
+    expected = [-density.logpdf([r.real, r.imag]) for r in residuals]
+    assert np.diff(misfits) == pytest.approx(np.diff(expected))
+
+
+@pytest.mark.parametrize(("stds", "is_reported"), [(4.7, False), (4.8, True)])
+def test_a_value_beyond_four_point_seven_standard_deviations_has_a_small_weight(stds, is_reported):
+    """Squares of the standardised value, of which the noise has one: (4.74)^2 = 22.5."""
+    H = np.ones((9, 1, 1), dtype=complex)
+    values = np.ones((9, 1))
+    values[4] += 0.1 * stds
+    found = Robust(Stated(0.1, 0.0)).refit(H, frf_of(values), 0)
+    assert found.outliers["down_weighted"] == pytest.approx(is_reported / 9)

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 class NoiseLimitSettings:
     """Limits of the noise."""
 
-    #: [1] Least relative noise; keeps the weights of exact data finite. Why: rounding of a model
-    #: solved in double precision.
+    #: [1] Least relative noise; keeps the weights of exact data finite. Rounding: rounding of a
+    #: model solved in double precision.
     least_noise: float = 1e-12
-    #: [1] Least standard deviation of a frequency, shape or loss factor. Why: rounding of an
+    #: [1] Least standard deviation of a frequency, shape or loss factor. Rounding: rounding of an
     #: eigensolver.
     least_modal_noise: float = 1e-8
     #: [1] Degrees of freedom from which the size of noise counts as known: two numbers are
@@ -37,7 +37,7 @@ class EstimatedNoiseSettings:
     #: a rule of thumb; the best is refined.
     ratio_points: int = 40
     #: [1] Margin, in logarithm, of the search range beyond the ratios at which both are equally
-    #: large. Why: a part of a thousandth of the other is not visible.
+    #: large. Rounding: a part of a thousandth of the other is not visible.
     ratio_margin: float = math.log(1e3)
     #: [values] Fewest values of a sensor for an estimate of its noise. Why: they determine its
     #: variance to 20 %.
@@ -130,7 +130,7 @@ class ModalSizeSettings:
     #: [rounds] Largest number of rounds in which sizes and weights are estimated in turn. Effort: a
     #: rule of thumb.
     most_rounds: int = 100
-    #: [1] Relative change of a size below which it has settled. Why: far below its standard
+    #: [1] Relative change of a size below which it has settled. Effort: far below its standard
     #: deviation.
     settled_change: float = 1e-4
     #: [1] Probability below which a residual contradicts the standard deviations of the data. Why:
