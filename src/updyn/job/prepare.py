@@ -35,6 +35,7 @@ from updyn.job.job_table import JOB_TABLES
 from updyn.job.prepared import Prepared, PreparedTest
 from updyn.job.recorded import estimate_from_records
 from updyn.job.schema import Job
+from updyn.job.trace_lines import with_trace_lines
 from updyn.job.unknowns import choose_unknowns
 from updyn.linalg.solver import check_backend
 from updyn.matching import MatchError, Matching, match
@@ -355,7 +356,7 @@ def match_measurement(
     if isinstance(alignment, dict):
         alignment = {int(node): other for node, other in alignment.items()}
     try:
-        return match(
+        matching = match(
             model,
             data,
             geometry,
@@ -369,6 +370,8 @@ def match_measurement(
         )
     except MatchError as error:
         raise _reword_match_error(job, error) from error
+    other_nodes = {int(name) for other in others for name in _list_sensors(other) if name.isdigit()}
+    return with_trace_lines(matching, table.lines or (), other_nodes)
 
 
 def relabel_modes(matching: Matching, modes: ModeSet) -> ModeSet:

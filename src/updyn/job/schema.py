@@ -428,6 +428,13 @@ class MatchTable(Table):
         description='"label": test and model call the same thing the same; or "coordinates"',
     )
     geometry: str | None = None
+    lines: (
+        Annotated[
+            tuple[Annotated[tuple[int, ...], Strict(False), Field(min_length=2)], ...],
+            Strict(False),
+        ]
+        | None
+    ) = None
     tolerance: Annotated[float | str | None, BeforeValidator(_parse_tolerance)] = Field(
         default=None, description="largest distance between a sensor and its node"
     )

@@ -17,7 +17,9 @@ from updyn.frf import FRF
 from updyn.geometry import Geometry
 from updyn.io.dof_table import write_geometry
 from updyn.job import load_job, prepare, run_job
+from updyn.job.trace_lines import with_trace_lines
 from updyn.model import Group, Model
+from updyn.viewer import sensor_body
 
 BASE = """\
 [model]
@@ -383,3 +385,53 @@ def test_a_job_may_insist_on_labels(
     assert "contradict" not in err
     found = prepare(load_job(path))
     assert found.frf.responses.labels == ["11:X", "12:Y", "13:Z"]
+
+
+def test_lines_of_the_test_are_drawn_and_change_no_result(folder: Path) -> None:
+    text = "lines = [[1, 3], [3, 2]]\n" + GOOD
+    job = job_at(folder, text)
+    ready = prepare(job)
+    assert ready.frf.geometry.lines.tolist() == [[11, 13], [13, 12]]
+    np.testing.assert_allclose(ready.frf.geometry.position([13]), [XYZ[2]])
+    result = run_job(job, folder / "out", prepared=ready).result
+    without = run_job(job_at(folder, GOOD), folder / "without").result
+    assert result.values == without.values
+    body = sensor_body(result.data.geometry, result.data.responses)
+    nodes = body.nodes[body.lines]
+    assert nodes.tolist() == [[11, 13], [13, 12]]
+    again = load_job(folder / "out" / "job.toml")
+    assert again.match.lines == ((1, 3), (3, 2))
+
+
+def test_lines_without_positions_of_the_test_are_at_those_of_the_model(folder: Path) -> None:
+    labels = '"1:X" = "11:Y"\n"2:Y" = "12:-X"\n"3:Z" = "13:Z"\n"4:Z" = "14:Z"\n'
+    found = prepare(job_at(folder, f"lines = [[1, 2, 4]]\n[match.table]\n{labels}")).frf.geometry
+    assert found.lines.tolist() == [[11, 12], [12, 14]]
+    np.testing.assert_array_equal(found.position([11, 12, 14]), XYZ[[0, 1, 3]])
+
+
+def test_a_line_at_a_node_without_a_sensor_is_refused(folder: Path) -> None:
+    with pytest.raises(JobError) as caught:
+        prepare(job_at(folder, "lines = [[1, 33]]\n" + GOOD))
+    assert "lines: the test has no sensor or force at node 33; did you mean '3'?" in str(
+        caught.value
+    )
+    with pytest.raises(JobError, match=r"match\.lines"):
+        job_at(folder, "lines = [[1]]\n" + GOOD)
+
+
+def test_lines_at_nodes_of_another_test_are_left_out() -> None:
+    matching = updyn.match(frame(), named := rename())
+    drawn = with_trace_lines(matching, [[11, 12, 99, 14]], {99}).frf
+    assert drawn.geometry.lines.tolist() == [[11, 12]]
+    np.testing.assert_array_equal(drawn.values, named.values)
+    modes = updyn.modes(frame(), 2)
+    measured_modes = updyn.ModeSet(modes.frequency, modes.shapes, frame().dofs)
+    with pytest.raises(JobError, match="lines need measured FRFs"):
+        with_trace_lines(updyn.match(frame(), measured_modes), [[11, 12]], ())
+
+
+def rename() -> FRF:
+    """Return FRFs in labels of the model, without a geometry."""
+    labels = ["11:Y", "12:X", "14:Z"]
+    return updyn.response(frame(), LINES, labels, labels[:1])
