@@ -85,7 +85,7 @@ def compare_job(
 
 def _run_comparison(ready: Prepared, options: dict[str, Any]) -> Comparison:
     job = ready.job
-    options |= {"title": job.title or job.path.stem} | job.method.settings
+    options |= {"title": ready.title} | job.method.settings
     tests, unknowns = make_tests(ready), job_selection(ready) or ready.parameters
     if isinstance(unknowns, Selection) and options["truth"] is not None:
         selected = unknowns.parameters.names

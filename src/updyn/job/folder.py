@@ -230,12 +230,15 @@ def can_resume(out: Path) -> bool:
 
 
 # -- job.toml --------------------------------------------------------------------------------------
-def format_resolved_job(job: Job, out: Path) -> str:
-    """Return a job file with all defaults that repeats the job from the folder `out`."""
+def format_resolved_job(job: Job, out: Path, title: str = "") -> str:
+    """Return a job file with all defaults that repeats the job from the folder `out`.
+
+    `title` is that of the result, by default that of the job or the name of its file.
+    """
     import tomlkit
 
     content = job.model_dump(exclude_none=True, mode="python")
-    content["title"] = job.title or job.path.stem
+    content["title"] = title or job.title or job.path.stem
     output = content.pop("output")
     for name, table in job.tables.items():
         content[name] = table.model_dump(exclude_none=True, mode="python")

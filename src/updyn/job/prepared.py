@@ -86,6 +86,11 @@ class Prepared:
         return self.tests[0].model
 
     @property
+    def title(self) -> str:
+        """The title of the job, else that of the model of the first test, else the file's name."""
+        return self.job.title or self.model.title or self.job.path.stem
+
+    @property
     def frf(self) -> FRF:
         """The data of the first test."""
         return self.tests[0].frf

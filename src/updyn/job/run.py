@@ -288,7 +288,7 @@ def _run_update(
     options: dict[str, Any] = {
         "method": method.name,
         "callback": callback,
-        "title": job.title or job.path.stem,
+        "title": ready.title,
     }
     options |= running | method.options | method.settings
     if ready.modes:
@@ -360,7 +360,7 @@ def _write_files(result: UpdateResult | JointResult, job: Job, out: Path, folder
         source = job.beside(job.model.file)
         target = folder / job.output.properties
         write_properties(one, source, target, format=job.model.format)
-    (folder / "job.toml").write_text(format_resolved_job(job, out), encoding="utf-8")
+    (folder / "job.toml").write_text(format_resolved_job(job, out, result.title), encoding="utf-8")
     write_result_json(result, folder / "result.json")
 
 

@@ -190,7 +190,7 @@ def _make_start(
 
     job = test.job
     chosen = Selection.of(selection or ready.parameters)
-    title = ready.job.title or ready.job.path.stem
+    title = ready.title
     responses, band = _find_validation_set(test)
     return Start(
         model=start_model(test, chosen),

@@ -129,6 +129,18 @@ def test_band_and_selection(folder: Path) -> None:
     np.testing.assert_array_equal(ready.frf.values[:, 1, 0], full.values[keep, 1, 0])
 
 
+def test_a_job_without_a_title_has_that_of_its_model(folder: Path) -> None:
+    loaded = job_at(folder)
+    assert prepare(loaded).title == chain.build().title
+    assert run_job(loaded, folder / "out").result.title == chain.build().title
+    again = load_job(folder / "out" / "job.toml")
+    assert again.title == chain.build().title
+    model = chain.build()
+    untitled = updyn.Model(model.groups, model.dofs, model.geometry)
+    updyn.write_model(untitled, folder / "in" / "chain.h5")
+    assert prepare(job_at(folder)).title == "job"
+
+
 def test_averages_are_added_and_not_contradicted(folder: Path) -> None:
     assert prepare(job_at(folder, test="averages = 8")).frf.averages == 8
     data = chain.measure()
@@ -298,7 +310,7 @@ def test_run_gives_back_what_it_writes(folder: Path) -> None:
     ).result
     again = updyn.read_result(folder / "a" / "b" / "run.nc")
     assert again.values == result.values
-    assert again.title == "job"
+    assert again.title == chain.build().title
     assert seen[0].iteration == 0
     assert [p.name for p in (folder / "a" / "b").iterdir() if p.name.startswith(".")] == []
 
