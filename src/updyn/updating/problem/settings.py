@@ -50,8 +50,8 @@ class TriangleSettings:
     #: [rows] Number of rows processed at a time. Effort: they fit the processor's cache.
     strip_rows: int = 2048
     #: [1] Smallest ratio of diagonal entries of the Cholesky factor of preconditioned columns;
-    #: below, reflections are used. Why: rounding; the condition number is about its inverse, and
-    #: the square of that times the unit roundoff is the relative error of every singular value.
+    #: below, reflections are used. Rounding: rounding; the condition number is about its inverse,
+    #: and the square of that times the unit roundoff is the relative error of every singular value.
     least_diagonal_ratio: float = 0.03
 
 
@@ -80,12 +80,13 @@ LINE_DESIGN = LineDesignSettings()
 class OptimalDesignSettings:
     """Numbers of the selection of items by their Fisher information."""
 
-    #: [1] Information of each scaled unknown before the first item. Why: rounding; a determinant
-    #: above 0 is needed, and all items together have the information 1.
+    #: [1] Information of each scaled unknown before the first item. Rounding: rounding; a
+    #: determinant above 0 is needed, and all items together have the information 1.
     initial_information: float = 1e-9
     #: [exchanges] Largest number of exchanges. Effort: a rule of thumb.
     most_exchanges: int = 20
-    #: [1] Smallest increase of the score (a logarithm) by an exchange. Why: rounding of the score.
+    #: [1] Smallest increase of the score (a logarithm) by an exchange. Rounding: rounding of the
+    #: score.
     least_increase: float = 1e-6
 
 
