@@ -85,6 +85,6 @@ def test_what_once_ended_green_ends_with_exit_code_3_and_names_its_cause(
         assert first["statement"] in text
     assert "What to do next, under [test] of the job: Check this." in screen
     assert f'repair = ["{written}"] ' in screen
-    assert first["remedy"] in page
+    assert f'repair = ["{written}"]' in page
     assert "Plausible no" in page
     assert "Not credible" in page
