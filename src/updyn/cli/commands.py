@@ -46,6 +46,7 @@ if TYPE_CHECKING:
     from updyn.engines import Engine
     from updyn.job import Job, JobRun, Prepared
     from updyn.job.proposal import Inputs
+    from updyn.job.start import StartAgreement
     from updyn.updating.judge.causes.finding import Finding
     from updyn.updating.judge.counterparts import Counterparts
     from updyn.updating.judge.identifiability import Analysis
@@ -182,7 +183,7 @@ def check(job: Path, /, *, out: Path | None = None) -> int:
         Folder DIR; by default the job's name with -check, in the same folder.
     """
     from updyn.job import check_out, job_analysis, job_selection, load_job, prepare
-    from updyn.job.start import agreement_at_start, counterparts_at_start
+    from updyn.job.start import agreements_at_start, counterparts_at_start
 
     loaded = load_job(job)
     ready = prepare(loaded)
@@ -191,14 +192,16 @@ def check(job: Path, /, *, out: Path | None = None) -> int:
     selection = job_selection(ready)
     analysis = job_analysis(ready, selection)
     unknowns = selection or ready.parameters
-    agreement = agreement_at_start(ready, unknowns)
+    agreements = agreements_at_start(ready, unknowns)
+    figures = {
+        test.name: agreements[test.name].figures if test.name in agreements else {}
+        for test in ready.tests
+    }
     counterparts = counterparts_at_start(ready, unknowns)
     faults = _find_faults(ready)
-    checked = CheckResult(
-        ready, selection, analysis.report, faults, folder, agreement, counterparts
-    )
+    checked = CheckResult(ready, selection, analysis.report, faults, folder, figures, counterparts)
     print_text(join_sections(CHECK, checked))
-    _write_start(ready, "check", pages, selection, analysis, faults, agreement, counterparts)
+    _write_start(ready, "check", pages, selection, analysis, faults, agreements, counterparts)
     return NOT_DETERMINED if checked.has_few_common_modes or not analysis.report.complete else DONE
 
 
@@ -225,7 +228,7 @@ def _write_start(
     selection: Selection | None,
     analysis: Analysis,
     faults: Mapping[str, tuple[Finding, ...]],
-    agreement: Mapping[str, Mapping[str, float]],
+    agreements: Mapping[str, StartAgreement],
     counterparts: Mapping[str, Counterparts] | None = None,
 ) -> None:
     """Write the pages of a job before any fit, and print their paths."""
@@ -234,7 +237,7 @@ def _write_start(
     if folder is None:
         return
     pages = write_start_pages(
-        ready, work, folder, selection, analysis, faults, agreement, counterparts
+        ready, work, folder, selection, analysis, faults, agreements, counterparts
     )
     print_text("\nBefore the fit, as a page: " + ", ".join(map(str, pages)))
 
@@ -428,14 +431,14 @@ def correlate(job: Path, /, *, out: Path | None = None) -> int:
     """
     from updyn.job import job_analysis, job_selection, load_job, prepare
     from updyn.job.modes import start_modes_text
-    from updyn.job.start import start_correlation, start_figures
+    from updyn.job.start import StartAgreement, start_correlation
     from updyn.modal import ModeSet
 
     loaded = load_job(job)
     ready = prepare(loaded)
     pages = _find_start_folder(loaded, "correlate", out)
     faults = _find_faults(ready)
-    agreement = {}
+    agreements = {}
     print_text(describe_job(ready))
     for test in ready.tests:
         if isinstance(test.data, ModeSet):
@@ -443,13 +446,13 @@ def correlate(job: Path, /, *, out: Path | None = None) -> int:
             print_text("\n" + "\n".join(filter(None, [test.name, text])))
             continue
         found = start_correlation(test, ready.parameters)
-        agreement[test.name] = start_figures(test, found)
-        compared = StartComparison(ready, test.name, agreement[test.name], found, faults)
+        agreement = agreements[test.name] = StartAgreement.of(test, found)
+        compared = StartComparison(ready, test.name, agreement.figures, found, faults)
         print_text("\n" + join_sections(CORRELATE, compared))
     if pages is not None:
         selection = job_selection(ready)
         analysis = job_analysis(ready, selection)
-        _write_start(ready, "correlate", pages, selection, analysis, faults, agreement)
+        _write_start(ready, "correlate", pages, selection, analysis, faults, agreements)
     return DONE
 
 

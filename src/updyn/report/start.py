@@ -59,6 +59,8 @@ class Start:
         empty, the page shows those of the FRFs computed for it.
     counterparts : Counterparts or None
         Number of test modes with a counterpart in the model; None if not examined.
+    computed : FRF or None
+        FRFs of the model if they are known, on lines of the data; the page computes others.
     """
 
     model: Model
@@ -76,3 +78,4 @@ class Start:
     options: Mapping[str, Any] = field(default_factory=dict)
     figures: Mapping[str, float] = field(default_factory=dict)
     counterparts: Counterparts | None = None
+    computed: FRF | None = None
