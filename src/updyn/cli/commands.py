@@ -50,6 +50,7 @@ if TYPE_CHECKING:
     from updyn.engines import Engine
     from updyn.job import Job, JobRun, Prepared
     from updyn.job.proposal import Inputs
+    from updyn.job.start import StartAgreement
     from updyn.updating.judge.causes.finding import Finding
     from updyn.updating.judge.counterparts import Counterparts
     from updyn.updating.judge.identifiability import Analysis
@@ -196,7 +197,7 @@ def check(job: Path, /, *, out: Path | None = None, verbose: Verbose = False) ->
     """
     from updyn.cli.brief import brief_check
     from updyn.job import check_out, job_analysis, job_selection, load_job, prepare
-    from updyn.job.start import agreement_at_start, counterparts_at_start
+    from updyn.job.start import agreements_at_start, counterparts_at_start
 
     loaded = load_job(job)
     ready = prepare(loaded)
@@ -205,14 +206,16 @@ def check(job: Path, /, *, out: Path | None = None, verbose: Verbose = False) ->
     selection = job_selection(ready)
     analysis = job_analysis(ready, selection)
     unknowns = selection or ready.parameters
-    agreement = agreement_at_start(ready, unknowns)
+    agreements = agreements_at_start(ready, unknowns)
+    figures = {
+        test.name: agreements[test.name].figures if test.name in agreements else {}
+        for test in ready.tests
+    }
     counterparts = counterparts_at_start(ready, unknowns)
     faults = _find_faults(ready)
-    checked = CheckResult(
-        ready, selection, analysis.report, faults, folder, agreement, counterparts
-    )
+    checked = CheckResult(ready, selection, analysis.report, faults, folder, figures, counterparts)
     print_outcome(join_sections(CHECK, checked), brief_check(checked), verbose=verbose)
-    _write_start(ready, "check", pages, selection, analysis, faults, agreement, counterparts)
+    _write_start(ready, "check", pages, selection, analysis, faults, agreements, counterparts)
     return NOT_DETERMINED if checked.has_few_common_modes or not analysis.report.complete else DONE
 
 
@@ -239,7 +242,7 @@ def _write_start(
     selection: Selection | None,
     analysis: Analysis,
     faults: Mapping[str, tuple[Finding, ...]],
-    agreement: Mapping[str, Mapping[str, float]],
+    agreements: Mapping[str, StartAgreement],
     counterparts: Mapping[str, Counterparts] | None = None,
 ) -> None:
     """Write the pages of a job before any fit, and print their paths."""
@@ -248,7 +251,7 @@ def _write_start(
     if folder is None:
         return
     pages = write_start_pages(
-        ready, work, folder, selection, analysis, faults, agreement, counterparts
+        ready, work, folder, selection, analysis, faults, agreements, counterparts
     )
     print_text("Before the fit, as a page: " + ", ".join(map(str, pages)))
 
@@ -473,14 +476,14 @@ def correlate(job: Path, /, *, out: Path | None = None, verbose: Verbose = False
     from updyn.cli.brief import brief_head, brief_modes, brief_start
     from updyn.job import job_analysis, job_selection, load_job, prepare
     from updyn.job.modes import start_modes, start_modes_text
-    from updyn.job.start import start_correlation, start_figures
+    from updyn.job.start import StartAgreement, start_correlation
     from updyn.modal import ModeSet
 
     loaded = load_job(job)
     ready = prepare(loaded)
     pages = _find_start_folder(loaded, "correlate", out)
     faults = _find_faults(ready)
-    agreement = {}
+    agreements = {}
     details, outcome = [describe_job(ready)], [brief_head(ready)]
     for test in ready.tests:
         modes = start_modes(test, ready.parameters)
@@ -491,15 +494,15 @@ def correlate(job: Path, /, *, out: Path | None = None, verbose: Verbose = False
             outcome.append("\n".join(filter(None, [test.name, brief])))
             continue
         found = start_correlation(test, ready.parameters)
-        agreement[test.name] = start_figures(test, found)
-        compared = StartComparison(ready, test.name, agreement[test.name], found, faults, modes)
+        agreement = agreements[test.name] = StartAgreement.of(test, found)
+        compared = StartComparison(ready, test.name, agreement.figures, found, faults, modes)
         details.append(join_sections(CORRELATE, compared))
         outcome.append(brief_start(compared, output_width()))
     print_outcome("\n\n".join(details), "\n\n".join([*outcome, ""]), verbose=verbose)
     if pages is not None:
         selection = job_selection(ready)
         analysis = job_analysis(ready, selection)
-        _write_start(ready, "correlate", pages, selection, analysis, faults, agreement)
+        _write_start(ready, "correlate", pages, selection, analysis, faults, agreements)
     return DONE
 
 

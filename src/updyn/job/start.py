@@ -5,7 +5,7 @@ from __future__ import annotations
 import shlex
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -32,10 +32,10 @@ if TYPE_CHECKING:
     from updyn.updating.judge.identifiability import Analysis
 
 __all__ = [
-    "agreement_at_start",
+    "StartAgreement",
+    "agreements_at_start",
     "counterparts_at_start",
     "start_correlation",
-    "start_figures",
     "start_folder",
     "start_model",
     "write_start_pages",
@@ -63,25 +63,35 @@ def _choose_tier(test: PreparedTest) -> str | None:
     return method.tier
 
 
-def start_figures(test: PreparedTest, found: Correlation) -> dict[str, float]:
-    """Return the figures of agreement with the fitted data, as `Correlation.figures`."""
-    fitted = test.fitted
-    assert isinstance(fitted, FRF)
-    computed = found.computed.select(lines=fitted.freq, responses=fitted.responses)
-    return correlate(computed, fitted).figures()
+@dataclass(frozen=True, slots=True, eq=False)
+class StartAgreement:
+    """FRFs of a model at the start of its unknowns, and their agreement with the data of the fit.
+
+    `computed` are on all lines and channels of the test, `figures` as `Correlation.figures`.
+    """
+
+    computed: FRF
+    figures: Mapping[str, float]
+
+    @classmethod
+    def of(cls, test: PreparedTest, found: Correlation) -> StartAgreement:
+        """Return the agreement from the correlation with all FRFs of a test."""
+        fitted = test.fitted
+        assert isinstance(fitted, FRF)
+        computed = found.computed.select(lines=fitted.freq, responses=fitted.responses)
+        return cls(found.computed, correlate(computed, fitted).figures())
 
 
-def agreement_at_start(
+def agreements_at_start(
     ready: Prepared, unknowns: ParameterSet | Selection
-) -> dict[str, dict[str, float]]:
-    """Return `start_figures` by test name; empty for modes or if the model cannot be solved."""
-    figures: dict[str, dict[str, float]] = {}
+) -> dict[str, StartAgreement]:
+    """Return the agreement by test name; none for modes or if the model cannot be solved."""
+    found: dict[str, StartAgreement] = {}
     for test in ready.tests:
-        figures[test.name] = {}
         if isinstance(test.data, FRF):
             with suppress(SolverError):
-                figures[test.name] = start_figures(test, start_correlation(test, unknowns))
-    return figures
+                found[test.name] = StartAgreement.of(test, start_correlation(test, unknowns))
+    return found
 
 
 def counterparts_at_start(
@@ -125,7 +135,7 @@ def write_start_pages(
     selection: Selection | None,
     analysis: Analysis,
     findings: Mapping[str, Sequence[Finding]],
-    agreement: Mapping[str, Mapping[str, float]],
+    agreements: Mapping[str, StartAgreement],
     counterparts: Mapping[str, Counterparts] | None = None,
 ) -> list[Path]:
     """Write a page for each test of a job before any fit.
@@ -144,8 +154,8 @@ def write_start_pages(
         Identifiability of the unknowns, from `updyn.job.run.job_analysis`.
     findings : mapping of str to sequence of Finding
         Probable faults of the data, by test name.
-    agreement : mapping of str to mapping of str to float
-        From `agreement_at_start`.
+    agreements : mapping of str to StartAgreement
+        From `agreements_at_start`.
     counterparts : mapping of str to Counterparts, optional
         From `counterparts_at_start`.
 
@@ -164,8 +174,8 @@ def write_start_pages(
             for test, name in zip(ready.tests, names, strict=True):
                 (new / name).parent.mkdir(exist_ok=True)
                 faults = findings.get(test.name, ())
-                figures = agreement.get(test.name, {})
-                start = _make_start(ready, test, selection, analysis, faults, figures)
+                agreement = agreements.get(test.name)
+                start = _make_start(ready, test, selection, analysis, faults, agreement)
                 start = replace(start, counterparts=(counterparts or {}).get(test.name))
                 write_start(start, new / name)
     return [folder / name for name in names]
@@ -184,7 +194,7 @@ def _make_start(
     selection: Selection | None,
     analysis: Analysis,
     findings: Sequence[Finding],
-    figures: Mapping[str, float],
+    agreement: StartAgreement | None,
 ) -> Start:
     from updyn.report.start import Start
 
@@ -206,8 +216,9 @@ def _make_start(
         validation_band=band,
         modes=test.modes,
         options={"tier": _choose_tier(test) if isinstance(test.data, FRF) else job.method.tier},
-        figures=figures,
+        figures=agreement.figures if agreement else {},
         job=shlex.quote(ready.job.path.name),
+        computed=agreement.computed if agreement else None,
     )
 
 

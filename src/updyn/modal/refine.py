@@ -106,17 +106,13 @@ class LineWindow:
         # The mirror image of a pole is far from the lines and is neglected.
         fractions = 1.0 / (self.x[:, None] - np.concatenate([poles, self.fixed_poles]))
         A = np.hstack([fractions, self.powers]) * weights.common[:, None]
+        Q, R = np.linalg.qr(A / np.linalg.norm(A, axis=0))
         if moving:
             T = weights.common[:, None] / (self.x[:, None] - poles) ** 2
-            Q = np.linalg.qr(A)[0]
-            beyond = np.asarray(T - Q @ (Q.conj().T @ T), dtype=np.complex128)
-            return self.envelope.inflation(beyond)
-        out = np.ones(len(poles))
-        for r in range(len(poles)):
-            Q = np.linalg.qr(np.delete(A, r, axis=1))[0]
-            column = A[:, r : r + 1]
-            out[r] = self.envelope.inflation(column - Q @ (Q.conj().T @ column))[0]
-        return out
+            return self.envelope.inflation(T - Q @ (Q.conj().T @ T))
+        # The part of a column orthogonal to all others is along that column of the dual basis.
+        chosen = np.eye(A.shape[1], len(poles))
+        return self.envelope.inflation(Q @ np.linalg.lstsq(R.conj().T, chosen, rcond=None)[0])
 
     def derivatives(self, poles: ComplexArray) -> NumberArray:
         """Return functions that span the derivatives by the poles, shape (rows, k or 2 k)."""

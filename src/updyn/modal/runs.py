@@ -186,6 +186,8 @@ class _Criterion:
     fit: WeightedFit
     bundle: list[int]
     shapes: int
+    #: Mean variance of the residues of the bundle, relative to white noise.
+    inflation: float
 
     @property
     def fewer(self) -> bool:
@@ -200,7 +202,8 @@ class _Criterion:
     @classmethod
     def of(cls, fit: WeightedFit, bundle: list[int], runs: IndexArray) -> _Criterion:
         """Return the criterion for poles that may vary with the runs."""
-        return cls(fit, bundle, _count_shapes(fit, bundle, runs))
+        inflation = fit.window.inflation(fit.window_fit.poles, fit.weights)[bundle]
+        return cls(fit, bundle, _count_shapes(fit, bundle, runs), float(np.mean(inflation)))
 
     def gain(self, cost: float, poles: int, modes: int) -> float:
         """Return the gain of a fit with numbers of poles and modes over that with common poles."""
@@ -214,8 +217,7 @@ class _Criterion:
         count = len(self.bundle)
         values = p * n_f if self.fewer else n_f
         free = (poles - count) * np.log(2 * p * n_f) + p * (modes - count) * np.log(2 * values)
-        inflation = self.fit.window.inflation(self.fit.window_fit.poles, self.fit.weights)
-        return float(2.0 * np.mean(inflation[self.bundle]) * free)
+        return float(2.0 * self.inflation * free)
 
 
 def _count_shapes(fit: WeightedFit, bundle: list[int], runs: IndexArray) -> int:

@@ -134,6 +134,7 @@ def gather_start(start: Start) -> ReportData:
         start.options,
         None,
         stopped=False,
+        known=start.computed,
     )
     return replace(made, fitted=False)
 
@@ -148,8 +149,12 @@ def _compute_data(
     gains: RealArray | None,
     *,
     stopped: bool,
+    known: FRF | None = None,
 ) -> ReportData:
-    """Return the data and the FRFs of the start and, if present, of the updated model."""
+    """Return the data and the FRFs of the start and, if present, of the updated model.
+
+    `known` are FRFs of the start.
+    """
     start, updated = models
     notes: list[str] = []
     used = _find_used_lines(frf, lines)
@@ -183,7 +188,7 @@ def _compute_data(
                 "The models are not drawn: the run was stopped before they were computed."
             )
             break
-        before_curve = compute_frfs(start, frf, grid, "start model", failures, options)
+        before_curve = compute_frfs(start, frf, grid, "start model", failures, options, known)
         after_curve = None
         if updated is not None:
             after_curve = compute_frfs(updated, frf, grid, "updated model", failures, options)
@@ -237,11 +242,11 @@ def fine_grid(models: Sequence[Model], freq: RealArray, *, reduced: bool) -> Rea
     """Return the given lines (Hz) together with lines that resolve the resonances of the models."""
     # If `reduced`, lines are evenly spaced, because the modes of the full model would be
     # expensive.
-    if freq.size < 2:
+    n = REPORT_COMPUTATION.even_lines + REPORT_COMPUTATION.resonance_lines
+    if freq.size < 2 or (reduced and freq.size >= n):
         return freq
     low, high = float(freq[0]), float(freq[-1])
     if reduced:
-        n = REPORT_COMPUTATION.even_lines + REPORT_COMPUTATION.resonance_lines
         return np.union1d(freq, even_lines(low, high, n))
     affordable = REPORT_COMPUTATION.grid_budget // models[0].n_dofs
     affordable = max(affordable, REPORT_COMPUTATION.least_lines)
@@ -275,14 +280,19 @@ def compute_frfs(
     what: str,
     notes: list[str],
     options: Mapping[str, object],
+    known: FRF | None = None,
 ) -> ComplexArray | None:
     """Return the FRFs of a model, shape (n, n_responses, n_references), in the unit of the data.
 
     None if they cannot be computed, with a note on `what`. `freq` is in Hz; `options` are those of
-    the update, which determine how a large model is solved.
+    the update, which determine how a large model is solved. Lines of `known` are not computed.
     """
     if freq.size == 0:
         return None
+    if known is not None:
+        return _extend(
+            known, freq, lambda rest: compute_frfs(model, frf, rest, what, notes, options)
+        )
     # Solve as the update did: a direct solution of a large model at every line could take longer
     # than the update.
     how: dict[str, Any] = {}
@@ -293,6 +303,21 @@ def compute_frfs(
     except UpdynError as error:  # a failed fit also gets a report
         notes.append(f"The {what} could not be computed and is not drawn: {error}")
         return None
+
+
+def _extend(
+    known: FRF, freq: RealArray, compute: Callable[[RealArray], ComplexArray | None]
+) -> ComplexArray | None:
+    """Return known values and computed ones at all other lines; None if these fail."""
+    at = np.searchsorted(known.freq, freq).clip(max=len(known.freq) - 1)
+    is_known = known.freq[at] == freq
+    values = np.asarray(known.values[at], dtype=np.complex128)
+    if not is_known.all():
+        others = compute(freq[~is_known])
+        if others is None:
+            return None
+        values[~is_known] = others
+    return values
 
 
 def _measure_channels(

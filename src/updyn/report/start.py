@@ -61,6 +61,8 @@ class Start:
         Number of test modes with a counterpart in the model; None if not examined.
     job : str
         Name of the job file, for commands.
+    computed : FRF or None
+        FRFs of the model if they are known, on lines of the data; the page computes others.
     """
 
     model: Model
@@ -79,3 +81,4 @@ class Start:
     figures: Mapping[str, float] = field(default_factory=dict)
     counterparts: Counterparts | None = None
     job: str = "job.toml"
+    computed: FRF | None = None

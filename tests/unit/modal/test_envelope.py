@@ -8,6 +8,8 @@ import pytest
 import updyn
 from updyn.errors import DataError
 from updyn.modal.envelope import Envelope
+from updyn.modal.refine import LineWindow, Weights
+from updyn.modal.vector_fitting import RationalBasis
 
 LINES, DF = 2000, 0.25
 FREQ = DF * np.arange(1, LINES + 1)
@@ -72,6 +74,29 @@ def test_inflation_is_the_variance_of_projections_over_that_in_white_noise(decay
     found = np.mean(np.abs(np.einsum("lk,blc->bkc", columns.conj(), draws)) ** 2, axis=(0, 2))
     white = np.mean(np.abs(draws) ** 2)
     assert envelope.inflation(columns) == pytest.approx(np.maximum(found / white, 1.0), rel=0.25)
+
+
+@pytest.mark.parametrize("distance", [5.0, 0.3])
+def test_residues_have_the_noise_of_a_projection_orthogonal_to_all_other_functions(
+    distance: float,
+) -> None:
+    """Each by its own least-squares problem, for poles apart and nearly coincident."""
+    lines = 60
+    x = np.arange(lines) - 30.3 + 0.0j
+    poles = np.array([1.0j, distance + 1.2j, 14.0 + 3.0j])
+    basis = RationalBasis(1, mirrored=False)
+    envelope = Envelope.of(FREQ, noise(0.8, 1))
+    window = LineWindow(basis, x, np.ones((1, lines)) + 0.0j, poles[2:], envelope=envelope)
+    weights = Weights(np.ones((1, 1)), 1.0 + 0.01 * np.abs(x[None]))
+    functions = np.hstack([1.0 / (x[:, None] - poles), x[:, None] ** 0, x[:, None]])
+    functions = functions / weights.line.T
+    expected = []
+    for r in range(2):
+        others = np.delete(functions, r, axis=1)
+        fit = others @ np.linalg.lstsq(others, functions[:, r], rcond=None)[0]
+        expected.append(envelope.inflation((functions[:, r] - fit)[:, None])[0])
+    assert max(expected) > 1.2
+    assert window.inflation(poles[:2], weights) == pytest.approx(expected, rel=1e-9)
 
 
 def modal(frequency: list[float], loss: float, channels: int, seed: int) -> np.ndarray:

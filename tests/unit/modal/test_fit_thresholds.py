@@ -174,5 +174,5 @@ def test_poles_for_the_removal_of_a_decay(monkeypatch, lines, most):
 
 
 def test_three_modes_have_poles_for_each_run():
-    criterion = runs._Criterion(None, list(range(6)), 5)
+    criterion = runs._Criterion(None, list(range(6)), 5, 1.0)
     assert criterion.most == 3

@@ -10,6 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+import updyn
 from overriding import override
 from pages_read import Page
 from pages_read import values as plotted
@@ -159,6 +160,35 @@ def test_models_are_computed_at_fewer_lines_above_the_budget(result, monkeypatch
     assert len(found.freq) <= 200
     assert set(found.freq) <= set(result.frf.freq)
     assert f"{len(found.freq)} of the 800 measured lines" in found.notes[0]
+
+
+def test_lines_with_known_frfs_are_not_computed_again(monkeypatch):
+    model = chain(3)
+    frf = measured(model, n_lines=20, responses=["1:Z", "2:Z"], references=["1:Z"], coherence=False)
+    known = updyn.response(model, frf.freq[3:], ["1:Z", "2:Z"], ["1:Z"], "accelerance")
+    known = dataclasses.replace(known, values=7.0 * known.values)
+    freq = np.union1d(frf.freq, [frf.freq[5] + 0.01, frf.freq[-1] + 1.0])
+    solved = []
+    solve = report_data.response_like
+    monkeypatch.setattr(
+        report_data,
+        "response_like",
+        lambda model, frf, freq, **how: (solved.append(freq), solve(model, frf, freq, **how))[1],
+    )
+    values = report_data.compute_frfs(model, frf, freq, "model", [], {}, known)
+    expected = dense(model, freq, frf.responses, frf.references)
+    expected[np.isin(freq, known.freq)] *= 7.0
+    np.testing.assert_allclose(values, expected, rtol=1e-8)
+    assert np.array_equal(solved, [freq[~np.isin(freq, known.freq)]])
+    report_data.compute_frfs(model, frf, known.freq, "model", [], {}, known)
+    assert len(solved) == 1
+
+
+@pytest.mark.parametrize("n_lines", [1599, 1600])
+def test_a_reduced_model_is_not_drawn_on_more_lines_than_an_even_grid_would_have(n_lines):
+    freq = np.linspace(1.0, 20.0, n_lines)
+    grid = report_data.fine_grid([chain(1)], freq, reduced=True)
+    assert (len(grid) > n_lines) == (n_lines < 1600)
 
 
 def test_of_a_stopped_run_no_reduced_model_is_built(result, monkeypatch):

@@ -83,6 +83,9 @@ class OptimalDesignSettings:
     #: [1] Information of each scaled unknown before the first item. Rounding: rounding; a
     #: determinant above 0 is needed, and all items together have the information 1.
     initial_information: float = 1e-9
+    #: [items] Number of items that are scored together if few may be the best. Effort: the time of
+    #: a call of LAPACK and that of items scored in vain are about equal.
+    scored_together: int = 64
     #: [exchanges] Largest number of exchanges. Effort: a rule of thumb.
     most_exchanges: int = 20
     #: [1] Smallest increase of the score (a logarithm) by an exchange. Rounding: rounding of the

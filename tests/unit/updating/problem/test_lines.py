@@ -138,6 +138,38 @@ def test_the_exchange_reaches_the_best_of_all_sets():
     assert sorted(exchange_items(scaled, total, [2, 1], DOptimal())) == [0, 1]
 
 
+@pytest.mark.parametrize("criterion", [DOptimal(), DOptimal((0, 3))])
+def test_greedy_selection_takes_the_item_of_largest_score_in_each_round(criterion):
+    rng = np.random.default_rng(5)
+    size = np.exp(2.0 * rng.standard_normal((400, 1, 1)))
+    items = size * rng.standard_normal((400, 6, 2))
+    scaled = optimal_design.scale_information(items @ items.transpose(0, 2, 1))[0]
+    chosen, total = optimal_design.select_greedily(
+        scaled, optimal_design.initial_information(6), 30, criterion
+    )
+    before = optimal_design.initial_information(6)
+    for k, item in enumerate(chosen):
+        score = criterion.score(before + scaled)
+        score[chosen[:k]] = -np.inf
+        assert score[item] == pytest.approx(score.max(), abs=1e-9)
+        before = before + scaled[item]
+    assert np.allclose(before, total)
+
+
+def test_few_items_are_scored_again_if_gains_diminish(monkeypatch):
+    rng = np.random.default_rng(5)
+    items = rng.standard_normal((2000, 6, 2))
+    scaled = optimal_design.scale_information(items @ items.transpose(0, 2, 1))[0]
+    scored = []
+    plain = DOptimal.score
+    monkeypatch.setattr(
+        DOptimal, "score", lambda self, a: (scored.append(a[..., 0, 0].size), plain(self, a))[1]
+    )
+    optimal_design.select_greedily(scaled, optimal_design.initial_information(6), 50, DOptimal())
+    assert sum(scored) < 0.2 * 50 * 2000
+    assert max(scored[60:]) <= 64
+
+
 def test_a_optimal_lines_leave_less_variance_than_d_optimal_ones(problem):
     for count in (8, 15, 25):
         of_all = np.diag(covariance(problem, np.arange(60)))
