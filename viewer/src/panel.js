@@ -150,7 +150,10 @@ export class Panel {
   boxes() {
     const { viewer } = this, layers = viewer.layers();
     const mark = layers.map(({ name, missing }) => `${name} ${missing}`).join();
-    if (mark === this.layers.dataset.mark) return;
+    if (mark === this.layers.dataset.mark) {
+      this.layers.querySelectorAll("input").forEach((box, i) => { box.checked = layers[i].shown && !layers[i].missing; });
+      return;
+    }
     this.layers.dataset.mark = mark;
     this.layers.replaceChildren(...(layers.length < 2 ? [] : layers).map(({ name, colour, style, shown, missing }) => {
       const box = made("input", { type: "checkbox", checked: shown && !missing, disabled: missing });

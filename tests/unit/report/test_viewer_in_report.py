@@ -68,7 +68,12 @@ ACTIONS = """<script>
     }
     return found.map((one) => (4 * one) / data.length);
   };
-  viewer.set({ show: "modes", labels: false, beside: true });
+  const checked = () => [...panel.layers.querySelectorAll("input")].map((box) => box.checked);
+  viewer.set({ show: "modes", hidden: new Set() });
+  const all = checked();
+  viewer.set({ hidden: new Set(["test"]) });
+  note("checked", [all, checked()]);
+  viewer.set({ show: "modes", labels: false, beside: true, hidden: new Set(["start"]) });
   const ghosts = (visible) => { viewer.ghost.visible = visible; if (viewer.testGhost) viewer.testGhost.visible = visible; };
   note("testlines", viewer.bodies[1].lines.length / 2);
   note("beside", viewer.isSplit);
@@ -141,6 +146,7 @@ def test_it_draws_moves_and_picks(result, opened):
         "start": ["ghost", "muted"],
         "test": ["dots", "third"],
     }
+    assert told(found, "checked") == [[True, True, True], [True, True, False]]
     # side by side: the test on the left, the model on the right
     assert told(found, "beside") is True
     assert told(found, "sides") == ["test", "updated"]
