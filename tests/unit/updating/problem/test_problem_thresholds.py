@@ -206,3 +206,23 @@ def test_a_value_beyond_four_point_seven_standard_deviations_has_a_small_weight(
     values[4] += 0.1 * stds
     found = Robust(Stated(0.1, 0.0)).refit(H, frf_of(values), 0)
     assert found.outliers["down_weighted"] == pytest.approx(is_reported / 9)
+
+
+def test_lines_are_chosen_for_a_floor_of_a_hundredth(monkeypatch):
+    """Of the rms of the data of a unit, which is 2 here."""
+    floors = []
+
+    def map_lines(function, items):
+        floors.extend(floor for _, floor, _ in items)
+        return [np.ones((3, 1, 1))]
+
+    part = SimpleNamespace(
+        frf=frf_of(np.full((3, 1), 2.0)),
+        coordinates=SimpleNamespace(),
+        partition=lambda: [None],
+        map_lines=map_lines,
+        recall=lambda name, x, compute, kind: compute(),
+    )
+    monkeypatch.setattr(lines, "_design_point", lambda part: None)
+    lines._select_by_information(part, "", lambda information: information)
+    assert np.ravel(floors[0]) == pytest.approx([0.02])
