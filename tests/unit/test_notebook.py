@@ -203,7 +203,7 @@ def test_a_result_shows_its_verdict_values_and_intervals():
     ("change", "phrase", "ground"),
     [
         ({"status": "converged"}, "Usable", "good-ground"),
-        ({"validated": Claim(False, "It is off.")}, "Fits, does not predict", "bad-ground"),
+        ({"validated": Claim(False, "It is off.")}, "Does not predict", "bad-ground"),
         ({"plausible": Claim(False, "It is off.")}, "Not credible", "bad-ground"),
         ({"validated": Claim(None, "", asked=False)}, "Fits, not validated", "warn-ground"),
     ],

@@ -97,7 +97,7 @@ def test_ctrl_c_stops_after_the_step_and_writes(long_job: Path) -> None:
     assert "Traceback" not in err
     assert "Stopping after this step" in err
     assert "To continue: updyn run JOB.toml --resume" in out
-    assert out.startswith("job: stopped after ")
+    assert out.startswith("Chain of twelve masses: stopped after ")
     found = json.loads((long_job.parent / "job" / "result.json").read_text(encoding="utf-8"))
     assert found["status"] == "stopped"
     assert updyn.read_result(long_job.parent / "job" / "run.nc").status == "stopped"
@@ -168,6 +168,6 @@ def test_ctrl_c_reaches_workers_too_and_stops_them_in_order(long_job: Path) -> N
     out, err = process.communicate(timeout=120)
     assert process.returncode == 130, err
     assert "Traceback" not in err
-    assert out.startswith("job: stopped after ")
+    assert out.startswith("Chain of twelve masses: stopped after ")
     found = json.loads((long_job.parent / "job" / "result.json").read_text(encoding="utf-8"))
     assert found["status"] == "stopped"

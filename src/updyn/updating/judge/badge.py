@@ -44,7 +44,7 @@ def choose_badge(status: str, trust: Trust | None, *, ambiguous: bool = False) -
     if trust.plausible.holds is False:
         return Badge("Not credible", "bad")
     if trust.validated.holds is False:
-        return Badge("Fits, does not predict", "bad")
+        return Badge("Does not predict", "bad")
     if status != "converged":
         return badge
     if trust.plausible.holds is None or trust.determined.holds is not True:

@@ -18,7 +18,7 @@ __all__ = ["compare_runs", "show"]
 #: Figures of agreement to compare, by their key in the record.
 _FIGURES = {
     "frac_median": "FRAC after, median",
-    "correlation_median": "signed correlation after, median",
+    "correlation_median": "FRF correlation after, median",
     "residual_median": "relative residual after, median",
     "db_error_median": "level error after, median (dB)",
 }

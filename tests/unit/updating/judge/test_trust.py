@@ -201,7 +201,7 @@ def test_what_was_not_asked_for_counts_neither_way():
             "Not known whether credible",
             "warn",
         ),
-        ("converged", {"correlation": held(figures(0.43))}, "Fits, does not predict", "bad"),
+        ("converged", {"correlation": held(figures(0.43))}, "Does not predict", "bad"),
         ("max-iterations", {"misfit": 0.6}, "Not credible", "bad"),
         ("stalled", {}, "Stalled", "warn"),
         ("not-identifiable", {"rank": (7, 8)}, "Not all unknowns determined", "warn"),
