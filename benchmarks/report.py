@@ -41,13 +41,17 @@ PROBE = """<script>(() => {
   new PerformanceObserver(note).observe({ type: "paint", buffered: true });
   const inside = (place) => {
     const box = place.getBoundingClientRect();
-    return box.height && box.top < innerHeight && box.bottom > 0;
+    return box.height && place.checkVisibility() && box.top < innerHeight && box.bottom > 0;
   };
   const there = (place) => (
     place.dataset.scene ? place.dataset.ready : place.querySelector(".main-svg, canvas")
   );
   const wait = (ms) => new Promise((done) => setTimeout(done, ms));
   const frame = () => new Promise((done) => requestAnimationFrame(() => setTimeout(done)));
+  const unfold = (place, section) => {
+    if (typeof updynReport !== "undefined") updynReport.reveal(section);
+    place.scrollIntoView({ behavior: "instant" });
+  };
   const finished = (gl) => {
     gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4));
   };
@@ -61,8 +65,11 @@ PROBE = """<script>(() => {
     await frame();
     seen.ready = performance.now();
     console.log("MEASURED " + JSON.stringify(seen));
-    const viewer = document.querySelector("[data-scene]")?.updynViewer;
-    if (viewer) {
+    const scene = document.querySelector("[data-scene]");
+    if (scene) {
+      unfold(scene, "viewer");
+      while (!scene.updynViewer) await wait(5);
+      const viewer = scene.updynViewer;
       viewer.clock.play(false);
       const gl = viewer.stage.canvas.getContext("webgl2");
       const drawn = (angle) => {
@@ -87,7 +94,7 @@ PROBE = """<script>(() => {
     }
     const plot = document.getElementById("all-channels-plot");
     if (plot) {
-      plot.scrollIntoView({ behavior: "instant" });
+      unfold(plot, "all-channels");
       const began = performance.now();
       while (!plot.updynChannels) await wait(5);
       await frame();
