@@ -105,10 +105,10 @@ class ModePairSettings:
     #: [MAC] Cost in the pairing of a factor of e between two frequencies. Why: a rule of thumb; it
     #: decides between shapes that are similar because sensors are few.
     frequency_cost: float = 0.5
-    #: [1] Share of the largest singular value of unit shapes below which another is rounding. Why:
-    #: rounding of shapes from an eigensolver.
+    #: [1] Share of the largest singular value of unit shapes below which another is rounding.
+    #: Rounding: rounding of shapes from an eigensolver.
     shape_rounding: float = 1e-9
-    #: [1] The same for the projection on the span of shapes and its derivatives. Why: unit
+    #: [1] The same for the projection on the span of shapes and its derivatives. Rounding: unit
     #: roundoff, as in numpy.linalg.pinv.
     span_rounding: float = 1e-15
     #: [1] Multiple of the highest measured frequency up to which modes are computed. Why: a model

@@ -11,7 +11,7 @@ from scipy.stats import chi2, multivariate_t
 
 import updyn
 from updyn.updating.problem import lines
-from updyn.updating.problem.modal import _subspace_mac
+from updyn.updating.problem.modal import ModalTarget, Pairs, _subspace_mac
 from updyn.updating.problem.noise import Stated, estimated, known
 from updyn.updating.problem.noise.estimated import Estimated, EstimatedByChannel
 from updyn.updating.problem.noise.known import SmoothVariance, smooth_variance
@@ -226,3 +226,24 @@ def test_lines_are_chosen_for_a_floor_of_a_hundredth(monkeypatch):
     monkeypatch.setattr(lines, "_design_point", lambda part: None)
     lines._select_by_information(part, "", lambda information: information)
     assert np.ravel(floors[0]) == pytest.approx([0.02])
+
+
+@pytest.mark.parametrize(("distance", "paired"), [(0.39, 0), (0.41, 1)])
+def test_a_pair_weighs_mac_against_half_the_logarithm_of_the_frequency(distance, paired):
+    """A mode with the same shape at another frequency, and one with a MAC of 0.8 at the same."""
+    shapes = np.array([[1.0, np.sqrt(0.8)], [0.0, np.sqrt(0.2)]])
+    modes = SimpleNamespace(value=np.exp([2.0 * distance, 0.0]), shapes=shapes)
+    target = SimpleNamespace(
+        value=np.ones(1),
+        shapes=shapes[:, :1],
+        has_shapes=True,
+        can_distinguish_shapes=True,
+        at_sensors=lambda shapes: shapes,
+    )
+    found = Pairs._assign(modes, np.ones(2, dtype=bool), target, [])
+    assert found.which.tolist() == [paired]
+
+
+def test_modes_are_compared_up_to_half_above_the_highest_measured_one():
+    target = SimpleNamespace(frequency=np.array([3.0, 10.0]))
+    assert ModalTarget.highest.fget(target) == pytest.approx(15.0)
