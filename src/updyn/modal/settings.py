@@ -9,11 +9,11 @@ from dataclasses import dataclass
 class ChannelFitSettings:
     """Numbers of the linear least squares of all channels."""
 
-    #: [1] Number that replaces a zero divisor, or is added to it. Why: negligible compared with any
-    #: measured value, and its inverse does not overflow (the largest float is 2e308).
+    #: [1] Number that replaces a zero divisor, or is added to it. Rounding: negligible compared
+    #: with any measured value, and its inverse does not overflow (the largest float is 2e308).
     smallest_divisor: float = 1e-300
     #: [1] Share of a column that must be linearly independent of the previous columns; the
-    #: coefficient of a column below it is 0. Why: 50 times the rounding of the decomposition.
+    #: coefficient of a column below it is 0. Rounding: 50 times the rounding of the decomposition.
     independent_share: float = 1e-14
     #: [elements] Largest number of elements of column products in memory at once; affects only
     #: memory and time. Effort: 32 MB of complex numbers, chosen.

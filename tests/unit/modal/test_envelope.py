@@ -7,6 +7,7 @@ import pytest
 
 import updyn
 from updyn.errors import DataError
+from updyn.modal import envelope
 from updyn.modal.envelope import Envelope
 from updyn.modal.refine import LineWindow, Weights
 from updyn.modal.vector_fitting import RationalBasis
@@ -203,3 +204,49 @@ def test_a_peak_without_a_stable_pole_can_be_picked() -> None:
     assert found.frequency == pytest.approx([40.0, 190.0], rel=3e-3)
     more = updyn.identify_modes(frf(values), poles=[300.0])
     assert more.frequency == pytest.approx([40.0, 190.0, 300.0], rel=5e-3)
+
+
+# -- settings by value -----------------------------------------------------------------------------
+@pytest.mark.parametrize(("degree", "is_removed"), [(3, True), (4, False)])
+def test_a_cubic_polynomial_is_removed_from_each_part(
+    monkeypatch: pytest.MonkeyPatch, degree: int, is_removed: bool
+) -> None:
+    largest = []
+
+    def power_over_time(part: np.ndarray) -> np.ndarray:
+        largest.append(np.abs(part).max())
+        return np.zeros(part.shape)
+
+    monkeypatch.setattr(envelope, "_power_over_time", power_over_time)
+    assert Envelope.of(FREQ, ((FREQ / FREQ[-1]) ** degree)[:, None]).is_white
+    assert (max(largest) < 1e-12) == is_removed
+
+
+def test_a_quarter_of_the_parts_is_used(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of 61 parts, each of one channel."""
+    used = []
+
+    def estimate(powers: list[np.ndarray], responses: list[np.ndarray]) -> np.ndarray:
+        used.append(powers[0].shape[1])
+        return np.ones(64)
+
+    monkeypatch.setattr(envelope, "_estimate_power", estimate)
+    Envelope.of(FREQ, noise(0.0, 0, 1))
+    assert used == [15]
+
+
+def test_the_power_at_time_0_is_extrapolated_from_twelve_times() -> None:
+    """They decay by a factor of e each; the later ones do not."""
+    times = np.arange(64)
+    power = np.exp(-np.minimum(times, 16.0))
+    found = envelope._extrapolate_power(power, times >= 5)
+    assert found[:5] / found[5] == pytest.approx(np.exp(5.0 - times[:5]))
+
+
+def test_the_power_is_estimated_in_two_rounds(monkeypatch: pytest.MonkeyPatch) -> None:
+    rounds = []
+    monkeypatch.setattr(
+        envelope, "_extrapolate_power", lambda power, known: rounds.append(1) or power
+    )
+    envelope._estimate_power([np.ones((64, 3))], [np.eye(64)])
+    assert len(rounds) == 2
