@@ -66,8 +66,8 @@ class PoleRefinementSettings:
     #: [1] Expected decrease of the cost at which the iteration ends. Why: half of the decrease is
     #: the square of the remaining change in standard deviations, here 0.02 of one.
     settled_decrease: float = 1e-3
-    #: [1] As `settled_decrease`, for fits that decide whether a pole is a mode. Why: 0.4 standard
-    #: deviations of one pole change the deviance by far less than a mode does.
+    #: [1] As `settled_decrease`, for fits that decide whether a pole is a mode. Effort: 0.4
+    #: standard deviations of one pole change the deviance by far less than a mode does.
     rough_decrease: float = 0.3
     #: [rounds] Rounds that alternate between weights from residuals and poles from weights. Why:
     #: chosen; further rounds change estimates less than the noise.
@@ -103,10 +103,11 @@ class VectorFittingSettings:
     #: [sweeps] Largest number of relocations of all poles. Effort: vector fitting converges within
     #: a few.
     sweeps: int = 6
-    #: [1] Relative change of all poles at which the relocation ends. Why: rounding of eigenvalues.
+    #: [1] Relative change of all poles at which the relocation ends. Effort: rounding of
+    #: eigenvalues.
     settled_change: float = 1e-11
-    #: [1] Residual, relative to the data, at which no more poles are added. Why: rounding of the
-    #: data.
+    #: [1] Residual, relative to the data, at which no more poles are added. Rounding: rounding of
+    #: the data.
     residual_rounding: float = 1e-12
     #: [poles] Poles are added until this number of them does not improve the prediction. Why: a
     #: mode may need more than one additional pole; a rule of thumb.
@@ -248,11 +249,11 @@ class ModeSearchSettings:
     #: [1] Largest loss factor of a trial pole. Why: poles with a loss factor of 2 do not oscillate;
     #: chosen well below.
     largest_trial_loss: float = 0.3
-    #: [1] Distance of trial poles from each pole found, as a share of its width. Why: two close
-    #: modes fitted by one pole are to either side of it; chosen.
+    #: [1] Distance of trial poles from each pole found, as a share of its width. Effort: two close
+    #: modes fitted by one pole are to either side of it; trial poles are refined.
     side_distance: float = 0.7
     #: [1] A trial pole is refined if its expected gain is at least this share of the smallest gain
-    #: of a mode. Why: a trial on the grid explains at least 0.8 of a mode (`grid_step`).
+    #: of a mode. Effort: a trial on the grid explains at least 0.8 of a mode (`grid_step`).
     promising_share: float = 0.5
     #: [poles] Number of rejected poles after which the search ends. Effort: a rule of thumb.
     most_rejected: int = 3
