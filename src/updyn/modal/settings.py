@@ -257,8 +257,8 @@ class ModeSearchSettings:
     promising_share: float = 0.5
     #: [poles] Number of rejected poles after which the search ends. Effort: a rule of thumb.
     most_rejected: int = 3
-    #: [1] Residual squares, relative to the squared data, below which a fit is exact. Why: rounding
-    #: of the fit, with a margin.
+    #: [1] Residual squares, relative to the squared data, below which a fit is exact. Rounding:
+    #: rounding of the fit, with a margin.
     exact_squares: float = 1e-11
 
 

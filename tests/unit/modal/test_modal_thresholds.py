@@ -12,6 +12,7 @@ from updyn.frf import FRF
 from updyn.modal import (
     fits,
     identify,
+    lscf,
     peaks,
     picks,
     runs,
@@ -389,3 +390,34 @@ def test_a_measured_shape_determines_a_basis(share, turned):
     measured_shape = np.array([[part[0]], [part[1]], [np.sqrt(1.0 - share)]])
     rotation = sensitivity._rotate_towards_measured(np.eye(3)[:, :2], measured_shape)
     assert (abs(rotation[1, 0]) > 0.1) == turned
+
+
+def test_stable_poles_are_near_relative_to_the_spacing_of_lines(monkeypatch):
+    """A fifth of it, here 0.5 Hz."""
+    seen = []
+    freq = np.arange(1.0, 9.0, 0.5)
+
+    def find_chains(fits, least):
+        seen.append(least)
+        return np.zeros(0, dtype=complex), []
+
+    monkeypatch.setattr(stabilisation, "_split_band", lambda freq: [(0, len(freq), 1.0, 9.0)])
+    monkeypatch.setattr(stabilisation, "_fit_part", lambda *about: [])
+    monkeypatch.setattr(stabilisation, "_find_chains", find_chains)
+    stabilisation.find_stable_poles(freq, np.ones((len(freq), 1, 1)))
+    assert seen == pytest.approx([0.2 * 2.0 * np.pi * 0.5])
+
+
+@pytest.mark.parametrize(("share", "is_kept"), [(0.9e-4, True), (1.1e-4, False)])
+def test_a_pole_is_undamped_up_to_a_growth_of_a_ten_thousandth(share, is_kept):
+    """The roots of a polynomial of degree 2 in z = exp(-s step)."""
+    step = 0.1
+    pole = (share + 1.0j * np.sqrt(1.0 - share**2)) * 2.0
+    z = np.exp(-pole * step)
+    M = np.zeros((3, 3))
+    M[:2, :2] = np.eye(2)
+    M[:2, 2] = -(abs(z) ** 2), 2.0 * z.real
+    found = lscf._find_roots(M, 2, 1, step, np.zeros(1))
+    assert len(found) == is_kept
+    if is_kept:
+        assert found == pytest.approx([complex(-pole.real, pole.imag)])
