@@ -35,9 +35,9 @@ def save(page):
 
 
 @pytest.mark.parametrize("between", [0, 150, 450, 700])
-def test_all_that_is_typed_quickly_is_saved(job, between):
+def test_all_that_is_typed_quickly_is_saved(chromium, job, between):
     """The page looks for changes every half second, with pauses within it and beyond."""
-    with serving(job.parent, "job.toml") as server, browsing(server) as (page, heard):
+    with serving(job.parent, "job.toml") as server, browsing(chromium, server) as (page, heard):
         page.goto(f"{server.base}/plan")
         page.get_by_label("sensors *", exact=True).wait_for()
         for label, text in PLAN.items():
@@ -52,9 +52,9 @@ def test_all_that_is_typed_quickly_is_saved(job, between):
         assert heard.wrong == []
 
 
-def test_boxes_clicked_quickly_are_all_taken(job):
+def test_boxes_clicked_quickly_are_all_taken(chromium, job):
     names = [f"part{n} {kind}" for n in (1, 2, 3, 4) for kind in ("mass", "loss_factor")]
-    with serving(job.parent, "job.toml") as server, browsing(server) as (page, heard):
+    with serving(job.parent, "job.toml") as server, browsing(chromium, server) as (page, heard):
         page.goto(f"{server.base}/unknowns")
         page.get_by_role("checkbox", name=names[0]).wait_for()
         for name in names:
@@ -66,9 +66,9 @@ def test_boxes_clicked_quickly_are_all_taken(job):
     assert {item["quantity"] for item in table(job, "parameter")} == {"stiffness"}
 
 
-def test_nothing_incomplete_or_invalid_is_written_or_begun(job):
+def test_nothing_incomplete_or_invalid_is_written_or_begun(chromium, job):
     before = job.read_bytes()
-    with serving(job.parent, "job.toml") as server, browsing(server) as (page, heard):
+    with serving(job.parent, "job.toml") as server, browsing(chromium, server) as (page, heard):
         page.goto(f"{server.base}/plan")
         page.get_by_label("sensors *", exact=True).fill("3")
         page.keyboard.press("Enter")
@@ -90,15 +90,15 @@ def test_nothing_incomplete_or_invalid_is_written_or_begun(job):
         assert heard.wrong == []
 
     # a fresh server shows the plan again
-    with serving(job.parent, "job.toml") as server, browsing(server) as (page, heard):
+    with serving(job.parent, "job.toml") as server, browsing(chromium, server) as (page, heard):
         page.goto(f"{server.base}/plan")
         page.frame_locator("iframe").get_by_role("heading").first.wait_for()
         page.get_by_text("job-plan/plan.html").wait_for()
         assert heard.wrong == []
 
 
-def test_a_job_without_the_suffix_is_listed(job):
-    with serving(job.parent) as server, browsing(server) as (page, heard):
+def test_a_job_without_the_suffix_is_listed(chromium, job):
+    with serving(job.parent) as server, browsing(chromium, server) as (page, heard):
         page.get_by_role("combobox", name="model").click()
         page.get_by_role("option", name="chain.h5").click()
         page.get_by_role("combobox", name="measurement").click()

@@ -36,13 +36,13 @@ def choose(page, what, name):
     page.get_by_role("option").first.wait_for(state="hidden")
 
 
-def test_from_a_dropped_file_of_any_layout_to_a_checked_job(tmp_path):
+def test_from_a_dropped_file_of_any_layout_to_a_checked_job(chromium, tmp_path):
     given, project = tmp_path / "given", tmp_path / "project"
     given.mkdir()
     project.mkdir()
     find_demo("chain").write_inputs(given)
     (given / "hit.csv").write_text(foreign_text(), encoding="utf-8")
-    with serving(project) as server, browsing(server) as (page, heard):
+    with serving(project) as server, browsing(chromium, server) as (page, heard):
         page.set_input_files("input[type=file]", given / "chain.h5")
         page.get_by_text("chain.h5", exact=True).wait_for()
         page.set_input_files("input[type=file]", given / "hit.csv")
@@ -85,12 +85,12 @@ def test_from_a_dropped_file_of_any_layout_to_a_checked_job(tmp_path):
     }  # fmt: skip
 
 
-def test_the_columns_of_an_open_job_are_selected_on_a_narrow_screen(tmp_path):
+def test_the_columns_of_an_open_job_are_selected_on_a_narrow_screen(chromium, tmp_path):
     job = find_demo("chain").write_inputs(tmp_path)
     (tmp_path / "hit.txt").write_text(foreign_text(("a", "b")), encoding="utf-8")
     text = job.read_text(encoding="utf-8").replace("chain.uff", "hit.txt")
     job.write_text(text, encoding="utf-8")
-    with serving(tmp_path, "job.toml") as server, browsing(server, 400) as (page, heard):
+    with serving(tmp_path, "job.toml") as server, browsing(chromium, server, 400) as (page, heard):
         page.goto(f"{server.base}/measurement")
         page.get_by_role("button", name="Select the FRFs in hit.txt").click()
         page.wait_for_url("**/table")

@@ -27,7 +27,7 @@ pytestmark = [
 
 
 @pytest.fixture(scope="module")
-def window(tmp_path_factory):
+def window(chromium, tmp_path_factory):
     """The chain with a sensor that was mounted upside down; its run goes on for some seconds."""
     folder = tmp_path_factory.mktemp("project")
     job = find_demo("chain").write_inputs(folder)
@@ -39,7 +39,7 @@ def window(tmp_path_factory):
     values[:, row] *= -1.0
     (folder / "chain.uff").unlink()
     updyn.write_frf(replace(frf, values=values), folder / "chain.uff")
-    with serving(folder, "job.toml") as server, browsing(server) as (page, heard):
+    with serving(folder, "job.toml") as server, browsing(chromium, server) as (page, heard):
         yield server, page, heard, job
         assert heard.wrong == []
 

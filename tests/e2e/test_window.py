@@ -62,8 +62,8 @@ def state(page, pattern):
     return place.inner_text()
 
 
-def test_from_the_measured_beam_to_the_same_numbers_by_command(tmp_path):
-    with serving(tmp_path) as server, browsing(server) as (page, heard):
+def test_from_the_measured_beam_to_the_same_numbers_by_command(chromium, tmp_path):
+    with serving(tmp_path) as server, browsing(chromium, server) as (page, heard):
         page.get_by_role("button", name="Open beam").click()
         page.wait_for_url("**/measurement")
         job = tmp_path / "beam" / "job.toml"
@@ -131,10 +131,10 @@ def test_from_the_measured_beam_to_the_same_numbers_by_command(tmp_path):
     assert len(values("command")[1]) == 5
 
 
-def test_band_and_excluded_lines_are_those_picked_in_the_figure(tmp_path):
+def test_band_and_excluded_lines_are_those_picked_in_the_figure(chromium, tmp_path):
     chain.write_inputs(tmp_path)
     freq = chain.measure().freq
-    with serving(tmp_path, "job.toml") as server, browsing(server) as (page, heard):
+    with serving(tmp_path, "job.toml") as server, browsing(chromium, server) as (page, heard):
         page.goto(f"{server.base}/measurement")
         box = chart(page)
         wait_for_ink(page, PAPER["measured"])
@@ -171,13 +171,13 @@ def test_band_and_excluded_lines_are_those_picked_in_the_figure(tmp_path):
     assert excluded == sorted([*taken((left, right)), freq[near]])
 
 
-def test_a_job_is_written_for_files_that_have_just_been_added(tmp_path):
+def test_a_job_is_written_for_files_that_have_just_been_added(chromium, tmp_path):
     """What was chosen stays when another file is added."""
     given, project = tmp_path / "given", tmp_path / "project"
     given.mkdir()
     project.mkdir()
     find_demo("chain").write_inputs(given)
-    with serving(project) as server, browsing(server) as (page, heard):
+    with serving(project) as server, browsing(chromium, server) as (page, heard):
         page.get_by_text("Add the files of a model and of a measurement first.").wait_for()
         page.set_input_files("input[type=file]", given / "chain.h5")
         page.get_by_label("Name of the job").fill("new.toml")
@@ -201,7 +201,7 @@ def test_a_job_is_written_for_files_that_have_just_been_added(tmp_path):
     assert (project / "new.toml").is_file()
 
 
-def test_what_is_held_out_is_shown_and_written_as_the_model_labels_it(tmp_path):
+def test_what_is_held_out_is_shown_and_written_as_the_model_labels_it(chromium, tmp_path):
     """Of a test that numbers its sensors otherwise; without a change the file stays as it is."""
     chain.write_inputs(tmp_path)
     data = chain.measure()
@@ -220,7 +220,7 @@ def test_what_is_held_out_is_shown_and_written_as_the_model_labels_it(tmp_path):
         encoding="utf-8",
     )
     before = job.read_text(encoding="utf-8")
-    with serving(tmp_path, "own.toml") as server, browsing(server) as (page, heard):
+    with serving(tmp_path, "own.toml") as server, browsing(chromium, server) as (page, heard):
         page.goto(f"{server.base}/measurement")
         held = page.locator(".q-field", has_text="responses held out of the fit")
         held.get_by_text("7:X (sensor 3:X)").wait_for()
@@ -238,9 +238,9 @@ def test_what_is_held_out_is_shown_and_written_as_the_model_labels_it(tmp_path):
 
 
 @pytest.mark.parametrize(("width", "is_below"), [(420, True), (1280, False)])
-def test_pages_fit_a_narrow_screen(tmp_path, width, is_below):
+def test_pages_fit_a_narrow_screen(chromium, tmp_path, width, is_below):
     """Nothing scrolls sideways; picture and choices are side by side only where there is room."""
-    with serving(tmp_path) as server, browsing(server, width) as (page, heard):
+    with serving(tmp_path) as server, browsing(chromium, server, width) as (page, heard):
         page.get_by_role("button", name="Open beam").click()
         page.wait_for_url("**/measurement")
         page.goto(f"{server.base}/model")

@@ -11,6 +11,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from urllib.parse import urlsplit
 
+import pytest
+
 from programs import program
 
 #: Of a page on a loaded machine, in ms.
@@ -89,22 +91,29 @@ class Heard:
             self.wrong.append(f"request: {request.url}")
 
 
-@contextmanager
-def browsing(
-    server: Server, width: int = 1280, height: int = 1000
-) -> Iterator[tuple[object, Heard]]:
-    """Open the window in Chromium; give the page, and what is heard of it."""
+@pytest.fixture(scope="module")
+def chromium() -> Iterator[object]:
+    """The browser that the tests of a module share."""
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(
             executable_path=program("browser"), args=["--no-sandbox"]
         )
-        context = browser.new_context(viewport={"width": width, "height": height})
-        page = context.new_page()
-        page.set_default_timeout(PATIENCE)
-        heard = Heard()
-        heard.listen(page)
-        page.goto(server.address)
-        yield page, heard
+        yield browser
         browser.close()
+
+
+@contextmanager
+def browsing(
+    chromium: object, server: Server, width: int = 1280, height: int = 1000
+) -> Iterator[tuple[object, Heard]]:
+    """Open the window in Chromium; give the page, and what is heard of it."""
+    context = chromium.new_context(viewport={"width": width, "height": height})
+    page = context.new_page()
+    page.set_default_timeout(PATIENCE)
+    heard = Heard()
+    heard.listen(page)
+    page.goto(server.address)
+    yield page, heard
+    context.close()

@@ -1,0 +1,5 @@
+"""One browser for the tests of a module."""
+
+from window import chromium
+
+__all__ = ["chromium"]
