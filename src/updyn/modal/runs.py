@@ -259,6 +259,13 @@ class _ModesByRun:
     modes: list[Mode]
 
 
+def _is_in_several_runs(residues: ComplexArray, runs: IndexArray) -> bool:
+    """Return whether the squares of residues, shape (p,), are distributed over several runs."""
+    share = np.bincount(runs, np.abs(residues) ** 2)
+    least = POLE_BUNDLE.least_effective_runs * float(np.sum(share**2))
+    return float(np.sum(share)) ** 2 >= least
+
+
 def _find_modes_by_run(
     criterion: _Criterion, runs: IndexArray, modes: int, least: float
 ) -> _ModesByRun | None:
@@ -305,10 +312,7 @@ def _find_modes_by_run(
         without = _residual_without(window, fixed_poles, each, r, runs, fit.weights)
         errors = Errors(noise[r], np.concatenate(common[r]))
         mode = make_mode(fit, pole, spread, residues[r], errors, squares, without)
-        share = np.bincount(runs, np.abs(residues[r]) ** 2)
-        squares_of_share = float(np.sum(share**2))
-        least_sum = POLE_BUNDLE.least_effective_runs * squares_of_share
-        everywhere = float(np.sum(share)) ** 2 >= least_sum
+        everywhere = _is_in_several_runs(residues[r], runs)
         complete = replace(mode, everywhere=everywhere, by_channel=each[runs, r], single=modes > 1)
         out.append(complete)
     evidence = deviance(fit.window_fit) - fitted - criterion.least(modes * count, modes)

@@ -266,7 +266,7 @@ class ModeSearchSettings:
 class WindowSweepSettings:
     """Numbers of the refinement of the poles of all windows."""
 
-    #: [sweeps] Fits with the noise of the windows, each from the poles of the previous one. Why:
+    #: [sweeps] Fits with the noise of the windows, each from the poles of the previous one. Effort:
     #: chosen; further sweeps change the poles less than the noise.
     sweeps: int = 2
     #: [channels] Up to this number of channels, each has its own weights on each line. Effort:

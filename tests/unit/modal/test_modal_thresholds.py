@@ -6,12 +6,14 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import scipy.stats
 
 from updyn.errors import DataError, SolverError
 from updyn.frf import FRF
 from updyn.modal import (
     fits,
     identify,
+    leaning,
     lscf,
     peaks,
     picks,
@@ -26,6 +28,7 @@ from updyn.modal.axis import Axis
 from updyn.modal.envelope import Envelope
 from updyn.modal.measured import Measured, group_overlapping
 from updyn.modal.refine import ChannelNoise, LineWindow
+from updyn.modal.runs import _is_in_several_runs
 from updyn.modal.search import Visibility
 from updyn.modal.sensitivity import RealModes
 from updyn.modal.vector_fitting import RationalBasis, _place_pole, _stable
@@ -421,3 +424,26 @@ def test_a_pole_is_undamped_up_to_a_growth_of_a_ten_thousandth(share, is_kept):
     assert len(found) == is_kept
     if is_kept:
         assert found == pytest.approx([complex(-pole.real, pole.imag)])
+
+
+@pytest.mark.parametrize(("number", "is_in_several"), [(1.19, False), (1.21, True)])
+def test_a_mode_is_in_several_runs(number, is_in_several):
+    """Two runs with shares 1 and a have the effective number (1 + a)^2 / (1 + a^2)."""
+    a = (1.0 - np.sqrt(1.0 - (number - 1.0) ** 2)) / (number - 1.0)
+    residues = np.sqrt([0.5, 0.5, a])
+    assert _is_in_several_runs(residues, np.array([0, 0, 1])) == is_in_several
+
+
+@pytest.mark.parametrize(("p", "count"), [(4, 1), (9, 5)])
+def test_shifts_agree_by_chance_at_one_of_a_hundred_peaks(p, count):
+    """Hotelling's T^2 of two components of p channels."""
+    expected = 2.0 * (p - 1) / (p - 2) * scipy.stats.f.isf(0.01 / count, 2, p - 2)
+    assert leaning._chance_agreement(p, count) == pytest.approx(expected)
+
+
+def test_leaning_peaks_are_found_in_two_rounds(monkeypatch):
+    rounds = []
+    monkeypatch.setattr(leaning, "_estimate_envelope", lambda *about: rounds.append(1))
+    monkeypatch.setattr(leaning, "_find_in_bundle", lambda *about: ["peak"])
+    assert leaning.find_leaning(None, [], ["bundle"]) == ["peak"]
+    assert len(rounds) == 2
