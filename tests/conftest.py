@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -53,6 +53,17 @@ _ONCE = {
 }
 #: Folders of `tests` whose tests depend on Python itself: files, processes, text, imports.
 _OF_PYTHON = ("contract", "io", "unit/cli", "unit/web")
+#: Places whose tests check the causes of residuals; elsewhere, fits do not search for them.
+_OF_CAUSES = (
+    "contract",
+    "docs",
+    "hostile",
+    "recovery",
+    "unit/cli/test_faulty_data.py",
+    "unit/updating",
+)
+#: Folders within these whose tests do not.
+_WITHOUT_CAUSES = ("unit/updating/fit", "unit/updating/problem")
 
 
 def _drawn(item: pytest.Item) -> bool:
@@ -81,13 +92,18 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 def _marks(path: Path) -> set[str]:
     """Return the marks that the place of a file gives to its tests."""
-    place = path.relative_to(DATA.parent)
-    parts, found = set(place.parts), set()
+    parts, found = set(path.relative_to(DATA.parent).parts), set()
     if parts & _ROUNDED and not parts & _ONCE:
         found.add("kernels")
-    if any(place.is_relative_to(folder) for folder in _OF_PYTHON):
+    if _is_within(path, _OF_PYTHON):
         found.add("python")
     return found
+
+
+def _is_within(path: Path, places: Sequence[str]) -> bool:
+    """Whether a file is one of some files and folders of `tests`, or in one."""
+    file = path.relative_to(DATA.parent)
+    return any(file.is_relative_to(place) for place in places)
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
@@ -121,6 +137,16 @@ def read_foreign_files_here(request: pytest.FixtureRequest) -> Iterator[None]:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(box, "load", load)
+        yield
+
+
+@pytest.fixture(autouse=True, scope="module")
+def causes_where_they_are_checked(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Fits search for the causes of their residual, which takes seconds, where tests check these."""
+    if _is_within(request.path, _OF_CAUSES) and not _is_within(request.path, _WITHOUT_CAUSES):
+        yield
+        return
+    with no_cause_search():
         yield
 
 

@@ -233,7 +233,6 @@ LAYOUTS: list[Callable[[Path], tuple[str, list[str]]]] = [
 ]
 
 
-@pytest.mark.usefixtures("no_causes")
 @pytest.mark.parametrize("layout", LAYOUTS, ids=lambda layout: layout.__name__)
 def test_a_layout_is_updated_by_commands_alone(layout, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)

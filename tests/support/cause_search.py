@@ -17,10 +17,3 @@ def no_cause_search() -> Iterator[None]:
         patch.setattr(CauseSearch, "detect_data_fault", lambda self, monitor: False)
         patch.setattr(CauseSearch, "search_after_fit", lambda self, found, monitor: Causes())
         yield
-
-
-@pytest.fixture(autouse=True, scope="module")
-def no_causes_in_folder() -> Iterator[None]:
-    """Let no fit search for causes; the conftest of a folder whose tests check none imports it."""
-    with no_cause_search():
-        yield

@@ -215,7 +215,7 @@ def more(monkeypatch):
     monkeypatch.setitem(METHODS._entries, "picky", Picky)
 
 
-def test_what_a_method_cannot_update_stays_at_its_start(start, data, more, no_causes):
+def test_what_a_method_cannot_update_stays_at_its_start(start, data, more):
     unknowns = updyn.parameters(start, stiffness="all", loss_factor=["unit 2", "unit 4"])
     moved = unknowns.with_start({"unit 4.loss_factor": 0.05})
     (row,) = updyn.compare(
@@ -252,7 +252,7 @@ def test_a_selection_of_unknowns(start, data):
     assert "unit 2.stiffness" not in found[0].values
 
 
-def test_a_method_that_does_not_apply_is_a_row_that_says_why(start, data, more, no_causes):
+def test_a_method_that_does_not_apply_is_a_row_that_says_why(start, data, more):
     damping = updyn.parameters(start, loss_factor="all")
     found = updyn.compare(
         start, data, damping, ["log", "blind", "picky"], options={"log": {"starts": 0}}
@@ -276,7 +276,7 @@ def test_all_refusing_alike_is_the_fault_of_the_input(start, data, unknowns, mor
         updyn.compare(start, data, unknowns, ["picky", "picky too"])
 
 
-def test_every_method_of_the_registry_is_run_and_none_raises(start, data, unknowns, no_causes):
+def test_every_method_of_the_registry_is_run_and_none_raises(start, data, unknowns):
     found = updyn.compare(start, data.select(lines=data.freq[::4]), unknowns, truth=true_values())
     assert [row.method for row in found] == list(METHODS)
     for row in found:
@@ -307,7 +307,7 @@ def test_lines_are_chosen_once_for_all_and_held_out_data_are_scored(start, data,
     assert "held out" in found.summary()
 
 
-def test_regularisation_goes_to_the_methods_that_know_it(start, data, unknowns, no_causes):
+def test_regularisation_goes_to_the_methods_that_know_it(start, data, unknowns):
     found = updyn.compare(start, data, unknowns, ["log", "modal"], regularise=0.5)
     assert found["log"].result.options["regularise"] == 0.5
     assert "regularise" not in found["modal"].result.options
@@ -454,7 +454,7 @@ def test_it_is_immutable(bench, fewest):
     assert repr(bench) == "Comparison(4 methods, 4 of them run, 18 unknowns)"
 
 
-def test_calibration_is_left_out_of_methods_that_know_none(start, data, no_causes):
+def test_calibration_is_left_out_of_methods_that_know_none(start, data):
     unknowns = updyn.parameters(start, stiffness=["unit 2"]) + updyn.calibration(
         data, responses=["3:RZ"]
     )

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 import updyn
-from cause_search import no_cause_search
 from updyn.cli import main
 from updyn.demos import beam
 from updyn.job import load_job, prepare
@@ -23,7 +22,7 @@ def ran(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, int, str]:
     folder = tmp_path_factory.mktemp("demo") / "beam"
     out, err = io.StringIO(), io.StringIO()
     # `updating/judge/causes/test_measured_beam.py` has tests of the causes.
-    with redirect_stdout(out), redirect_stderr(err), no_cause_search():
+    with redirect_stdout(out), redirect_stderr(err):
         code = main(["demo", "--out", str(folder)])
     return folder, code, err.getvalue() + out.getvalue()
 
@@ -154,8 +153,7 @@ def test_the_resolved_job_runs_again_from_the_output_folder(ran, results, tmp_pa
     text = re.sub(r"starts = \d+", "starts = 1", text).replace("report = true", "report = false")
     job = ran[0] / "fewer.toml"
     job.write_text(text, encoding="utf-8")
-    with no_cause_search():
-        assert main(["run", str(job), "--out", str(tmp_path / "again")]) == 0
+    assert main(["run", str(job), "--out", str(tmp_path / "again")]) == 0
     again = updyn.read_result(tmp_path / "again" / "run.nc")
     assert len(again.lines) == 28
     for name in ("beam.stiffness", "beam.mass"):

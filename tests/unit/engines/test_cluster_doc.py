@@ -113,7 +113,6 @@ def jobs_on_this_machine(options: dict[str, object]) -> type:
 
 # dask-jobqueue kills the processes of its local jobs without waiting for them.
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
-@pytest.mark.usefixtures("no_causes")
 def test_workers_are_started_as_jobs(inputs, monkeypatch):
     options: dict[str, object] = {}
     cluster = jobs_on_this_machine(options)
@@ -195,7 +194,6 @@ def test_scripts_are_valid():
 
 
 @needs_bash
-@pytest.mark.usefixtures("no_causes")
 def test_a_bootstrap_in_parts_is_that_of_one_run(submitted, inputs):
     model, frf = updyn.read_model(inputs / "chain.h5"), updyn.read_frf(inputs / "chain.uff")
     result = updyn.update(model, frf, updyn.parameters(model, stiffness="all"), starts=0)

@@ -216,7 +216,6 @@ quantity = "mass"
     ]
 
 
-@pytest.mark.usefixtures("no_causes")
 def test_a_linked_unknown_with_its_physical_quantity(folder: Path) -> None:
     text = """
 [[parameter]]

@@ -129,7 +129,6 @@ def test_the_resolved_job_runs_again_from_its_folder(folder: Path) -> None:
     assert again.values == first.values
 
 
-@pytest.mark.usefixtures("no_causes")
 def test_a_matrix_and_the_geometry_of_the_test_file(folder: Path) -> None:
     matrix = np.eye(4)
     matrix[:3, :3], matrix[:3, 3] = QUARTER, [0.5, 0, 1.0]
@@ -158,7 +157,7 @@ def test_a_matrix_and_the_geometry_of_the_test_file(folder: Path) -> None:
 
 def test_check_prints_the_table(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     job_at(folder, GOOD)
-    assert main(["check", str(folder / "job.toml")]) == 0
+    assert main(["check", str(folder / "job.toml"), "--verbose"]) == 0
     out = capsys.readouterr().out
     assert "Matched by coordinates: 4 sensors and forces are DOFs of the model" in out
     assert (

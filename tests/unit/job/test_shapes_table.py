@@ -27,9 +27,6 @@ report = false
 {table}"""
 
 
-pytestmark = pytest.mark.usefixtures("no_causes")
-
-
 @pytest.fixture
 def job(tmp_path: Path):
     find_demo("chain").write_inputs(tmp_path)

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 import updyn
-from cause_search import no_cause_search
 from pages_read import Page, attributes, dump, values
 from updyn.comparison import Comparison, Fewest, Row
 from updyn.demos.gear_train import known_masses, true_model, true_values
@@ -30,17 +29,16 @@ def found() -> Comparison:
     data = updyn.response(true_model(), LINES, [f"{i}:RZ" for i in range(1, 5)], ["2:RZ"])
     unknowns = updyn.parameters(start, stiffness="all", loss_factor="all")
     truth = {name: value for name, value in true_values().items() if not name.endswith("mass")}
-    with no_cause_search():
-        return updyn.compare(
-            start,
-            data,
-            unknowns,
-            NAMES,
-            truth=truth,
-            validation=["1:RZ"],
-            fewest=True,
-            title="Gears <b>'\"& 1</b>",
-        )
+    return updyn.compare(
+        start,
+        data,
+        unknowns,
+        NAMES,
+        truth=truth,
+        validation=["1:RZ"],
+        fewest=True,
+        title="Gears <b>'\"& 1</b>",
+    )
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 import updyn
-from cause_search import no_cause_search
 from updyn.errors import OptionError
 from viewer_case import block, shaft
 
@@ -41,8 +40,7 @@ def result() -> updyn.UpdateResult:
         + updyn.parameters(start, mass=["part3"])
         + updyn.parameters(start, loss_factor=["part1"])
     )
-    with no_cause_search():
-        return updyn.update(start, frf, unknowns, starts=0)
+    return updyn.update(start, frf, unknowns, starts=0)
 
 
 def read(shapes, path, structure, **more):

@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 
 import updyn
-from cause_search import no_cause_search
 from updyn.cli import main
 from updyn.demos import chain, find_demo
 from updyn.dynamics.response import response
@@ -159,8 +158,7 @@ def test_a_run_that_is_killed_and_stopped_goes_on_to_the_numbers_of_one_that_was
     resumed = ended(begun(long_job, resume=True))
     assert resumed.state == "done", resumed.message
     fresh = long_job.parent / "fresh"
-    with no_cause_search():
-        main(["run", str(long_job), "--out", str(fresh)])
+    main(["run", str(long_job), "--out", str(fresh)])
     one, other = result(out), result(fresh)
     assert one.status == other.status
     assert len(one.history) > len(before.history)
