@@ -1,6 +1,7 @@
 """Peaks of measured FRFs as modes: `find_resonance_peaks`."""
 
 import numpy as np
+import pytest
 
 import updyn
 from updyn.correlation import mac
@@ -72,3 +73,25 @@ def test_a_peak_is_a_factor_of_two_high():
         labels = ["1:Z", "2:Z"]
         found = find_resonance_peaks(updyn.FRF(LINES, H, labels, labels, "accelerance"))
         assert (0 if found is None else len(found)) == seen
+
+
+def test_thirty_peaks_are_found():
+    """Of 33, all but the lowest ones."""
+    level = np.ones(340)
+    level[10::10] = 10.0 + np.arange(33)
+    values = level[:, None, None] * np.ones((2, 2))
+    sensors = ["1:Z", "2:Z"]
+    peaks = find_resonance_peaks(
+        updyn.FRF(np.arange(1.0, 341.0), values, sensors, sensors, "accelerance")
+    )
+    assert peaks.frequency == pytest.approx(np.arange(41.0, 341.0, 10.0))
+
+
+@pytest.mark.parametrize(("number", "is_found"), [(7, False), (8, True)])
+def test_peaks_are_searched_for_on_eight_lines(number, is_found):
+    level = np.ones(number)
+    level[3] = 10.0
+    values = level[:, None, None] * np.ones((2, 2))
+    sensors = ["1:Z", "2:Z"]
+    frf = updyn.FRF(np.arange(1.0, number + 1.0), values, sensors, sensors, "accelerance")
+    assert (find_resonance_peaks(frf) is not None) == is_found

@@ -15,7 +15,7 @@ NONE = np.zeros(0, dtype=complex)
 
 def measured(values: np.ndarray) -> Measured:
     labels = [f"{k}:Z" for k in range(1, values.shape[1] + 1)]
-    frf = updyn.FRF(FREQ, values[:, :, None], labels, ["99:Z"], "accelerance")
+    frf = updyn.FRF(FREQ[: len(values)], values[:, :, None], labels, ["99:Z"], "accelerance")
     return Measured.of(frf, mirrored=False)
 
 
@@ -56,3 +56,21 @@ def test_a_message_names_eight_peaks() -> None:
     assert describe_unexplained(np.array([50.0])) == "Peak without a mode: 50 Hz"
     text = describe_unexplained(np.arange(1.0, 10.0))
     assert text == "Peaks without a mode: 1, 2, 3, 4, 5, 6, 7, 8, ... Hz"
+
+
+@pytest.mark.parametrize(("lines", "side"), [(100, 15), (1000, 60)])
+def test_the_median_around_a_peak_is_of_fifteen_and_of_sixty_lines_on_either_side(
+    lines: int, side: int
+) -> None:
+    """A plateau of as many lines is a peak, and one more is half of the lines."""
+    for width in (side, side + 1):
+        values = np.ones((lines, 20), dtype=complex)
+        values[20 : 20 + width] = 10.0
+        assert bool(len(find_unexplained(measured(values), NONE))) == (width == side)
+
+
+@pytest.mark.parametrize(("apart", "number"), [(2, 1), (3, 2)])
+def test_a_peak_is_higher_than_two_lines_on_either_side(apart: int, number: int) -> None:
+    values = np.ones((1000, 20), dtype=complex)
+    values[400], values[400 + apart] = 10.0, 6.0
+    assert len(find_unexplained(measured(values), NONE)) == number
