@@ -114,6 +114,7 @@ def select_greedily(
     `information`, shape (n_items, ..., n, n), must be scaled.
     """
     chosen: list[int] = []
+    total = np.broadcast_to(total, information.shape[1:])
     bound = np.full(len(information), np.inf)
     for _ in range(count):
         best = _find_best(information, total, criterion, bound)
