@@ -15,6 +15,7 @@ from updyn.cli.sections import (
     CheckResult,
     StartComparison,
     describe_fit,
+    describe_test,
     format_counterparts,
     format_faults,
     format_next_step,
@@ -32,6 +33,7 @@ from updyn.job.modes import MODES_HEADING
 from updyn.job.prepared import Prepared, PreparedTest
 from updyn.planning.result import Plan
 from updyn.text_table import fit_columns, percent
+from updyn.updating.judge.identifiability import Identifiability
 
 __all__ = [
     "brief_check",
@@ -77,7 +79,7 @@ def brief_check(checked: CheckResult) -> str:
         lines += _brief_matching(test)
     if checked.selection is not None:
         lines.append(checked.selection.summary().splitlines()[0])
-    lines.append(cut_lines(describe_identifiability(checked.found), LAYOUT.outcome_rows))
+    lines.append(_brief_identifiability(checked.found))
     for name, figures in checked.agreement.items():
         lines += _brief_agreement(name, figures)
     lines.append(format_counterparts(checked))
@@ -87,19 +89,26 @@ def brief_check(checked: CheckResult) -> str:
     return "\n".join(filter(None, lines))
 
 
+def _brief_identifiability(found: Identifiability) -> str:
+    """Return the rank, the first undetermined combinations and the advice."""
+    text = describe_identifiability(found).removesuffix(found.advice).rstrip()
+    return "\n".join(filter(None, [cut_lines(text, 1 + LAYOUT.combinations), found.advice]))
+
+
 def brief_head(ready: Prepared) -> str:
-    """Return title and method of a job, and the fitted data of its tests."""
+    """Return title and method of a job, and the measured and the fitted data of its tests."""
     job = ready.job
     lines = [f"{job.title or job.path.stem}: {job.method.name}"]
     for test in ready.tests:
-        lines.append(f"{test.name}: {describe_fit(test)}".removeprefix(": "))
+        data, _, _ = describe_test(test).partition(";")
+        lines += [f"{test.name}: {data}".removeprefix(": "), describe_fit(test)]
     return "\n".join(lines)
 
 
 def _brief_matching(test: PreparedTest) -> list[str]:
-    """Return the first line on the matching of the sensors of a test, and remarks on sensors."""
-    first = str(test.matching).splitlines()[0]
-    lines = [f"{test.name}: {first}".removeprefix(": "), *test.matching.notes[:1]]
+    """Return alignment, distances and notes on the sensors of a test, without their table."""
+    text, _, _ = str(test.matching).partition("\nsensor  ")
+    lines = [cut_lines(f"{test.name}: {text}".removeprefix(": "), LAYOUT.outcome_rows)]
     remarks = [f"{one.sensor}: {one.note}" for one in test.matching.table if one.note]
     if remarks:
         more = f"; and {len(remarks) - 1} more (--verbose)" if len(remarks) > 1 else ""

@@ -47,7 +47,7 @@ def describe_outcome(result: _Result, closing: Sequence[str], width: int | None)
 
 
 def _describe_verdict(result: _Result, most: int) -> list[str]:
-    """Return the verdict, its parts in a line, and the first reasons of those that do not hold."""
+    """Return the verdict, its parts in a line, and the first reasons of those not known to hold."""
     lines = [describe_ending(result)]
     if result.trust is None:
         return [*lines, *split_sentences(result.first.message)[:1]]
@@ -55,7 +55,7 @@ def _describe_verdict(result: _Result, most: int) -> list[str]:
     lines.append(f"  {', '.join(parts)}")
     reasons = []
     for name, claim in result.trust.items():
-        if claim.answer != "yes":
+        if claim.asked and claim.holds is not True:
             reasons.append(f"  {name}: {split_sentences(claim.why)[0]}")
     return [*lines, *reasons[:most]]
 

@@ -37,6 +37,7 @@ __all__ = [
     "describe_fit",
     "describe_job",
     "describe_results",
+    "describe_test",
     "format_counterparts",
     "format_faults",
     "format_next_step",
@@ -279,7 +280,7 @@ def describe_job(ready: Prepared) -> str:
         if test.name:
             texts.append(f"{test.name}:")
         texts.append(_describe_model(test))
-        texts.append(_describe_test(test))
+        texts.append(describe_test(test))
         texts.append(describe_fit(test))
     return "\n".join(texts)
 
@@ -289,7 +290,8 @@ def _describe_model(test: PreparedTest) -> str:
     return f"model: {test.model.n_dofs} DOFs, {len(groups)} groups: {_join_names(groups)}"
 
 
-def _describe_test(test: PreparedTest) -> str:
+def describe_test(test: PreparedTest) -> str:
+    """Return the size of the data of a test."""
     from updyn.modal import ModeSet
 
     if isinstance(test.data, ModeSet):

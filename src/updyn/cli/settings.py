@@ -42,6 +42,9 @@ class LayoutSettings:
     #: [rows] Rows of a table that is the outcome: modes, methods. Why: the outcome of such a
     #: command is at most 25 lines.
     table_rows: int = 15
+    #: [combinations] Undetermined combinations that are printed before a fit. Why: each has as many
+    #: terms as there are unknowns, and takes several lines.
+    combinations: int = 2
     #: [columns] Least width that is assumed of a terminal. Why: numbers need three columns next to
     #: a name; narrower terminals break lines themselves.
     least_width: int = 40

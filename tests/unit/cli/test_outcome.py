@@ -6,17 +6,19 @@ import math
 import re
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from overriding import override
 from report_case import realistic
-from updyn.cli import main
+from updyn.cli import brief, main
 from updyn.cli.brief import cut_lines
 from updyn.cli.layout import fit_text
 from updyn.cli.outcome import describe_outcome, list_largest_changes
 from updyn.cli.settings import LAYOUT
+from updyn.cli.terminal import output_width
 from updyn.demos import chain
 from updyn.text_table import display_width
 from updyn.updating.judge.claim import PARTS, Claim
@@ -173,15 +175,15 @@ def test_verbose_prints_more_before_the_outcome_and_fits_too(
     words, _ = COMMANDS[command]
     monkeypatch.setenv("COLUMNS", "80")
     assert main(words) == 0
-    brief = capsys.readouterr().out
+    short = capsys.readouterr().out
     assert main([*words, "--verbose"]) == 0
     full = capsys.readouterr().out
     seconds = re.compile(r" [\d.]+(?= |$)")  # of a comparison
     if command == "compare":
-        assert full.splitlines()[-2:] == brief.splitlines()[-2:]
+        assert full.splitlines()[-2:] == short.splitlines()[-2:]
     else:
-        assert seconds.sub("", full).endswith(seconds.sub("", brief))
-    assert len(full.splitlines()) > len(brief.splitlines()) + 3
+        assert seconds.sub("", full).endswith(seconds.sub("", short))
+    assert len(full.splitlines()) > len(short.splitlines()) + 3
     assert max(map(display_width, full.splitlines())) <= 80
 
 
@@ -230,3 +232,40 @@ def test_tables_of_modes_have_fifteen_rows() -> None:
         text = describe_modes(modes, LAYOUT.table_rows)
         assert len(re.findall(r"(?m)^\d+ ", text.split("mode  ")[1])) == 15
         assert ("... and 1 more (--verbose)" in text) is (n == 16)
+
+
+def test_a_check_prints_two_undetermined_combinations_and_the_advice() -> None:
+    names = [f"part{k}.mass" for k in range(4)]
+    directions = tuple({name: 1.0} for name in names)
+    found = SimpleNamespace(
+        rank=0, n_parameters=4, condition=math.inf, collinearity=math.inf,
+        null_directions=directions, determined_directions=(), advice="Add a sensor.",
+    )  # fmt: skip
+    lines = brief._brief_identifiability(found).splitlines()  # type: ignore[arg-type]
+    assert lines[0].startswith("The data determine 0 of 4 unknowns")
+    assert [line.split(":")[0].strip() for line in lines[1:3]] == [
+        "undetermined combination 1",
+        "undetermined combination 2",
+    ]
+    assert lines[3:] == ["... and 2 more lines (--verbose)", "Add a sensor."]
+
+
+def test_the_width_of_the_output(monkeypatch: pytest.MonkeyPatch) -> None:
+    """That of COLUMNS, at least 40; without it and without a terminal it is not limited."""
+    for stated, width in (("100", 100), ("40", 40), ("39", 40), ("0", None), ("wide", None)):
+        monkeypatch.setenv("COLUMNS", stated)
+        assert output_width() == width
+    monkeypatch.delenv("COLUMNS")
+    assert output_width() is None
+
+
+def test_reasons_are_of_parts_that_were_asked(result: UpdateResult) -> None:
+    claims = {name: Claim(True, "It holds.") for name in PARTS}
+    claims["validated"] = Claim(None, "No data were held out.", asked=False)
+    claims["plausible"] = Claim(None, "The residual is not noise. It is large.")
+    text = describe_outcome(replace(result, trust=Trust(**claims)), CLOSING, None)
+    assert (
+        "validated not asked, plausible not known\n  plausible: The residual is not noise.\n"
+        in text
+    )
+    assert "held out.\n" not in text

@@ -59,7 +59,7 @@ def test_a_number_of_them(job, tmp_path, capsys):
     again = load_job(tmp_path / "out" / "job.toml")
     assert again.selection.n == 5
     assert job_selection(prepare(again)).parameters == chosen.parameters
-    assert main(["check", str(path)]) == 0
+    assert main(["check", str(path), "--verbose"]) == 0
     said = capsys.readouterr().out
     assert chosen.summary() in said
     assert "The data determine 5 of 5 unknowns" in said

@@ -119,17 +119,17 @@ def test_the_residual_of_the_start_is_one(
     job.write_text(JOB.format(method=method), encoding="utf-8")
     lines = np.delete(np.arange(len(LINES)), held)
     expected = residual(folder, responses, lines)
-    assert main(["correlate", str(job)]) == 0
+    assert main(["correlate", str(job), "--verbose"]) == 0
     out = capsys.readouterr().out
     (said,) = re.findall(r"relative residual, median over channels +(\S+)", out)
     assert float(said) == pytest.approx(expected, rel=6e-3)
     assert tile(folder / "job-correlate" / "correlate.html") == pytest.approx(expected, rel=0.05)
-    assert main(["check", str(job)]) in (0, 3)
+    assert main(["check", str(job), "--verbose"]) in (0, 3)
     out = capsys.readouterr().out
     (said,) = re.findall(r"relative residual, median over channels +(\S+)", out)
     assert float(said) == pytest.approx(expected, rel=6e-3)
     assert tile(folder / "job-check" / "check.html") == pytest.approx(expected, rel=0.05)
-    main(["run", str(job)])
+    main(["run", str(job), "--verbose"])
     out = capsys.readouterr().out
     (said,) = re.findall(r"relative residual, median over channels +(\S+)", out)
     assert float(said) == pytest.approx(expected, rel=6e-3)
