@@ -444,13 +444,13 @@ class ModeDerivativeSettings:
     #: eigenvectors, of about the root of those of the eigenvalues.
     uncoupled_change: float = 1e-6
     #: [eps] Strain energy, in roundings of the sum of its absolute terms, below which it is zero
-    #: and the mode is a rigid-body mode. Why: rounding of sums over many DOFs.
+    #: and the mode is a rigid-body mode. Rounding: rounding of sums over many DOFs.
     zero_energy_roundings: float = 1e3
     #: [1] A measured shape with less than this share of its square in a subspace does not determine
     #: its basis. Why: by Bessel's inequality, a shape is mostly in one of two orthogonal subspaces.
     least_share_within: float = 0.5
-    #: [1] Largest relative residual of the equations of a derivative. Why: a singular matrix gives
-    #: residuals of order 1, a regular one 1e-12.
+    #: [1] Largest relative residual of the equations of a derivative. Rounding: a singular matrix
+    #: gives residuals of order 1, a regular one 1e-12.
     largest_residual: float = 1e-6
 
 
