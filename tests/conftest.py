@@ -84,8 +84,8 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
             item.add_marker("kernels")
         if "python" in of_file:
             item.add_marker("python")
-        if slow.is_slow(item.path, item.nodeid):
-            item.add_marker("slow")
+        for mark in slow.find_marks(item.path, item.nodeid):
+            item.add_marker(mark)
     if hasattr(config, "workerinput"):  # a worker: a long file that begins last would run alone
         slow.sort_longest_first(items)
 

@@ -16,7 +16,7 @@ LOG = """\
 92.35s setup    tests/docs/test_a.py::test_b[compare]
 4.00s call     tests/docs/test_a.py::test_b[one - x]
 6.50s call     tests/docs/test_a.py::test_b[two]
-0.40s call     tests/docs/test_a.py::test_c
+0.10s call     tests/docs/test_a.py::test_c
 0.10s teardown tests/docs/test_a.py::test_c
 """
 
@@ -44,16 +44,16 @@ def test_a_log_is_read() -> None:
     }
 
 
-def test_which_are_slow(monkeypatch: pytest.MonkeyPatch) -> None:
-    rows = {"tests/a.py::test_all": 2.0, "tests/a.py::test_short": 1.9, "tests/b.py": 80.0}
+def test_which_are_slow_and_long(monkeypatch: pytest.MonkeyPatch) -> None:
+    rows = {"tests/a.py::test_all": 0.2, "tests/a.py::test_short": 0.1, "tests/b.py": 1.0}
     monkeypatch.setattr(slow, "recorded", lambda: rows)
     for file, name, expected in (
-        ("a.py", "test_all[x::y]", True),
-        ("a.py", "test_short", False),
-        ("a.py", "test_other", False),
-        ("b.py", "test_any", True),
+        ("a.py", "test_all[x::y]", ["slow"]),
+        ("a.py", "test_short", []),
+        ("a.py", "test_other", []),
+        ("b.py", "test_any", ["slow", "long"]),
     ):
-        assert slow.is_slow(ROOT / "tests" / file, f"tests/{file}::{name}") is expected
+        assert slow.find_marks(ROOT / "tests" / file, f"tests/{file}::{name}") == expected
 
 
 def test_the_longest_file_comes_first(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,4 +1,4 @@
-"""Tests that take long: the mark `slow`, and an order for several workers in which they come first.
+"""Tests that take long: the marks `slow` and `long`, and an order for several workers.
 
 The seconds are in `data/seconds.txt`, which `tools/slow_tests.py` writes from a log of pytest.
 """
@@ -14,8 +14,11 @@ import pytest
 from places import DATA, ROOT
 
 SECONDS = DATA / "seconds.txt"
-#: A test of so many seconds on a quiet core is slow.
-SLOW = 2.0
+#: A test of so many seconds on a quiet core is slow: `make quick` is to take less than three
+#: minutes on two cores.
+SLOW = 0.2
+#: A test of so many seconds is long: `.ci/run` leaves it out under the second Python and kernel.
+LONG = 1.0
 
 
 @functools.cache
@@ -41,10 +44,11 @@ def file_of(path: Path) -> str:
     return path.relative_to(ROOT).as_posix()
 
 
-def is_slow(path: Path, nodeid: str) -> bool:
-    """Return whether a test, or a fixture that its file shares, takes long."""
+def find_marks(path: Path, nodeid: str) -> list[str]:
+    """Return the marks of a test by its seconds, or those of a fixture that its file shares."""
     file, test = file_of(path), nodeid.partition("::")[2].partition("[")[0]
-    return any(recorded().get(name, 0.0) >= SLOW for name in (file, f"{file}::{test}"))
+    seconds = max(recorded().get(name, 0.0) for name in (file, f"{file}::{test}"))
+    return [mark for mark, least in (("slow", SLOW), ("long", LONG)) if seconds >= least]
 
 
 def sort_longest_first(items: list[pytest.Item]) -> None:
