@@ -9,20 +9,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.linalg as sl
-import scipy.sparse as sp
 
 from updyn.arrays import IndexArray, NumberArray, RealArray
 from updyn.dynamics.settings import EIGEN
 from updyn.errors import SolverError
 from updyn.group import Matrix
+from updyn.linalg.direct import Direct, factorise
 from updyn.linalg.threads import use_one_thread
-
-if TYPE_CHECKING:
-    from scipy.sparse.linalg import SuperLU
 
 __all__ = [
     "all_dense_pairs",
@@ -195,16 +191,9 @@ _SINGULAR = (
 )
 
 
-def _factor(A: Matrix) -> SuperLU:
-    from scipy.sparse.linalg import splu
-
+def _factor(A: Matrix) -> Direct:
     try:
-        return splu(
-            sp.csc_array(A),
-            permc_spec="MMD_AT_PLUS_A",
-            diag_pivot_thresh=0.0,
-            options={"SymmetricMode": True},
-        )
+        return factorise(A)
     except RuntimeError as error:
         raise SolverError(_SINGULAR) from error
 
@@ -248,17 +237,15 @@ def _solve_counted(K: Matrix, M: Matrix, n: int, shift: float) -> Pairs:
 def _count_below(K: Matrix, M: Matrix, value: RealArray, n: int) -> tuple[int, int] | None:
     """Return the number of eigenvalues below a gap after the n-th, and the number found there.
 
-    None if there is no gap, or if pivots off the diagonal make the signs of the factors invalid.
+    None if there is no gap, or if the factors do not tell.
     """
     gaps = np.flatnonzero(np.diff(value) > 1e-6 * np.abs(value[1:]))
     gaps = gaps[gaps >= n - 1]
     if not gaps.size:
         return None
     at = int(gaps[0])
-    lu = _factor(K - 0.5 * (value[at] + value[at + 1]) * M)
-    if not np.array_equal(lu.perm_r, lu.perm_c):
-        return None
-    return int((lu.U.diagonal() < 0).sum()), at + 1
+    negative = _factor(K - 0.5 * (value[at] + value[at + 1]) * M).negative
+    return None if negative is None else (negative, at + 1)
 
 
 @use_one_thread

@@ -135,7 +135,7 @@ def _find_best(
     if criterion.has_diminishing_gains:
         remaining = remaining[np.argsort(-bound[remaining], kind="stable")]
         step = OPTIMAL_DESIGN.scored_together
-    before = criterion.score(total)
+    before = criterion.score(np.broadcast_to(total, information.shape[1:]))
     best, gain = -1, -np.inf
     for start in range(0, len(remaining), step):
         at = remaining[start : start + step]
