@@ -9,8 +9,8 @@ from dataclasses import dataclass
 class LocalRationalSettings:
     """Numbers of the local rational method."""
 
-    #: [steps] Gauss-Newton steps of the poles. Why: the first is linear least squares, already near
-    #: the optimum for small noise; each later one removes most of the remaining error.
+    #: [steps] Gauss-Newton steps of the poles. Effort: the first is linear least squares, already
+    #: near the optimum for small noise; each later one removes most of the remaining error.
     steps: int = 4
     #: [1] Least assumed share of a residual in the fit without its line. Why: a line that the model
     #: follows regardless of its value does not test the model; a rule of thumb.
@@ -23,8 +23,8 @@ class LocalRationalSettings:
     #: the others.
     least_noise: float = 1e-16
     #: [1] The half width of a model over the number of lines for which it is used, around its
-    #: centre. Why: twice as many models, each for half as many lines, take twice the time and have
-    #: equal errors.
+    #: centre. Effort: twice as many models, each for half as many lines, take twice the time and
+    #: have equal errors.
     half_width_per_use: int = 4
     #: [1] Least degrees of freedom of a residual. Why: its variance is then known to 40 %, 1 /
     #: sqrt(6).

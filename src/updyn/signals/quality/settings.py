@@ -196,8 +196,8 @@ class MainsSettings:
     #: [s] Least length of a half. Why: in shorter ones a mode decays too little to be
     #: distinguished.
     least_half: float = 0.2
-    #: [1] Factor by which lines are interpolated. Why: a window of Hann then loses less than 2 % of
-    #: an amplitude between lines.
+    #: [1] Factor by which lines are interpolated. Effort: a window of Hann then loses less than 2 %
+    #: of an amplitude between lines.
     interpolation: int = 4
     #: [lines] First line of the surroundings on either side. Why: the window of Hann has its main
     #: lobe in two lines.
