@@ -848,3 +848,9 @@ def test_a_fitted_turn_of_less_than_a_degree_is_no_turn_of_the_sensors() -> None
         for m in match(block(), frf, by="coordinates", alignment="fit", angle=0.1).table
         if "Y" not in m.sensor
     )
+
+
+def test_a_fitted_turn_of_more_than_a_degree_turns_the_sensors() -> None:
+    turn = Rotation.from_euler("y", 1.5, degrees=True).as_matrix()
+    found = match(block(), sensors(CORNERS @ turn), by="coordinates", alignment="fit")
+    assert any(m.turned for m in found.table)

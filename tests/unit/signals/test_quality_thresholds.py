@@ -402,3 +402,17 @@ def test_leakage_is_significant(monkeypatch, loss, error, segments, expected):
     force = np.zeros((1, 1000))
     found = list(together.find_leakage(force, force, STEP, size * STEP, ("a", "b")))
     assert len(found) == expected
+
+
+def test_the_surroundings_of_a_line_are_the_third_to_the_eighth_on_either_side():
+    """Outside the main lobe of the window."""
+    n = 1000
+    f = 50.0 / (n * STEP)
+    noise = np.random.default_rng(0).standard_normal(n)
+    wave = 9.0 * np.sin(2.0 * np.pi * 50.0 * np.arange(n) / n) + noise
+    window = np.hanning(n)
+    amplitude = 2.0 * np.abs(np.fft.rfft(wave * window)) / window.sum()
+    around = np.concatenate([amplitude[42:48], amplitude[53:59]])
+    found = background._find_sine(wave, STEP, f)
+    assert found is not None
+    assert found[1] == pytest.approx(np.sqrt(np.median(around**2)))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from updyn.uncertainty.likelihood import Point
-from updyn.uncertainty.minima import find_minima
+from updyn.uncertainty.minima import _random_starts, find_minima
 from updyn.updating.problem.local import Local
 
 
@@ -33,3 +33,15 @@ def test_minima_that_are_likely_and_apart_are_kept(monkeypatch, x, cost, is_kept
     problem = SimpleNamespace(session=session, is_distributed=False)
     found = find_minima(SimpleNamespace(problem=problem), point(0.0, 0.0), None, 1, 0)
     assert (other in found) is is_kept
+
+
+def test_random_starts_are_within_a_factor_of_e():
+    """Every other one has a loss factor of 0.1 at least."""
+    coordinates = SimpleNamespace(parameters=SimpleNamespace(is_factor=np.array([True, False])))
+    likelihood = SimpleNamespace(
+        bounds=(np.full(2, -9.0), np.full(2, 9.0)),
+        problem=SimpleNamespace(coordinates=coordinates),
+    )
+    starts = [x for x, _ in _random_starts(likelihood, np.array([0.0, 0.02]), 40, 0)]
+    assert 0.95 < np.abs(np.array(starts)[:, 0]).max() <= 1.0
+    assert [float(x[1]) for x in starts] == [0.1, 0.02] * 20
