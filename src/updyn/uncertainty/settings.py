@@ -60,7 +60,7 @@ class PredictedBandSettings:
     #: reduction takes about 20.
     least_solves: int = 40
     #: [1] Relative change of H, for a change by a factor e along an undetermined combination, above
-    #: which a band is infinite. Why: above rounding.
+    #: which a band is infinite. Rounding: above rounding.
     open_change: float = 1e-6
 
 
@@ -77,7 +77,7 @@ class ExpansionSettings:
     #: [1] Singular values below this share of the largest make modes at the sensors dependent. Why:
     #: the amplitudes would amplify the noise a thousand times.
     rank_tolerance: float = 1e-3
-    #: [1] Least variance of a sensor relative to the square of the shape. Why: rounding of a
+    #: [1] Least variance of a sensor relative to the square of the shape. Rounding: rounding of a
     #: residual without noise.
     least_variance: float = 1e-24
 
@@ -92,11 +92,11 @@ class ProfileSettings:
     #: [rounds] Largest number of computations of the profiles, each from the lowest minimum found.
     #: Effort: a rule of thumb.
     most_rounds: int = 3
-    #: [std] Distance between two points of a profile. Why: the level of a 95 % interval, at 1.96,
-    #: is four points away.
+    #: [std] Distance between two points of a profile. Effort: the level of a 95 % interval, at
+    #: 1.96, is four points away.
     step: float = 0.5
-    #: [1] Largest step, as a share of the distance between the bounds. Why: a flat profile has no
-    #: other scale.
+    #: [1] Largest step, as a share of the distance between the bounds. Effort: a flat profile has
+    #: no other scale.
     most_step_share: float = 0.1
     #: [points] Largest number of points on one side of a minimum. Effort: six times the number from
     #: bound to bound.
@@ -107,11 +107,11 @@ class ProfileSettings:
     #: [points] Largest number of points tried for a crossing of the level. Effort: bisection takes
     #: 10 for the tolerance.
     most_crossing_points: int = 40
-    #: [1] Tolerance of a crossing, as a share of the level in standard deviations. Why: the end is
-    #: interpolated afterwards, and shown with three digits.
+    #: [1] Tolerance of a crossing, as a share of the level in standard deviations. Effort: the end
+    #: is interpolated afterwards, and shown with three digits.
     crossing_tolerance: float = 2e-3
-    #: [1] Distance between two points, or from a bound (relative to it), that is rounding. Why:
-    #: above the rounding of double precision.
+    #: [1] Distance between two points, or from a bound (relative to it), that is rounding.
+    #: Rounding: above the rounding of double precision.
     rounding: float = 1e-12
 
 

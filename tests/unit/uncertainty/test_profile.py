@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 import updyn
 from uncertain_cases import in_series, one_spring, seen_from_the_middle, without_loss
 from updyn.errors import OptionError
+from updyn.uncertainty import profile
 from updyn.uncertainty.restored import restore
 
 
@@ -205,3 +208,22 @@ def test_what_cannot_be_profiled_is_refused(sure, chain12, chain12_frf) -> None:
         updyn.profile(biased)
     with pytest.raises(OptionError, match="no profile of 'part2"):
         updyn.profile(sure, "part1.stiffness", starts=0)["part2.stiffness"]
+
+
+@pytest.mark.parametrize(("decrease", "is_better"), [(0.0049, False), (0.0051, True)])
+def test_another_minimum_is_better_by_a_tenth_of_a_standard_deviation(
+    monkeypatch, decrease, is_better
+):
+    """Half the square of a tenth."""
+    ends = [SimpleNamespace(cost=7.0), SimpleNamespace(cost=7.0 - decrease, x=np.ones(1))]
+    monkeypatch.setattr(profile, "find_minima", lambda *about: ends)
+    monkeypatch.setattr(profile, "_trace_profiles", lambda *about: ({}, ends[1]))
+    likelihood = SimpleNamespace(descend=lambda x: ends[0])
+    restored = SimpleNamespace(
+        x=None, whole=None, names=["part.stiffness"], likelihood=lambda: likelihood
+    )
+    restored.with_problem = lambda problem: restored
+    problem = SimpleNamespace(n=1, coordinates=SimpleNamespace(to_values=lambda x: x))
+    run = profile._ProfileRun(restored, [], 1.92, 0, 0, None)
+    run.compute(problem)
+    assert bool(run.better) == is_better
