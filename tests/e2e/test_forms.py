@@ -19,9 +19,33 @@ pytestmark = [
 PLAN = {"sensors *": "3", "forces": "2", "band, from and to (Hz) *": "0.6, 22"}
 
 
+PAUSES = (0, 150, 450, 700)  # ms
+
+
 @pytest.fixture
 def job(tmp_path):
     return find_demo("chain").write_inputs(tmp_path)
+
+
+@pytest.fixture(scope="module")
+def window(chromium, tmp_path_factory):
+    """A project with a job for each test, in one window."""
+    folder = tmp_path_factory.mktemp("project")
+    job = find_demo("chain").write_inputs(folder)
+    for name in ("boxes", *(f"pause{between}" for between in PAUSES)):
+        (folder / f"{name}.toml").write_bytes(job.read_bytes())
+    with serving(folder) as server, browsing(chromium, server) as (page, heard):
+        yield server, page, folder
+        assert heard.wrong == []
+
+
+def open_job(window, name):
+    """Open a job of the project; return its path."""
+    server, page, folder = window
+    page.goto(server.base)
+    page.get_by_role("button", name=f"{name}.toml").click()
+    page.wait_for_url("**/measurement")
+    return folder / f"{name}.toml"
 
 
 def table(job, name):
@@ -29,40 +53,40 @@ def table(job, name):
     return tomllib.loads(job.read_text(encoding="utf-8")).get(name)
 
 
-def save(page):
+def save(page, job):
     page.get_by_role("button", name="Save", exact=True).click()
-    page.get_by_text("job.toml", exact=True).wait_for()
+    page.get_by_text(job.name, exact=True).wait_for()
 
 
-@pytest.mark.parametrize("between", [0, 150, 450, 700])
-def test_all_that_is_typed_quickly_is_saved(chromium, job, between):
+@pytest.mark.parametrize("between", PAUSES)
+def test_all_that_is_typed_quickly_is_saved(window, between):
     """The page looks for changes every half second, with pauses within it and beyond."""
-    with serving(job.parent, "job.toml") as server, browsing(chromium, server) as (page, heard):
-        page.goto(f"{server.base}/plan")
-        page.get_by_label("sensors *", exact=True).wait_for()
-        for label, text in PLAN.items():
-            page.get_by_label(label, exact=True).click()
-            page.keyboard.type(text)
-            page.wait_for_timeout(between)
-        save(page)
-        assert table(job, "plan") == {"n_sensors": 3, "n_references": 2, "band": [0.6, 22.0]}
-        for label, text in PLAN.items():  # as the job says
-            shown = page.get_by_label(label, exact=True).input_value()
-            assert shown.replace("22.0", "22") == text
-        assert heard.wrong == []
+    server, page, _ = window
+    job = open_job(window, f"pause{between}")
+    page.goto(f"{server.base}/plan")
+    page.get_by_label("sensors *", exact=True).wait_for()
+    for label, text in PLAN.items():
+        page.get_by_label(label, exact=True).click()
+        page.keyboard.type(text)
+        page.wait_for_timeout(between)
+    save(page, job)
+    assert table(job, "plan") == {"n_sensors": 3, "n_references": 2, "band": [0.6, 22.0]}
+    for label, text in PLAN.items():  # as the job says
+        shown = page.get_by_label(label, exact=True).input_value()
+        assert shown.replace("22.0", "22") == text
 
 
-def test_boxes_clicked_quickly_are_all_taken(chromium, job):
+def test_boxes_clicked_quickly_are_all_taken(window):
     names = [f"part{n} {kind}" for n in (1, 2, 3, 4) for kind in ("mass", "loss_factor")]
-    with serving(job.parent, "job.toml") as server, browsing(chromium, server) as (page, heard):
-        page.goto(f"{server.base}/unknowns")
-        page.get_by_role("checkbox", name=names[0]).wait_for()
-        for name in names:
-            page.get_by_role("checkbox", name=name).click()
-        for name in names:
-            page.get_by_role("checkbox", name=name, checked=False).wait_for()
-        save(page)
-        assert heard.wrong == []
+    server, page, _ = window
+    job = open_job(window, "boxes")
+    page.goto(f"{server.base}/unknowns")
+    page.get_by_role("checkbox", name=names[0]).wait_for()
+    for name in names:
+        page.get_by_role("checkbox", name=name).click()
+    for name in names:
+        page.get_by_role("checkbox", name=name, checked=False).wait_for()
+    save(page, job)
     assert {item["quantity"] for item in table(job, "parameter")} == {"stiffness"}
 
 
