@@ -237,24 +237,29 @@ def test_what_is_held_out_is_shown_and_written_as_the_model_labels_it(chromium, 
     assert main(["check", str(job), "--out", str(tmp_path / "checked")]) == 0
 
 
-@pytest.mark.parametrize(("width", "is_below"), [(420, True), (1280, False)])
-def test_pages_fit_a_narrow_screen(chromium, tmp_path, width, is_below):
+def check_layout(server, page, width, *, is_below):
+    page.goto(f"{server.base}/model")
+    page.get_by_role("columnheader", name="distance (m)").wait_for()
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+    page.goto(f"{server.base}/unknowns")
+    page.get_by_text(re.compile("could determine")).wait_for()
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+    picture = page.get_by_title("Structure").bounding_box()
+    choices = page.get_by_role("checkbox", name="beam stiffness").bounding_box()
+    assert (choices["y"] > picture["y"] + picture["height"]) == is_below
+    assert picture["width"] >= (0.85 if is_below else 0.4) * width
+    headings = [page.get_by_text(name, exact=True) for name in ("group", "stiffness", "mass")]
+    boxes = [heading.bounding_box() for heading in headings]
+    for left, right in itertools.pairwise(boxes):
+        assert left["x"] + left["width"] <= right["x"]
+
+
+def test_pages_fit_a_narrow_screen(chromium, tmp_path):
     """Nothing scrolls sideways; picture and choices are side by side only where there is room."""
-    with serving(tmp_path) as server, browsing(chromium, server, width) as (page, heard):
+    with serving(tmp_path) as server, browsing(chromium, server, 420) as (page, heard):
         page.get_by_role("button", name="Open beam").click()
         page.wait_for_url("**/measurement")
-        page.goto(f"{server.base}/model")
-        page.get_by_role("columnheader", name="distance (m)").wait_for()
-        assert page.evaluate("document.documentElement.scrollWidth") <= width
-        page.goto(f"{server.base}/unknowns")
-        page.get_by_text(re.compile("could determine")).wait_for()
-        assert page.evaluate("document.documentElement.scrollWidth") <= width
-        picture = page.get_by_title("Structure").bounding_box()
-        choices = page.get_by_role("checkbox", name="beam stiffness").bounding_box()
-        assert (choices["y"] > picture["y"] + picture["height"]) == is_below
-        assert picture["width"] >= (0.85 if is_below else 0.4) * width
-        headings = [page.get_by_text(name, exact=True) for name in ("group", "stiffness", "mass")]
-        boxes = [heading.bounding_box() for heading in headings]
-        for left, right in itertools.pairwise(boxes):
-            assert left["x"] + left["width"] <= right["x"]
+        check_layout(server, page, 420, is_below=True)
+        page.set_viewport_size({"width": 1280, "height": 1000})
+        check_layout(server, page, 1280, is_below=False)
         assert heard.wrong == []
