@@ -16,6 +16,7 @@ SRC = Path(updyn.__file__).parent
 ORDER = (
     ("arrays",),
     ("settings",),
+    ("tracebacks",),
     ("errors",),
     ("units",),
     ("registry",),

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import shlex
 from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 
 from updyn.cli.describe import describe_identifiability
 from updyn.cli.sections import (
@@ -19,21 +20,23 @@ from updyn.cli.sections import (
     format_counterparts,
     format_faults,
     format_next_step,
+    list_announcements,
 )
 from updyn.cli.settings import LAYOUT
-from updyn.comparison.table import Comparison, Row, cells, columns, reason
 from updyn.correlation.figures import (
     LEADING_FIGURES,
     SHORT_NAMES,
     capitalized_name,
     figure_text,
 )
-from updyn.correlation.modes import ModeCorrelation
-from updyn.job.modes import MODES_HEADING
-from updyn.job.prepared import Prepared, PreparedTest
-from updyn.planning.result import Plan
 from updyn.text_table import fit_columns, percent
-from updyn.updating.judge.identifiability import Identifiability
+
+if TYPE_CHECKING:
+    from updyn.comparison import Comparison, Row
+    from updyn.correlation.modes import ModeCorrelation
+    from updyn.job.prepared import Prepared, PreparedTest
+    from updyn.planning.result import Plan
+    from updyn.updating.judge.identifiability import Identifiability
 
 __all__ = [
     "brief_check",
@@ -79,6 +82,7 @@ def brief_check(checked: CheckResult) -> str:
         lines += _brief_matching(test)
     if checked.selection is not None:
         lines.append(checked.selection.summary().splitlines()[0])
+    lines += [cut_lines(text, LAYOUT.notes) for text in list_announcements(ready)]
     lines.append(_brief_identifiability(checked.found))
     for name, figures in checked.agreement.items():
         lines += _brief_agreement(name, figures)
@@ -144,6 +148,8 @@ def brief_start(compared: StartComparison, width: int | None) -> str:
 
 def brief_modes(found: ModeCorrelation | str, most: int, width: int | None) -> str:
     """Return the first rows of the table of modes at the start, or why it is missing."""
+    from updyn.job.modes import MODES_HEADING
+
     if isinstance(found, str):
         return found
     header, rows = found.rows()
@@ -167,6 +173,8 @@ def _worst_responses(compared: StartComparison, width: int | None) -> str:
 # -- compare ---------------------------------------------------------------------------------------
 def brief_comparison(found: Comparison, width: int | None) -> str:
     """Return a row for each method, and the method with the smallest misfit."""
+    from updyn.comparison.table import cells, columns, reason
+
     shown = columns(found)
     rows, note = _cut_rows([cells(row, shown) for row in found], LAYOUT.table_rows)
     header = [heading for _, heading, _ in shown]

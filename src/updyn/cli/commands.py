@@ -13,8 +13,17 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
+from updyn.cli.brief import (
+    brief_check,
+    brief_comparison,
+    brief_head,
+    brief_modes,
+    brief_plan,
+    brief_start,
+)
 from updyn.cli.describe import describe_frf, describe_model, describe_modes
 from updyn.cli.new_file import check_free, write_new
+from updyn.cli.outcome import describe_outcome
 from updyn.cli.progress import show_progress
 from updyn.cli.reader_options import parse_reader_options
 from updyn.cli.reading import FILE_KINDS, read_anything
@@ -195,7 +204,6 @@ def check(job: Path, /, *, out: Path | None = None, verbose: Verbose = False) ->
     verbose
         Print all tables before the outcome.
     """
-    from updyn.cli.brief import brief_check
     from updyn.job import check_out, job_analysis, job_selection, load_job, prepare
     from updyn.job.start import agreements_at_start, counterparts_at_start
 
@@ -473,7 +481,6 @@ def correlate(job: Path, /, *, out: Path | None = None, verbose: Verbose = False
     verbose
         Print all tables before the outcome.
     """
-    from updyn.cli.brief import brief_head, brief_modes, brief_start
     from updyn.job import job_analysis, job_selection, load_job, prepare
     from updyn.job.modes import start_modes, start_modes_text
     from updyn.job.start import StartAgreement, start_correlation
@@ -555,7 +562,6 @@ def compare(
     verbose
         Print all columns and notes before the outcome.
     """
-    from updyn.cli.brief import brief_comparison
     from updyn.comparison.table import format_methods
     from updyn.job import check_out, load_job, prepare
     from updyn.job.comparison import COMPARISON_FILES, compare_job
@@ -665,7 +671,6 @@ def plan(
     verbose
         Print all tables before the outcome.
     """
-    from updyn.cli.brief import brief_plan
     from updyn.job import load_job
     from updyn.job.folder import default_out
     from updyn.job.planning import plan_job, stages
@@ -704,8 +709,6 @@ def _run_job(
 
 def _print_run(job: Job, done: JobRun, *, verbose: bool) -> None:
     """Print the outcome of a run, and the place of its results."""
-    from updyn.cli.outcome import describe_outcome
-
     ran, result = FinishedRun(job, done), done.result
     outcome = describe_outcome(result, describe_results(ran), output_width())
     print_outcome(join_sections(RUN, ran), outcome, verbose=verbose, badge=result.first.badge)

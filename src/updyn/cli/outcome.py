@@ -4,27 +4,26 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from updyn.cli.layout import fit_text
 from updyn.cli.settings import LAYOUT
-from updyn.comparison.table import figures_of
 from updyn.correlation.figures import LEADING_FIGURES, capitalized_name, figure_text
-from updyn.report.changes import is_significant
-from updyn.report.formats import change, number
 from updyn.text_table import fit_columns
-from updyn.updating.next_step import choose_next_step, split_sentences
-from updyn.updating.problem.parameters import Parameter
-from updyn.updating.result import JointResult, UpdateResult, describe_ending
+
+if TYPE_CHECKING:
+    from updyn.updating.problem.parameters import Parameter
+    from updyn.updating.result import JointResult, UpdateResult
 
 __all__ = ["describe_agreement", "describe_outcome", "list_largest_changes"]
-
-_Result = UpdateResult | JointResult
 
 #: Columns of the table of changes, in the order in which they are left out of a narrow terminal.
 _DROPPED = ("start", "value", "95 % interval")
 
 
-def describe_outcome(result: _Result, closing: Sequence[str], width: int | None) -> str:
+def describe_outcome(
+    result: UpdateResult | JointResult, closing: Sequence[str], width: int | None
+) -> str:
     """Return verdict, agreement, largest changes, next step and closing lines of a run as text.
 
     Of rows of the table, and then of reasons of the verdict, there are so many that the text has at
@@ -46,8 +45,11 @@ def describe_outcome(result: _Result, closing: Sequence[str], width: int | None)
     return text
 
 
-def _describe_verdict(result: _Result, most: int) -> list[str]:
+def _describe_verdict(result: UpdateResult | JointResult, most: int) -> list[str]:
     """Return the verdict, its parts in a line, and the first reasons of those not known to hold."""
+    from updyn.updating.next_step import split_sentences
+    from updyn.updating.result import describe_ending
+
     lines = [describe_ending(result)]
     if result.trust is None:
         return [*lines, *split_sentences(result.first.message)[:1]]
@@ -60,8 +62,10 @@ def _describe_verdict(result: _Result, most: int) -> list[str]:
     return [*lines, *reasons[:most]]
 
 
-def _format_next_step(result: _Result) -> list[str]:
+def _format_next_step(result: UpdateResult | JointResult) -> list[str]:
     """Return advice and the lines to paste, which are indented."""
+    from updyn.updating.next_step import choose_next_step
+
     step = choose_next_step(result)
     place = f", {step.place}" if step.place else ""
     lines = [f"What to do next{place}: {step.advice}".removesuffix(": ")]
@@ -71,8 +75,10 @@ def _format_next_step(result: _Result) -> list[str]:
     return lines
 
 
-def describe_agreement(result: _Result) -> list[str]:
+def describe_agreement(result: UpdateResult | JointResult) -> list[str]:
     """Return the leading figure of agreement before and after as a line; empty if none is known."""
+    from updyn.comparison.table import figures_of
+
     fitted, held_out = figures_of(result)
     for name in LEADING_FIGURES:
         texts = []
@@ -86,24 +92,22 @@ def describe_agreement(result: _Result) -> list[str]:
     return []
 
 
-def list_largest_changes(result: _Result, most: int) -> list[Parameter]:
-    """Return the unknowns that changed most relative to their start, significant ones first."""
+def list_largest_changes(result: UpdateResult | JointResult, most: int) -> list[Parameter]:
+    """Return the unknowns that changed most: from zero, then relative to their start.
+
+    Changes that are not significant come last.
+    """
+    from updyn.report.changes import is_significant, order_by_change
+
     first = result.first
-    known = [p for p in first.parameters if math.isfinite(first.values[p.name])]
-    return sorted(known, key=lambda p: _size_of_change(first, p), reverse=True)[:most]
+    grown = [p for p in first.parameters if p.start == 0.0 and is_significant(first, p)]
+    return [*grown, *order_by_change(first)][:most]
 
 
-def _size_of_change(result: UpdateResult, p: Parameter) -> tuple[bool, float]:
-    value = result.values[p.name]
-    if p.start <= 0.0 or value <= 0.0:
-        size = 0.0 if value == p.start else math.inf
-    else:
-        size = abs(math.log(value / p.start))
-    return is_significant(result, p), size
-
-
-def _format_changes(result: _Result, most: int, width: int | None) -> str:
+def _format_changes(result: UpdateResult | JointResult, most: int, width: int | None) -> str:
     """Return a table of the largest changes with their intervals."""
+    from updyn.report.formats import change, number
+
     first = result.first
     intervals = result.intervals()
     rows = []
@@ -126,6 +130,8 @@ def _format_changes(result: _Result, most: int, width: int | None) -> str:
 
 def _describe_doubt(result: UpdateResult, p: Parameter) -> str:
     """Return unit of a value and why it is doubtful: a bound, missing information; may be empty."""
+    from updyn.report.changes import is_significant
+
     notes = [f"in {p.value_unit}"] if p.value_unit else []
     if not math.isfinite(result.std[p.name]):
         notes.append(result.why_open(p.name))

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from updyn.cli.describe import describe_identifiability, describe_parameters
-from updyn.cli.settings import DESCRIPTION
+from updyn.cli.settings import DESCRIPTION, LAYOUT
 from updyn.correlation.figures import SHORT_NAMES, agreement_table, figure_text
 from updyn.text_table import text_table
 
@@ -42,6 +42,7 @@ __all__ = [
     "format_faults",
     "format_next_step",
     "join_sections",
+    "list_announcements",
 ]
 
 T = TypeVar("T")
@@ -71,16 +72,22 @@ def _format_summary(ran: FinishedRun) -> str:
 def describe_results(ran: FinishedRun) -> list[str]:
     """Return further results, how to continue an unfinished run, and the place of the results.
 
-    Each is a line of text; a further result is that of a table such as ``[plant]``.
+    Each is a line of text; a further result is that of a table such as ``[plant]``, and its notes.
     """
     from updyn.job.job_table import JOB_TABLES
 
     further = []
     for name, found in ran.run.further.items():
-        further += JOB_TABLES[name].summary(found).splitlines()[:1]
+        first, *rest = JOB_TABLES[name].summary(found).splitlines() or [""]
+        notes = [line for line in rest if line.startswith("note: ")]
+        further += [first, *notes[: LAYOUT.notes]]
     folder = ran.run.folder
     first = "report.html" if ran.job.output.report else "result.json"
-    return [*further, *_format_resume_hint(ran), f"Results in {folder}: {folder / first}"]
+    return [
+        *filter(None, further),
+        *_format_resume_hint(ran),
+        f"Results in {folder}: {folder / first}",
+    ]
 
 
 def _format_resume_hint(ran: FinishedRun) -> list[str]:
@@ -136,10 +143,15 @@ def _format_unknowns(checked: CheckResult) -> str:
 
 def _format_announcements(checked: CheckResult) -> str:
     """Return the announcements of the further tables of the job."""
+    return "\n\n".join(list_announcements(checked.ready))
+
+
+def list_announcements(ready: Prepared) -> list[str]:
+    """Return the texts in which the further tables of a job announce their work."""
     from updyn.job.job_table import JOB_TABLES
 
-    texts = [JOB_TABLES[name].announce(checked.ready) for name in checked.ready.job.tables]
-    return "\n\n".join(filter(None, texts))
+    texts = [JOB_TABLES[name].announce(ready) for name in ready.job.tables]
+    return [text for text in texts if text]
 
 
 def _format_selection(checked: CheckResult) -> str:

@@ -45,6 +45,9 @@ class LayoutSettings:
     #: [combinations] Undetermined combinations that are printed before a fit. Why: each has as many
     #: terms as there are unknowns, and takes several lines.
     combinations: int = 2
+    #: [lines] Notes on a further result such as a plant, and lines on one before a fit. Why: chosen
+    #: for one glance.
+    notes: int = 3
     #: [columns] Least width that is assumed of a terminal. Why: numbers need three columns next to
     #: a name; narrower terminals break lines themselves.
     least_width: int = 40

@@ -24,7 +24,7 @@ from updyn.report.settings import REPORT_LIST
 from updyn.updating.problem.parameters import Parameter
 from updyn.updating.result import UpdateResult
 
-__all__ = ["CHANGES", "changes_figure", "is_significant", "largest_changes"]
+__all__ = ["CHANGES", "changes_figure", "is_significant", "largest_changes", "order_by_change"]
 
 #: Limits of the axis, as ratios to the start; longer bars are clipped.
 _LEAST, _MOST = 0.02, 50.0
@@ -131,7 +131,7 @@ class _ChangeRow:
         return escape_label(f"{self.parameter.group}: {quantity_words(self.parameter.quantity)}")
 
 
-def _order_by_change(result: UpdateResult) -> list[Parameter]:
+def order_by_change(result: UpdateResult) -> list[Parameter]:
     """Return the unknowns with a change in percent: significant ones first, then by size."""
 
     def size(p: Parameter) -> tuple[bool, float]:
@@ -143,7 +143,7 @@ def _order_by_change(result: UpdateResult) -> list[Parameter]:
 
 def _select_parameters(result: UpdateResult) -> list[Parameter]:
     """Return the unknowns to show, in order; of too many, those that changed most."""
-    kept = {p.name for p in _order_by_change(result)[: REPORT_LIST.changed_unknowns]}
+    kept = {p.name for p in order_by_change(result)[: REPORT_LIST.changed_unknowns]}
     return [p for p in result.parameters if p.name in kept]
 
 
@@ -245,7 +245,7 @@ def _lay_out(
 def largest_changes(result: UpdateResult) -> Figure | None:
     """Return bars of the largest changes with their 95 % intervals; None without any."""
     # The axis contains all estimates and the intervals of the significant ones; others are cut off.
-    chosen = _order_by_change(result)[: REPORT_LIST.largest_changes]
+    chosen = order_by_change(result)[: REPORT_LIST.largest_changes]
     rows = [_make_row(result, p, place) for place, p in enumerate(chosen)]
     if not rows:
         return None

@@ -17,6 +17,7 @@ from updyn.cli import brief, main
 from updyn.cli.brief import cut_lines
 from updyn.cli.layout import fit_text
 from updyn.cli.outcome import describe_outcome, list_largest_changes
+from updyn.cli.sections import FinishedRun, describe_results
 from updyn.cli.settings import LAYOUT
 from updyn.cli.terminal import output_width
 from updyn.demos import chain
@@ -269,3 +270,24 @@ def test_reasons_are_of_parts_that_were_asked(result: UpdateResult) -> None:
         in text
     )
     assert "held out.\n" not in text
+
+
+def test_further_results_are_named_with_their_notes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a table, its first line and at most three notes."""
+    text = "Plant from 1 to 30 Hz\nroute: rational\n" + "".join(f"note: {k}\n" for k in range(4))
+    tables = {
+        "plant": SimpleNamespace(summary=lambda _: text),
+        "shapes": SimpleNamespace(summary=str),
+    }
+    monkeypatch.setattr("updyn.job.job_table.JOB_TABLES", tables)
+    run = SimpleNamespace(
+        further={"plant": 1, "shapes": ""},
+        folder=Path("out"),
+        stopped=False,
+        result=SimpleNamespace(status="converged", trust=None),
+    )
+    job = SimpleNamespace(output=SimpleNamespace(report=True))
+    found = describe_results(FinishedRun(job, run))  # type: ignore[arg-type]
+    notes = ["note: 0", "note: 1", "note: 2"]
+    place = f"Results in out: {Path('out/report.html')}"
+    assert found == ["Plant from 1 to 30 Hz", *notes, place]

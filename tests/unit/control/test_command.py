@@ -274,7 +274,7 @@ def test_a_run_keeps_its_plant_where_the_servo_cannot_be(
 def test_a_servo_is_printed_and_recorded(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     job = folder / "job.toml"
     job.write_text(job.read_text() + SERVO + "kp = 20\ndead_time = 0.001\n")
-    assert main(["plant", str(job)]) == 0
+    assert main(["plant", str(job), "--verbose"]) == 0
     out, _ = capsys.readouterr()
     assert "velocity loop" in out
     assert "Drive from 12:X (motor) to 1:X (load)" in out
@@ -346,13 +346,13 @@ def test_the_family_is_of_the_draws_that_there_are(folder: Path) -> None:
     assert main(["run", str(job)]) == 3
     draws = updyn.read_uncertainty(folder / "job" / "uncertainty.nc")
     first = record(folder / "job")["family"]
-    assert main(["plant", str(job)]) == 0
+    assert main(["plant", str(job), "--verbose"]) == 0
     again = record(folder / "job")["family"]
     assert first == again
     assert (first["members"], first["facts"]["source"]) == (2, "bootstrap")
     assert len(draws) == 3
     shutil.rmtree(folder / "job")
-    assert main(["plant", str(job)]) == 0
+    assert main(["plant", str(job), "--verbose"]) == 0
     found = record(folder / "job")
     assert found["family"] is None
     assert any("the model is not updated" in note for note in found["notes"])
