@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,9 +11,7 @@ from scipy.stats import norm
 import updyn
 from uncertain_cases import in_series, one_spring, without_loss
 from updyn.errors import OptionError, SolverError
-from updyn.uncertainty import bootstrap
 from updyn.updating.fit.methods.maximum_likelihood import MaximumLikelihood
-from updyn.updating.problem.parameters import Parameter, ParameterSet
 
 
 @pytest.fixture(scope="module")
@@ -233,23 +229,3 @@ def test_parts_that_do_not_belong_together_are_refused(fit) -> None:
             updyn.merge_draws(parts)
     with pytest.raises(OptionError, match="first = -1: expected a number of refits from 0 up"):
         updyn.bootstrap(fit, 2, first=-1)
-
-
-@pytest.mark.parametrize(("failed", "is_reliable"), [(1, True), (2, False)])
-def test_draws_are_reliable_with_up_to_a_twentieth_of_failed_refits(
-    monkeypatch, failed, is_reliable
-):
-    """Of 25 refits."""
-    parameters = ParameterSet([Parameter("part", "stiffness", 1.0, 0.1, 10.0)])
-    result = SimpleNamespace(first=SimpleNamespace(parameters=parameters, at_bound=()))
-    for name, value in {
-        "describe_excess": "",
-        "model_error_of": None,
-        "model_error_remark": "",
-        "std_of": np.ones(1),
-    }.items():
-        monkeypatch.setattr(bootstrap, name, lambda *about, v=value: v)
-    draws = bootstrap._make_draws(
-        result, np.ones(1), [np.ones(1)] * (25 - failed), Counter(a=failed), np.zeros(1), {"n": 25}
-    )
-    assert draws.converged == is_reliable

@@ -1,15 +1,17 @@
-"""Settings of the sampler by value: proposals, warm-up, and the end of the chains."""
+"""Settings of samplers by value: proposals, warm-up, the end of chains, and failed refits."""
 
 from __future__ import annotations
 
+from collections import Counter
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.stats import multivariate_t
 
-from updyn.uncertainty import sampling, surrogate
+from updyn.uncertainty import bootstrap, sampling, surrogate
 from updyn.uncertainty.sampling import Mixture, _SamplingRun, _with_floor
+from updyn.updating.problem.parameters import Parameter, ParameterSet
 
 emcee = pytest.importorskip("emcee")
 
@@ -128,3 +130,23 @@ def test_a_model_is_reduced_at_two_standard_deviations(monkeypatch):
     restored.with_problem = lambda problem: restored
     surrogate.reduce_about(restored, 1e-5, 0)
     assert np.linalg.norm(enriched, axis=1) == pytest.approx(np.full(len(enriched), 6.0))
+
+
+@pytest.mark.parametrize(("failed", "is_reliable"), [(1, True), (2, False)])
+def test_draws_are_reliable_with_up_to_a_twentieth_of_failed_refits(
+    monkeypatch, failed, is_reliable
+):
+    """Of 25 refits."""
+    parameters = ParameterSet([Parameter("part", "stiffness", 1.0, 0.1, 10.0)])
+    result = SimpleNamespace(first=SimpleNamespace(parameters=parameters, at_bound=()))
+    for name, value in {
+        "describe_excess": "",
+        "model_error_of": None,
+        "model_error_remark": "",
+        "std_of": np.ones(1),
+    }.items():
+        monkeypatch.setattr(bootstrap, name, lambda *about, v=value: v)
+    draws = bootstrap._make_draws(
+        result, np.ones(1), [np.ones(1)] * (25 - failed), Counter(a=failed), np.zeros(1), {"n": 25}
+    )
+    assert draws.converged == is_reliable
