@@ -19,7 +19,7 @@ from updyn.report.plots import Figure
 from updyn.report.section import PageContent, ReportSection
 from updyn.report.start import Start
 from updyn.report.templates import write_page
-from updyn.report.verdict import Verdict, VerdictPart
+from updyn.report.verdict import Verdict, VerdictPart, count_all_modes
 from updyn.updating.before_search import REMEDY
 from updyn.updating.next_step import NextStep, plan_test, read_step
 from updyn.updating.problem.parameters import Parameter
@@ -68,7 +68,7 @@ def _head(content: PageContent, start: Start, title: str) -> tuple[str, dict[str
             f"Before any fit; {format_count(len(start.parameters), 'unknown')};"
             f" {extent(start.data)}"
         ),
-        judgement=_judge_start(start, has_frfs=content.has_frfs),
+        judgement=_judge_start(content, start),
         step=choose_first_step(start),
         others=[],
         key_figures=_key_figures(start, content.data) if content.has_frfs else [],
@@ -77,7 +77,7 @@ def _head(content: PageContent, start: Start, title: str) -> tuple[str, dict[str
     )
 
 
-def _judge_start(start: Start, *, has_frfs: bool) -> Verdict:
+def _judge_start(content: PageContent, start: Start) -> Verdict:
     """Return the verdict before any fit: identifiability, resemblance, and faults."""
     badge, kind = ("Not all unknowns can be determined", "warn")
     if start.identifiability.complete:
@@ -88,10 +88,10 @@ def _judge_start(start: Start, *, has_frfs: bool) -> Verdict:
     if start.counterparts is not None and start.counterparts.few:
         badge, kind = ("Look at the model first", "bad")
     parts = (
-        *_judge_resemblance(start),
+        *_judge_resemblance(content, start),
         _judge_identifiability(start),
         *_find_model_error(start),
-        _judge_data(start, has_frfs=has_frfs),
+        _judge_data(start, has_frfs=content.has_frfs),
     )
     return Verdict(badge, kind, parts)
 
@@ -122,12 +122,16 @@ def _judge_identifiability(start: Start) -> VerdictPart:
     return VerdictPart("Determined", rank >= n, text)
 
 
-def _judge_resemblance(start: Start) -> list[VerdictPart]:
+def _judge_resemblance(content: PageContent, start: Start) -> list[VerdictPart]:
     """Return whether model and test have modes in common; empty if that was not examined."""
     if start.counterparts is None:
         return []
     claim = start.counterparts.claim
-    return [VerdictPart("Resembles", claim.holds, claim.why, claim.asked)]
+    found = content.modes.correlations.get("start")
+    why = claim.why
+    if claim.holds:
+        why += count_all_modes(start.counterparts, found, "model")
+    return [VerdictPart("Resembles", claim.holds, why, claim.asked)]
 
 
 def _find_model_error(start: Start) -> list[VerdictPart]:

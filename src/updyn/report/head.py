@@ -190,7 +190,7 @@ class TestsSection(ReportSection):
     anchor = "tests"
     name = "Tests"
     heading = "Tests"
-    place = 50
+    place = 5
     template = "updyn.report/tests.html"
     first_screen = True
 

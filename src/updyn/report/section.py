@@ -124,8 +124,8 @@ class ReportSection:
     heading : str
         Heading.
     place : float
-        Sort key. Sections of the first screen use multiples of ten below 100, the other built-in
-        sections hundreds from 100 to 1200, and ``provenance``, the last section, 9000.
+        Sort key. Built-in sections use numbers below 100 or hundreds from 100 to 1200, and
+        ``provenance``, the last section, 9000.
     template : str
         Package and file of the template, as in `updyn.report.templates`.
     needs_frfs : bool

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+from updyn.correlation.modes import ModeCorrelation
 from updyn.report.formats import format_count
 from updyn.report.section import PageContent
 from updyn.updating.judge.claim import Claim
+from updyn.updating.judge.counterparts import Counterparts
 from updyn.updating.judge.trust import Trust
 from updyn.updating.next_step import split_sentences
 from updyn.updating.result import UpdateResult
 
-__all__ = ["Verdict", "VerdictPart", "verdict"]
+__all__ = ["Verdict", "VerdictPart", "count_all_modes", "verdict"]
 
 _SIGNS = {"good": "✓", "bad": "✗", "warn": "?", "unasked": "–"}
 
@@ -85,7 +87,9 @@ def verdict(content: PageContent) -> Verdict:
 def _judge_by_trust(content: PageContent, trust: Trust, plain: Verdict) -> Verdict:
     result = content.result
     steps = f" After {format_count(result.iterations, 'iteration')}."
-    further = {"converged": steps, "resembles": _count_all_modes(content, trust)}
+    found = content.modes.correlations.get("updated") if content.has_one_test else None
+    all_modes = count_all_modes(result.counterparts, found, "updated model")
+    further = {"converged": steps, "resembles": all_modes if trust.resembles.holds else ""}
     parts, reservation = [], ""
     for name, claim in trust.items():
         why = claim.why + further.get(name, "")
@@ -97,17 +101,15 @@ def _judge_by_trust(content: PageContent, trust: Trust, plain: Verdict) -> Verdi
     return replace(plain, parts=tuple(parts), reservation=reservation, remarks=remarks)
 
 
-def _count_all_modes(content: PageContent, trust: Trust) -> str:
-    """Return a sentence on the modes that are no peaks, if some have no counterpart."""
-    peaks = content.result.counterparts
-    if not trust.resembles.holds or peaks is None or peaks.source != "peaks":
+def count_all_modes(peaks: Counterparts | None, found: ModeCorrelation | None, model: str) -> str:
+    """Return a sentence on all modes of the test if some are no peaks and have no counterpart."""
+    if peaks is None or peaks.source != "peaks" or found is None:
         return ""
-    found = content.modes.correlations.get("updated") if content.has_one_test else None
-    if found is None or len(found.pairs.mac) == len(found.measured):
+    n_paired, n_measured = len(found.pairs.mac), len(found.measured)
+    if n_paired == n_measured:
         return ""
     return (
-        f" Of all {len(found.measured)} modes identified from the test,"
-        f" {len(found.pairs.mac)} have one in the updated model."
+        f" Of all {n_measured} modes identified from the test, {n_paired} have one in the {model}."
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from dataclasses import dataclass, replace
 
@@ -28,7 +29,7 @@ _PYTHON = re.compile(r"model = model\.with_element\(.*\)$")
 #: Tables of settings whose table is not stated.
 _TABLES = {"repair": "test", "exclude": "test"}
 _PLACEHOLDER = "..."
-_IN_JOB, _IN_TERMINAL = "in the job", "in a terminal, in the folder of this run"
+_IN_JOB, _IN_TERMINAL = "at the end of the job", "in a terminal, in the folder of this run"
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,7 +128,7 @@ def plan_test(data: FRF | ModeSet) -> NextStep:
     sensors = len(data.responses) if isinstance(data, FRF) else len(data.dofs)
     table = f"[plan]\nn_sensors = {sensors + 1}\nband = [{lines[0]:.6g}, {lines[-1]:.6g}]"
     advice = "Plan a test that determines all unknowns."
-    return NextStep(advice, table, "at the end of the job", "Then run updyn plan with this job")
+    return NextStep(advice, table, _IN_JOB, "Then run updyn plan with this job")
 
 
 def _hold_out(result: UpdateResult) -> NextStep | None:
@@ -146,4 +147,4 @@ def _use_model(result: UpdateResult | JointResult) -> NextStep:
     folder = next(iter(result.results))
     file = f"{folder}/model.h5" if folder else "model.h5"
     advice = "The updated model can be used: it is in the folder of this run."
-    return NextStep(advice, f"model = updyn.read_model({file!r})", "in Python")
+    return NextStep(advice, f"model = updyn.read_model({json.dumps(file)})", "in Python")

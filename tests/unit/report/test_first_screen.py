@@ -16,14 +16,15 @@ from pages_read import values as plotted
 from programs import program
 from report_case import realistic
 from updyn.demos import chain
-from updyn.dofs import DofSet
 from updyn.report.changes import largest_changes
 from updyn.report.channels import small_curves, worst_and_median
 from updyn.report.formats import paragraphs, split_more
 from updyn.report.page import render
 from updyn.report.section import PageContent
 from updyn.report.settings import REPORT_LIST, REPORT_SIZE
+from updyn.updating.judge.causes.catalogue import read_fault
 from updyn.updating.judge.causes.finding import Finding
+from updyn.updating.judge.claim import Claim
 
 CASES = ("usable", "not-predicted", "swapped", "open", "several-remarks")
 
@@ -34,12 +35,26 @@ def fit(frf, **unknowns):
     return updyn.update(model, frf, chosen, validation=["7:X"])
 
 
+def exchange_sensors(good):
+    """The result of data with two exchanged sensors, as a fit reports it."""
+    fault = read_fault("swapped:5:X,2:X")
+    statement = "5:X and 2:X are exchanged."
+    finding = Finding("swapped", ("5:X", "2:X"), 0.0, 1e9, 0.9, statement, fault.remedy, fault.repair_text)  # fmt: skip
+    held_out = "A held-out channel has a correlation of -0.30 with the model's."
+    message = f"The fit converged, but its result is not credible. {held_out} {statement}"
+    trust = dataclasses.replace(
+        good.trust, plausible=Claim(False, statement), validated=Claim(False, held_out)
+    )
+    return dataclasses.replace(
+        good, status="not-credible", message=message, remedy=fault.remedy, trust=trust,
+        findings=(finding,),
+    )  # fmt: skip
+
+
 @pytest.fixture(scope="module")
 def results():
     """A good fit, wrong held masses, two exchanged sensors, an open combination, many remarks."""
     frf = chain.measure()
-    labels = list(frf.responses.labels)
-    labels[0], labels[1] = labels[1], labels[0]
     good = fit(frf, mass="all")
     many = " ".join(f"Remark {i} on the fit." for i in range(7))
     more = "The model cannot explain channel 1 near 2 Hz; and 282 more channels or bands."
@@ -49,7 +64,7 @@ def results():
     return {
         "usable": good,
         "not-predicted": fit(frf),
-        "swapped": fit(dataclasses.replace(frf, responses=DofSet(labels)), mass="all"),
+        "swapped": exchange_sensors(good),
         "open": realistic(),
         "several-remarks": dataclasses.replace(
             good,
@@ -85,8 +100,8 @@ def test_no_paragraph_has_more_than_two_sentences(pages, case):
 @pytest.mark.parametrize(
     ("case", "badge", "colour", "failing", "lines"),
     [
-        ("usable", "Usable", "good", [], "model = updyn.read_model('model.h5')"),
-        ("swapped", "Not credible", "bad", ["Plausible no"], "repair = ["),
+        ("usable", "Usable", "good", [], 'model = updyn.read_model("model.h5")'),
+        ("swapped", "Not credible", "bad", ["Plausible no"], 'repair = ["swapped:5:X,2:X"]'),
         ("open", "Not all unknowns determined", "warn", ["Determined no"], "[plan]"),
         ("several-remarks", "Usable", "good", [], 'repair = ["missing-mode=9.1"]'),
     ],

@@ -20,8 +20,10 @@ from updyn.report import Start, write_start
 from updyn.report.before import choose_first_step
 from updyn.report.identifiability import combinations_map, singular_values
 from updyn.report.mode_axes import mode_axes
+from updyn.report.verdict import count_all_modes
 from updyn.updating.judge.causes.catalogue import read_fault
 from updyn.updating.judge.causes.finding import Finding
+from updyn.updating.judge.counterparts import Counterparts
 from updyn.updating.modes import compare_start_modes, frequency_sensitivities
 from updyn.updating.problem.data import Test
 from updyn.updating.problem.parameters import ParameterSet
@@ -295,3 +297,17 @@ def test_pairs_are_drawn_by_their_mac():
     assert drawn["MAC 0.9 or more"] == [10.1, 10.0]
     assert drawn["MAC 0.7 or more"] == [20.1, 20.0]
     assert drawn["MAC below 0.7"] == [30.1, 30.0]
+
+
+def test_modes_that_are_no_peaks_are_counted():
+    """Of two measured modes, the model lacks the second; peaks showed the first alone."""
+    dofs = ["1:Z", "2:Z", "3:Z"]
+    found = correlate_modes(
+        updyn.ModeSet([10.0], np.eye(3)[:, :1], dofs),
+        updyn.ModeSet([10.1, 25.0], np.eye(3)[:, :2], dofs),
+    )
+    peaks = Counterparts(1, 1, (), "1 of 1 peaks.", known=True, n_sensors=3, source="peaks")
+    said = " Of all 2 modes identified from the test, 1 have one in the model."
+    assert count_all_modes(peaks, found, "model") == said
+    assert count_all_modes(replace(peaks, source="identified"), found, "model") == ""
+    assert count_all_modes(None, found, "model") == count_all_modes(peaks, None, "model") == ""

@@ -93,9 +93,9 @@ def test_a_fit_without_held_out_data_holds_a_response_out(fitted):
     model, frf = chain.build(), chain.measure()
     again = updyn.update(model, frf, fitted.parameters, starts=0, validation=[label])
     assert again.trust.validated.asked
-    assert choose_next_step(again).lines == "model = updyn.read_model('model.h5')"
+    assert choose_next_step(again).lines == 'model = updyn.read_model("model.h5")'
     both = updyn.JointResult({"locked": again, "free": again})
-    assert choose_next_step(both).lines == "model = updyn.read_model('locked/model.h5')"
+    assert choose_next_step(both).lines == 'model = updyn.read_model("locked/model.h5")'
 
 
 def test_an_option_that_ended_the_fit_is_doubled():

@@ -88,9 +88,9 @@ const updynReport = (() => {
   }
 
   // A long name along an axis with its beginning and its end, which tells it from others; an entity counts as one letter,
-  // a tag as none.
-  const FIRST = 11, LAST = 9;
-  function shortened(text) {
+  // a tag as none. "room" is the width of the figure in pixels.
+  function shortened(text, room) {
+    const [FIRST, LAST] = room > 480 ? [18, 14] : [11, 9];
     const parts = text.match(/<[^>]*>|&\w+;|[^]/gu) ?? [], letters = parts.filter((part) => !/^<./.test(part));
     if (letters.length <= FIRST + LAST) return text;
     let n = 0;
@@ -105,7 +105,7 @@ const updynReport = (() => {
     const { data, height } = figure, own = { ...figure.layout };
     if (place.clientWidth > 640) return { data, own, height };
     for (const key of Object.keys(own)) {
-      if (/^yaxis\d*$/.test(key) && own[key].ticktext) own[key] = { ...own[key], ticktext: own[key].ticktext.map(shortened) };
+      if (/^yaxis\d*$/.test(key) && own[key].ticktext) own[key] = { ...own[key], ticktext: own[key].ticktext.map((text) => shortened(text, place.clientWidth)) };
     }
     if (!own.showlegend) return { data, own, height };
     const entries = data.filter((trace) => trace.showlegend !== false).length;
