@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import updyn
 from nonlinear_plants import one_inertia
+from updyn.control.job import servo as servo_job
 from updyn.control.servo import grid
 from updyn.control.servo.stability import count_drifting, count_growing
 from updyn.control.servo.state_space import StateSpace, balance, bilinear
@@ -178,3 +180,32 @@ def test_with_dead_time_lines_end_at_four_times_the_last_gain_of_a_twentieth():
     """A gain of 0.05 at 20 rad/s, and a low-pass at 1000 rad/s."""
     controller = updyn.Controller(1.0, low_pass=1e3 / (2 * np.pi), dead_time=1e-3)
     assert 4 * 19.3 < line_ends(controller)[1] <= 4 * 20.0
+
+
+@pytest.mark.parametrize(
+    ("cycle", "duration", "scale"), [(SimpleNamespace(frequency=2.0), 20.0, 1.2), (None, 3.0, None)]
+)
+def test_forty_periods_of_a_cycle_or_six_of_the_bandwidth_are_simulated(
+    monkeypatch, cycle, duration, scale
+):
+    """The simulation of a cycle of 2 Hz begins a fifth above it."""
+    seen = {}
+
+    def simulate(plant, controller, law, duration, name, **how):
+        seen.update(how, duration=duration)
+
+    monkeypatch.setattr(servo_job, "simulate", simulate)
+    monkeypatch.setattr(servo_job, "_largest_stable_cycle", lambda cycles: cycle)
+    loop = SimpleNamespace(margins=SimpleNamespace(crossover=3.0))
+    servo = SimpleNamespace(step=None, loops=[loop], bandwidth=2.0, controller=None)
+    servo_job._simulate(
+        SimpleNamespace(duration=None),
+        SimpleNamespace(band=(0.1, 100.0)),
+        servo,
+        None,
+        SimpleNamespace(linear_stable=True),
+        "",
+        {},
+    )
+    assert seen["duration"] == pytest.approx(duration)
+    assert seen.get("scale") == scale

@@ -20,11 +20,11 @@ class PlantComparisonSettings:
     #: [DOFs] Number of DOFs above which the response of the model is computed with a reduced model.
     #: Effort: each line needs a factorisation of the full model.
     reduced_dofs: int = 20_000
-    #: [1] Certified relative error of that reduced model. Why: small relative to the tolerance of a
-    #: plant, 0.02.
+    #: [1] Certified relative error of that reduced model. Rounding: small relative to the tolerance
+    #: of a plant, 0.02.
     reduced_accuracy: float = 1e-6
-    #: [1] Share of its peak below which a channel is 0 in relative errors. Why: rounding of the
-    #: response.
+    #: [1] Share of its peak below which a channel is 0 in relative errors. Rounding: rounding of
+    #: the response.
     uncoupled_share: float = 1e-10
     #: [channels] Largest number of channels with a weight, without a servo that selects them.
     #: Effort: each weight is a search over orders.

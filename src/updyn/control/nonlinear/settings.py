@@ -10,12 +10,13 @@ class HarmonicBalanceSettings:
     """Numbers of the prediction of limit cycles by describing functions."""
 
     #: [lines] Lines over the band at which the phase is scanned for roots, in addition to those
-    #: around poles; more find cycles closer together. Why: a rule of thumb.
+    #: around poles; more find cycles closer together. Effort: a rule of thumb.
     scan_lines: int = 3000
-    #: [steps] Bisections that invert a describing function. Why: 2^-52 is the rounding of a double.
+    #: [steps] Bisections that invert a describing function. Rounding: 2^-52 is the rounding of a
+    #: double.
     bisections: int = 52
-    #: [1] Smallest ratio of half gap to amplitude; larger amplitudes are not predicted. Why: the
-    #: describing function then equals that of the mesh without gap to 1e-9.
+    #: [1] Smallest ratio of half gap to amplitude; larger amplitudes are not predicted. Rounding:
+    #: the describing function then equals that of the mesh without gap to 1e-9.
     least_gap_ratio: float = 1e-9
     #: [half gaps] Amplitude below which a cycle of backlash is doubtful. Why: harmonic balance
     #: deviated there by 10 % from simulation, in amplitude or frequency.
@@ -29,11 +30,11 @@ class HarmonicBalanceSettings:
 class MeshSettings:
     """Numbers of the mesh that backlash opens."""
 
-    #: [1] Flexibility across the mesh, as a share of that of the mesh, below which it is 0. Why:
-    #: rounding of the direct feed-through of a plant.
+    #: [1] Flexibility across the mesh, as a share of that of the mesh, below which it is 0.
+    #: Rounding: rounding of the direct feed-through of a plant.
     least_flexibility: float = 1e-9
     #: [1] Largest deviation of the matrix of a mesh from rank 1, as a share of its largest entry.
-    #: Why: rounding of the entries of a matrix.
+    #: Rounding: rounding of the entries of a matrix.
     rank_one_deviation: float = 1e-9
 
 
@@ -66,13 +67,13 @@ class LoopSimulationSettings:
     least_steps: int = 400
     #: [steps] Largest number of steps of a simulation. Effort: memory; the states of each are kept.
     most_steps: int = 2_000_000
-    #: [steps] Halvings of a step that locate a switch. Why: 2^-44 of a step is rounding of the time
-    #: after a few hundred steps.
+    #: [steps] Halvings of a step that locate a switch. Rounding: 2^-44 of a step is rounding of the
+    #: time after a few hundred steps.
     switch_halvings: int = 44
     #: [steps] Steps whose matrix powers are stored and that are computed at once. Effort: a rule of
     #: thumb for speed.
     block_steps: int = 64
-    #: [switches] Switches within one step that count as chatter. Why: a rule of thumb.
+    #: [switches] Switches within one step that count as chatter. Effort: a rule of thumb.
     chatter_switches: int = 200
 
 
