@@ -25,10 +25,10 @@ class LoopLineSettings:
     #: rule of thumb.
     most_lines: int = 60_000
     #: [1] Imaginary part of a loop function, as a share of its modulus, below which it is real.
-    #: Why: rounding of a transfer function.
+    #: Rounding: rounding of a transfer function.
     real_share: float = 1e-11
-    #: [1] Largest value of a function at its root; larger ones are poles. Why: a root is located to
-    #: 1e-14 of its frequency.
+    #: [1] Largest value of a function at its root; larger ones are poles. Rounding: a root is
+    #: located to 1e-14 of its frequency.
     root_residual: float = 1e-5
     #: [1] Gain above which a crossing is at a pole, and its reciprocal at a zero, on the axis. Why:
     #: the phase jumps there without a crossing.
@@ -59,13 +59,14 @@ class LoopStabilitySettings:
     #: [1] Real part of a pole, as a share of its modulus, above which it is unstable. Why: rounding
     #: of undamped modes that the loop does not control.
     growth_share: float = 1e-9
-    #: [1] Modulus of a pole or zero in z below which it belongs to a delay. Why: rounding of 0.
+    #: [1] Modulus of a pole or zero in z below which it belongs to a delay. Rounding: rounding of
+    #: 0.
     delay_modulus: float = 1e-9
     #: [log2] Largest logarithm of the scale of a state before eigenvalues are computed. Why: the
     #: scales of subsystems without coupling are unbounded.
     largest_log_scale: float = 40.0
-    #: [1] Negative loop gain at half the sampling rate that counts as a crossing. Why: rounding of
-    #: 0.
+    #: [1] Negative loop gain at half the sampling rate that counts as a crossing. Rounding:
+    #: rounding of 0.
     nyquist_gain: float = 1e-9
 
 
@@ -74,12 +75,12 @@ class RigidMotionSettings:
     """Numbers of the rigid-body inertia and the gear ratio of a plant."""
 
     #: [1] Ratio of the smallest circle about the slow poles to the lowest oscillation; poles within
-    #: it count as 0. Why: the imaginary part of smaller ones is rounding.
+    #: it count as 0. Rounding: the imaginary part of smaller ones is rounding.
     least_radius_ratio: float = 1e-3
     #: [1] Ratio of neighbouring moduli of poles between which a circle lies. Why: the integral
     #: converges by the square root of this ratio for each point.
     least_gap: float = 1.5
-    #: [points] Points on a circle. Why: 1.5^-128 is below rounding.
+    #: [points] Points on a circle. Effort: 1.5^-128 is below rounding.
     circle_points: int = 256
     #: [1] Share of the slow poles in the mobility on the circle above which the structure turns
     #: freely. Why: they are the larger part.
@@ -95,15 +96,15 @@ class RigidMotionSettings:
 class DriveSettings:
     """Numbers of the figures of a drive."""
 
-    #: [modes] Least number of computed modes. Why: a rule of thumb; more are computed up to the end
-    #: of the band.
+    #: [modes] Least number of computed modes. Effort: a rule of thumb; more are computed up to the
+    #: end of the band.
     least_modes: int = 10
     #: [1] Largest relative error of a stated gear ratio. Why: a rule of thumb.
     ratio_error: float = 1e-3
-    #: [1] Motion, as a share of the largest, below which a DOF is at rest. Why: rounding of
+    #: [1] Motion, as a share of the largest, below which a DOF is at rest. Rounding: rounding of
     #: eigenvectors.
     rest_motion: float = 1e-9
-    #: [1] Distance from a locked-rotor frequency at which the response is computed. Why: both
+    #: [1] Distance from a locked-rotor frequency at which the response is computed. Rounding: both
     #: values then lie on the straight line through the zero.
     zero_offset: float = 1e-6
 
@@ -112,16 +113,16 @@ class DriveSettings:
 class RobustMarginSettings:
     """Numbers of the margin of robust stability."""
 
-    #: [1] Change of a loop, as a share of 1 + L, below which it is 0. Why: rounding of transfer
-    #: functions.
+    #: [1] Change of a loop, as a share of 1 + L, below which it is 0. Rounding: rounding of
+    #: transfer functions.
     least_change: float = 1e-6
     #: [1] 1 - |real part| / modulus of the value at the first line below which it is real, as at
     #: rest. Why: the first line is 0.02 of the lowest pole or zero.
     rest_deviation: float = 1e-3
-    #: [parts] Number of parts of the intervals next to the largest mu in one refinement. Why: a
+    #: [parts] Number of parts of the intervals next to the largest mu in one refinement. Effort: a
     #: rule of thumb.
     refined_parts: int = 8
-    #: [rounds] Number of refinements. Why: intervals are then 512 times shorter.
+    #: [rounds] Number of refinements. Effort: intervals are then 512 times shorter.
     refinements: int = 3
 
 
@@ -149,7 +150,7 @@ class StepResponseSettings:
     #: without gain at rest ends at rounding or at the error of the fitted plant. Why: half of the
     #: settling band, so zero and the final value share one band.
     returning_share: float = 1e-2
-    #: [1] With exact dead time: factor by which the intervals are refined. Why: a rule of thumb.
+    #: [1] With exact dead time: factor by which the intervals are refined. Effort: a rule of thumb.
     delay_refinement: float = 4.0
     #: [intervals] With exact dead time: largest number of intervals. Effort: a rule of thumb.
     most_delay_intervals: int = 60_000
