@@ -11,7 +11,7 @@ import pytest
 import updyn
 from nonlinear_plants import one_inertia
 from updyn.control.job import servo as servo_job
-from updyn.control.servo import grid
+from updyn.control.servo import controller, grid, robust
 from updyn.control.servo.stability import count_drifting, count_growing
 from updyn.control.servo.state_space import StateSpace, balance, bilinear
 from updyn.control.servo.time_response import schedule_intervals, step_figures
@@ -209,3 +209,39 @@ def test_forty_periods_of_a_cycle_or_six_of_the_bandwidth_are_simulated(
     )
     assert seen["duration"] == pytest.approx(duration)
     assert seen.get("scale") == scale
+
+
+# -- rigid-body motion and robust margins ----------------------------------------------------------
+@pytest.mark.parametrize(("pole", "number"), [(1.49, 1), (1.51, 2)])
+def test_a_circle_is_between_poles_that_differ_by_half(pole, number):
+    """The first pole is at a thousandth of the oscillation."""
+    assert len(controller._radii(np.array([1.0, pole, 1000.0j]))) == number
+
+
+@pytest.mark.parametrize(("positive", "is_free"), [(191, False), (193, True)])
+def test_a_structure_turns_freely_if_slow_poles_are_half_of_its_mobility(
+    monkeypatch, positive, is_free
+):
+    """Of 256 points of a circle, these have a mobility of 1 and the others of -1."""
+    mobility = np.where(np.arange(256) < positive, 1.0, -1.0)
+    transfer = SimpleNamespace(at=lambda points: (mobility / points)[:, None, None])
+    monkeypatch.setattr(controller, "require_continuous", lambda plant: None)
+    monkeypatch.setattr(controller, "to_velocity", lambda *about: 0)
+    monkeypatch.setattr(controller, "StateSpace", lambda *about: None)
+    monkeypatch.setattr(controller.Transfer, "of", lambda system: transfer)
+    monkeypatch.setattr(controller, "_radii", lambda poles: [1.0])
+    channel = SimpleNamespace(A=None, B=None, C=None, D=None)
+    plant = SimpleNamespace(channel=lambda *about: channel, poles=None)
+    assert (controller.rigid_inertia(plant, "", "") is not None) == is_free
+
+
+@pytest.mark.parametrize(("deviation", "factor"), [(0.9e-3, 2.0), (1.1e-3, np.inf)])
+def test_a_change_of_a_loop_is_real_at_rest(monkeypatch, deviation, factor):
+    """Its size is a half, and it is negative."""
+    change = 0.5 * np.exp(1j * np.arccos(-(1.0 - deviation)))
+    monkeypatch.setattr(robust.grid, "crossings_of_phase", lambda *about: [])
+    member = SimpleNamespace(feedback_channels=lambda s: np.full((len(s), 1), change))
+    cascade = SimpleNamespace(feedback_channels=lambda s: np.zeros((len(s), 1)))
+    judged = SimpleNamespace(loop=lambda s: 0.0)
+    found = robust._critical_factor(cascade, judged, member, np.ones(3), np.inf)
+    assert found == pytest.approx(factor)
