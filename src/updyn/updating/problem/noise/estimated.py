@@ -165,7 +165,7 @@ def fit_two_numbers(
 
         def cost(logs: NumberArray) -> float:
             v = _variance(logs, size, level)
-            return float(np.mean(_student_cost(squared, v, tails)))
+            return _mean(_student_cost(squared, v, tails))
 
         # Outliers bias the Gaussian estimate; start also from an estimate with the smaller half of
         # the residuals.
@@ -182,8 +182,14 @@ def fit_two_numbers(
 
 def _variance(logs: NumberArray, size: RealArray, level: RealArray) -> RealArray:
     """Return the variance for the logarithms of relative noise and floor."""
-    a, b = np.exp(np.clip(logs, *_log_range()))
+    low, high = _log_range()
+    a, b = np.exp(np.minimum(np.maximum(logs, low), high))  # np.clip takes three times as long
     return np.asarray((a * size) ** 2 + (b * level) ** 2)
+
+
+def _mean(values: RealArray) -> float:
+    """Return np.mean of a vector to the last bit, in a third of its time for few values."""
+    return float(np.add.reduce(values)) / values.size
 
 
 def _student_cost(squared: RealArray, variance: RealArray, tails: float) -> RealArray:
@@ -245,7 +251,7 @@ def _estimate_own_floor(
 
     def cost(log_relative: float, floor: float) -> float:
         logs = np.array([log_relative, np.log(max(floor, NOISE_LIMITS.least_noise))])
-        return float(np.mean(_student_cost(squared, _variance(logs, size, level), tails)))
+        return _mean(_student_cost(squared, _variance(logs, size, level), tails))
 
     relative, floor = fit_two_numbers(size, level, squared, tails)
     best = minimize_scalar(cost, bounds=_log_range(), method="bounded", args=(common,))
@@ -265,11 +271,11 @@ def _fit_gaussian(size: RealArray, level: RealArray, squared: RealArray) -> Real
 
     def scale(log_ratio: float) -> tuple[RealArray, float]:
         shape = (np.exp(log_ratio) * size) ** 2 + level**2
-        return shape, max(float(np.mean(squared / shape)), NOISE_LIMITS.least_noise**2)
+        return shape, max(_mean(squared / shape), NOISE_LIMITS.least_noise**2)
 
     def cost(log_ratio: float) -> float:
         shape, floor = scale(log_ratio)
-        return float(np.mean(np.log(shape)) + np.log(floor))
+        return _mean(np.log(shape)) + float(np.log(floor))
 
     if not size.any():
         return np.array([NOISE_LIMITS.least_noise, np.sqrt(scale(-np.inf)[1])])
