@@ -21,13 +21,13 @@ class AntiresonanceSettings:
     #: [rad] Least change of phase between one width below and one above. Why: about half of the 2.2
     #: of a single zero.
     least_turn: float = 1.2
-    #: [rounds] Rounds in which antiresonances are located. Why: each one fits a zero to closer
+    #: [rounds] Rounds in which antiresonances are located. Effort: each one fits a zero to closer
     #: lines, so the error decreases quadratically.
     rounds: int = 4
     #: [widths] Distances of lines from each antiresonance, on both sides, in units of its width.
-    #: Why: a rule of thumb.
+    #: Effort: a rule of thumb.
     line_offsets: tuple[float, ...] = (0.1, 0.3, 0.6, 1.0, 2.0)
-    #: [1] Distance of lines, as a share of the highest line, below which they are merged. Why:
+    #: [1] Distance of lines, as a share of the highest line, below which they are merged. Rounding:
     #: rounding of frequencies.
     merge_distance: float = 1e-12
     #: [1] Largest relative distance between the zeros of structure and plant that match. Why: a
@@ -48,11 +48,11 @@ class PlantTargetSettings:
     #: [1] Height of the smallest resonance that is evaluated, as a share of the highest one of its
     #: channel. Why: a rule of thumb; the error of the channel also limits that of smaller ones.
     counted_height: float = 0.1
-    #: [1] Share of the geometric mean of its ports below which a channel is uncoupled. Why:
+    #: [1] Share of the geometric mean of its ports below which a channel is uncoupled. Rounding:
     #: rounding of a response.
     uncoupled_share: float = 1e-7
     #: [1] Error of a reduced model, as a share of the largest receptance of a line, above its
-    #: resolution. Why: a hundred times the accuracy of its basis.
+    #: resolution. Rounding: a hundred times the accuracy of its basis.
     reduced_error: float = 1e-6
     #: [1] Largest ratio of the error of a selection to that of all modes of its route, if the route
     #: cannot hold the tolerance next to a sharp peak. Why: a rule of thumb.
@@ -78,14 +78,14 @@ class CausalBoundSettings:
     #: [1] Gain permitted outside the band, as a multiple of the largest of the structure there; a
     #: larger one lowers the bound. Why: a rule of thumb; the bound is stated with it.
     outside_gain: float = 10.0
-    #: [1] Error below which a bound is not computed. Why: rounding of the response.
+    #: [1] Error below which a bound is not computed. Rounding: rounding of the response.
     error_rounding: float = 1e-6
     #: [log Hz] Width of the margin within the band in which the allowance grows to that outside.
     #: Why: a rule of thumb; within the band, so the bound remains a lower bound.
     margin_width: float = 0.03
     #: [points] Points of the circle in that margin. Why: a rule of thumb.
     margin_points: int = 24
-    #: [log2] Exponent of the least number of points of the circle. Why: a rule of thumb.
+    #: [log2] Exponent of the least number of points of the circle. Effort: a rule of thumb.
     least_exponent: int = 13
     #: [log2] Exponent of the largest number of points of the circle. Effort: the margin is wider
     #: instead.
@@ -96,16 +96,17 @@ class CausalBoundSettings:
     #: [1] Smallest lower end of a band, as a share of its upper end, for the scale of the circle.
     #: Why: a rule of thumb; a band may start at 0.
     least_low_share: float = 1e-3
-    #: [1] Relative accuracy of the bound. Why: it is stated with three digits.
+    #: [1] Relative accuracy of the bound. Effort: it is stated with three digits.
     accuracy: float = 1e-3
-    #: [lines] Lines on each side of the band for the gain outside. Why: a rule of thumb; natural
+    #: [lines] Lines on each side of the band for the gain outside. Effort: a rule of thumb; natural
     #: frequencies are added.
     outside_lines: int = 400
-    #: [1] Factor by which these lines extend beyond the band. Why: a rule of thumb.
+    #: [1] Factor by which these lines extend beyond the band. Effort: a rule of thumb.
     outside_factor: float = 1e3
     #: [lines] Lines whose responses are computed at once. Effort: memory.
     block_lines: int = 4096
-    #: [1] Largest limit of a gain. Why: that of an undamped resonance outside the band is infinite.
+    #: [1] Largest limit of a gain. Rounding: that of an undamped resonance outside the band is
+    #: infinite.
     gain_limit: float = 1e30
 
 
@@ -115,8 +116,9 @@ class ModalSpaceSettings:
 
     #: [DOFs] Number of DOFs up to which a model is used without reduction. Effort: a rule of thumb.
     whole_dofs: int = 300
-    #: [1] Accuracy of a reduced model. Why: smaller than for an update, since behind a gear train
-    #: the motion of the load is small relative to that of the motor, which normalises the error.
+    #: [1] Accuracy of a reduced model. Rounding: smaller than for an update, since behind a gear
+    #: train the motion of the load is small relative to that of the motor, which normalises the
+    #: error.
     basis_accuracy: float = 1e-8
     #: [1] Lines of the check of a basis for several states, as shares of the end of the band. Why:
     #: a rule of thumb.

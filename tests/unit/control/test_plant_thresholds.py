@@ -11,6 +11,7 @@ import scipy.linalg
 
 import updyn
 from nonlinear_plants import one_inertia
+from updyn.control import antiresonances
 from updyn.control.antiresonances import antiresonance_shifts, find_antiresonances, find_dips
 from updyn.control.causal import Circle
 from updyn.control.files.description import describe_plant
@@ -238,3 +239,10 @@ def test_the_six_channels_with_the_largest_errors_are_plotted(number, plotted):
         channel_errors=lambda measure: np.arange(number)[:, None],
     )
     assert channels(result) == [(i, 0) for i in plotted]
+
+
+@pytest.mark.parametrize(("distance", "is_neighbour"), [(2.4e-4, True), (2.6e-4, False)])
+def test_lines_within_a_four_thousandth_are_neighbours(distance, is_neighbour):
+    freq = 100.0 * np.array([1.0, 1.0 + distance])
+    highest = antiresonances._highest(freq, np.array([[1.0], [5.0]]))
+    assert highest[0, 0] == (5.0 if is_neighbour else 1.0)

@@ -166,10 +166,10 @@ class WindSeriesSettings:
     """Numbers of the random series of wind."""
 
     #: [1] Share of the variance of the error that a series may lack above its highest frequency.
-    #: Why: an error of 5e-5 of the rms.
+    #: Rounding: an error of 5e-5 of the rms.
     missing_variance: float = 1e-4
-    #: [lines] Lines of the spectrum of the error, in addition to those of the loop. Why: a rule of
-    #: thumb.
+    #: [lines] Lines of the spectrum of the error, in addition to those of the loop. Effort: a rule
+    #: of thumb.
     spectrum_lines: int = 2000
     #: [samples] Largest number of samples if the wind has no interval. Effort: a rule of thumb.
     most_default_samples: int = 2**16
