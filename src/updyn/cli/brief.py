@@ -196,6 +196,8 @@ def brief_comparison(found: Comparison, width: int | None) -> str:
 
 def _name_best(found: Comparison) -> list[str]:
     """Return the method with the smallest misfit, of held-out data if there are any."""
+    from updyn.comparison.table import COLUMNS
+
     is_held_out = any(row.held_out for row in found)
     misfits = {}
     for row in found:
@@ -205,7 +207,8 @@ def _name_best(found: Comparison) -> list[str]:
         return []
     best = min(misfits, key=lambda method: misfits[method])
     data = "the held-out data" if is_held_out else "the data of the fit"
-    return [f"Smallest misfit to {data}: {best}, {misfits[best]:.2g} dB"]
+    (content,) = (text for key, _, text in COLUMNS if key == ("held_db" if is_held_out else "db"))
+    return [f"Smallest misfit to {data}: {best}, {content(found[best])}"]
 
 
 def _misfit_of(row: Row, is_held_out: bool) -> float | None:

@@ -85,11 +85,17 @@ def describe_agreement(result: UpdateResult | JointResult) -> list[str]:
         for prefix, figures in (("", fitted), ("held out: ", held_out)):
             values = [figures.get(when, {}).get(name) for when in ("before", "after")]
             if None not in values:
-                before, after = (figure_text(name, value) for value in values if value is not None)
+                before, after = (_format_figure(name, v) for v in values if v is not None)
                 texts.append(f"{prefix}{before} at the start, {after} updated")
         if texts:
             return [f"{capitalized_name(name)}: {'; '.join(texts)}"]
     return []
+
+
+def _format_figure(name: str, value: float) -> str:
+    """Return a figure of agreement as text; rounding of an exact fit as a limit."""
+    least = LAYOUT.least_level
+    return f"<{least:g}" if name.startswith("db_") and value < least else figure_text(name, value)
 
 
 def list_largest_changes(result: UpdateResult | JointResult, most: int) -> list[Parameter]:

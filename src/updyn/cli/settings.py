@@ -48,6 +48,9 @@ class LayoutSettings:
     #: [lines] Notes on a further result such as a plant, and lines on one before a fit. Why: chosen
     #: for one glance.
     notes: int = 3
+    #: [dB] Level differences below this are printed as a limit. Why: those of exact fits are
+    #: rounding; no measurement is as accurate.
+    least_level: float = 1e-4
     #: [columns] Least width that is assumed of a terminal. Why: numbers need three columns next to
     #: a name; narrower terminals break lines themselves.
     least_width: int = 40

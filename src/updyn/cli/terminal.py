@@ -69,6 +69,7 @@ def print_note(text: str, style: str | None = None, console: Console | None = No
             chosen.file.write(shown + "\n")
             chosen.file.flush()
             return
+        shown = fit_text(shown, max(chosen.width, LAYOUT.least_width))
         chosen.print(shown, style=style, markup=False, emoji=False, highlight=False, soft_wrap=True)
 
 

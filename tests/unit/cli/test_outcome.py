@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import math
 import re
 from dataclasses import replace
@@ -10,6 +11,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from overriding import override
 from report_case import realistic
@@ -19,7 +21,8 @@ from updyn.cli.layout import fit_text
 from updyn.cli.outcome import describe_outcome, list_largest_changes
 from updyn.cli.sections import FinishedRun, describe_results
 from updyn.cli.settings import LAYOUT
-from updyn.cli.terminal import output_width
+from updyn.cli.terminal import output_width, print_note
+from updyn.comparison import Comparison, Row
 from updyn.demos import chain
 from updyn.text_table import display_width
 from updyn.updating.judge.claim import PARTS, Claim
@@ -291,3 +294,32 @@ def test_further_results_are_named_with_their_notes(monkeypatch: pytest.MonkeyPa
     notes = ["note: 0", "note: 1", "note: 2"]
     place = f"Results in out: {Path('out/report.html')}"
     assert found == ["Plant from 1 to 30 Hz", *notes, place]
+
+
+@pytest.mark.parametrize(("level", "shown"), [(2e-4, "0.0002"), (9e-5, "<0.0001")])
+def test_the_level_of_an_exact_fit_is_a_limit(
+    result: UpdateResult, level: float, shown: str
+) -> None:
+    after = {**result.correlation["after"], "db_error_median": level}
+    exact = replace(result, correlation={**result.correlation, "after": after})
+    assert f"at the start, {shown} updated" in describe_outcome(exact, CLOSING, None)
+
+
+def test_a_comparison_names_the_method_with_the_smallest_misfit() -> None:
+    def row(method: str, level: float, status: str = "converged") -> Row:
+        figures = {"after": {"db_error_median": level, "frac_median": 0.9}}
+        return Row(method, "", status, "", fitted=figures)
+
+    rows = (row("log", 0.5), row("modal", 0.25), row("rfm", 0.0, "failed"))
+    unknowns = realistic().parameters
+    found = Comparison(rows, (), unknowns)
+    assert brief._name_best(found) == ["Smallest misfit to the data of the fit: modal, 0.25 dB"]
+    assert brief._name_best(Comparison((), (), unknowns)) == []
+
+
+def test_a_note_on_a_terminal_is_broken_at_blanks() -> None:
+    out = io.StringIO()
+    console = Console(file=out, width=44, force_terminal=True, no_color=True)
+    print_note("note: a group has a stiffness that is indefinite, as of rounding", None, console)
+    lines = out.getvalue().splitlines()
+    assert lines == ["note: a group has a stiffness that is", "indefinite, as of rounding"]
