@@ -260,7 +260,9 @@ report = false
     written = on_a_terminal(["run", str(job)])
     assert "\x1b[?25l" in written  # a bar is drawn
     # The verdict has a colour, and the status of the fit has none.
-    assert re.search(r"Chain of twelve masses: converged after \d+ iterations \(output-error\)\.\s", written)
+    assert re.search(
+        r"Chain of twelve masses: converged after \d+ iterations \(output-error\)\.\s", written
+    )
     assert "\x1b[1;33mNot known whether credible\x1b[0m." in written
     assert "determined \x1b[1;32myes\x1b[0m, " in written
     assert "\x1b[1munknown " in written
