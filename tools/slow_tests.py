@@ -1,6 +1,6 @@
 """Write tests/data/seconds.txt from the durations that pytest prints.
 
-    make test PYTEST_ARGS="--durations=0 --durations-min=0.2" | tee LOG
+    make test PYTEST_ARGS="--durations=0 --durations-min=0.5" | tee LOG
     python tools/slow_tests.py LOG
 
 A setup counts for the whole file, because the first test that runs pays for the fixture.
@@ -15,7 +15,7 @@ from pathlib import Path
 
 PAGE = Path(__file__).parents[1] / "tests" / "data" / "seconds.txt"
 #: Seconds below which a test is not recorded: it changes neither the mark nor the order.
-LEAST = 0.2
+LEAST = 0.5
 _ROW = re.compile(r"^([\d.]+)s (setup|call) +(tests/\S+?\.py)::(\w+(?:::\w+)*)")
 HEAD = """\
 # Seconds of tests, and of files for fixtures that their tests share: see tests/support/slow.py.

@@ -45,7 +45,7 @@ def test_a_log_is_read() -> None:
 
 
 def test_which_are_slow_and_long(monkeypatch: pytest.MonkeyPatch) -> None:
-    rows = {"tests/a.py::test_all": 0.2, "tests/a.py::test_short": 0.1, "tests/b.py": 1.0}
+    rows = {"tests/a.py::test_all": 0.5, "tests/a.py::test_short": 0.4, "tests/b.py": 1.0}
     monkeypatch.setattr(slow, "recorded", lambda: rows)
     for file, name, expected in (
         ("a.py", "test_all[x::y]", ["slow"]),

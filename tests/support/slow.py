@@ -16,7 +16,7 @@ from places import DATA, ROOT
 SECONDS = DATA / "seconds.txt"
 #: A test of so many seconds on a quiet core is slow: `make quick` is to take less than three
 #: minutes on two cores.
-SLOW = 0.2
+SLOW = 0.5
 #: A test of so many seconds is long: `.ci/run` leaves it out under the second Python and kernel.
 LONG = 1.0
 
