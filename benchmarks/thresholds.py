@@ -373,7 +373,7 @@ def parse_options() -> argparse.Namespace:
 def run_pytest(tests: list[str], plugin: object) -> None:
     """Run pytest on quick tests with a plugin."""
     with tempfile.TemporaryDirectory() as folder:
-        options = ["-q", "-s", "--no-header", "-m", "not slow", "--rootdir", str(ROOT)]
+        options = ["-q", "-s", "--no-header", "-m", "not long", "--rootdir", str(ROOT)]
         plugins = [part for name in ("cacheprovider", "xdist") for part in ("-p", f"no:{name}")]
         pytest.main([*options, *plugins, "--basetemp", f"{folder}/tests", *tests], [plugin])
 

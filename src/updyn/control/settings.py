@@ -220,10 +220,11 @@ class RationalFitSettings:
     #: [1] Largest relative distance between a pair and the pole of the structure that it
     #: represents. Why: a rule of thumb.
     match_distance: float = 0.02
-    #: [1] Damping ratio of an initial pole that represents no mode. Why: a rule of thumb.
+    #: [1] Damping ratio of an initial pole that represents no mode. Effort: a rule of thumb; vector
+    #: fitting relocates the pole.
     free_damping: float = 0.3
     #: [1] Singular value of a least-squares fit, as a share of the largest, below which it is 0.
-    #: Why: rounding of nearly dependent columns.
+    #: Rounding: rounding of nearly dependent columns.
     singular_share: float = 1e-10
     #: [states] Largest number of states in addition to those of the modes in the band. Effort: a
     #: rule of thumb.
@@ -238,12 +239,12 @@ class PassivitySettings:
     #: thumb.
     iterations: int = 12
     #: [1] Relative distance of an eigenvalue from the imaginary axis within which the sign of the
-    #: active part may change. Why: rounding of a double eigenvalue.
+    #: active part may change. Rounding: rounding of a double eigenvalue.
     axis_distance: float = 1e-6
-    #: [1] Negative active part, as a share of |G|, that violates passivity. Why: rounding of a
+    #: [1] Negative active part, as a share of |G|, that violates passivity. Rounding: rounding of a
     #: response.
     least_violation: float = 1e-9
-    #: [1] Smallest active part after a correction, as a share of the channel's magnitude. Why:
+    #: [1] Smallest active part after a correction, as a share of the channel's magnitude. Rounding:
     #: larger than the least violation, so that a corrected line does not violate again.
     margin: float = 1e-6
 
@@ -265,12 +266,12 @@ class PlantFamilySettings:
 
     #: [members] Largest number of members. Effort: memory; each is a plant.
     most_members: int = 10_000
-    #: [draws] Least number of draws that enrich the basis of all members. Why: a rule of thumb.
+    #: [draws] Least number of draws that enrich the basis of all members. Effort: a rule of thumb.
     least_training_draws: int = 6
-    #: [draws] Draws per parameter that enrich it. Why: a rule of thumb.
+    #: [draws] Draws per parameter that enrich it. Effort: a rule of thumb.
     draws_per_parameter: float = 2.0 / 3.0
-    #: [1] Factor on the spread of these draws. Why: a rule of thumb; most members then lie between
-    #: them.
+    #: [1] Factor on the spread of these draws. Effort: a rule of thumb; most members then lie
+    #: between them.
     training_spread: float = 1.5
 
 
@@ -283,9 +284,9 @@ class PlantLineSettings:
     #: [half widths] Distances of lines from each pole, on both sides, in units of half its
     #: half-power width. Why: a rule of thumb.
     fine_offsets: tuple[float, ...] = (0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 4.5, 7.0, 11.0, 20.0)
-    #: [half widths] The same for smoother curves. Why: a rule of thumb.
+    #: [half widths] The same for smoother curves. Effort: a rule of thumb.
     coarse_offsets: tuple[float, ...] = (0.5, 1.0, 2.0, 5.0)
-    #: [log Hz] Distance of lines within which they are merged. Why: rounding of frequencies.
+    #: [log Hz] Distance of lines within which they are merged. Rounding: rounding of frequencies.
     merge_distance: float = 1e-10
     #: [1] Smallest damping ratio that is resolved. Why: undamped zeros have none.
     least_damping: float = 1e-9
@@ -303,7 +304,8 @@ class DiscretisationSettings:
     whole_distance: float = 1e-9
     #: [states] Largest number of states with those of the delay. Effort: memory of dense matrices.
     most_states: int = 2000
-    #: [lines] Lines in the band for the deviation, in addition to the peaks. Why: a rule of thumb.
+    #: [lines] Lines in the band for the deviation, in addition to the peaks. Effort: a rule of
+    #: thumb.
     deviation_lines: int = 400
     #: [1] Relative distance of a pole from the singularity of the bilinear substitution within
     #: which it is refused. Why: nine digits are lost there.
@@ -317,8 +319,8 @@ class UncertaintyWeightSettings:
     #: [1] Factor by which the lines extend beyond the slowest and fastest of band, poles and zeros.
     #: Why: a rule of thumb.
     band_factor: float = 10.0
-    #: [rounds] Rounds that add lines where a weight is closest to its radius. Why: a rule of thumb;
-    #: the first ones fit the weight again.
+    #: [rounds] Rounds that add lines where a weight is closest to its radius. Effort: a rule of
+    #: thumb; the first ones fit the weight again.
     refinements: int = 4
     #: [parts] Parts into which new lines divide the gaps next to such a place. Why: a rule of
     #: thumb.
@@ -346,21 +348,23 @@ class WeightFitSettings:
     least_damping: float = 1e-5
     #: [1] Largest damping of a section. Why: two real roots far apart.
     largest_damping: float = 1e2
-    #: [lines] Least number of lines for trial sections. Why: a rule of thumb.
+    #: [lines] Least number of lines for trial sections. Effort: a rule of thumb.
     least_lines: int = 120
     #: [lines] Largest number of lines for trial sections. Effort: a rule of thumb.
     most_lines: int = 250
     #: [starts] Trial frequencies of a new section. Effort: optimisation moves them.
     trial_frequencies: int = 9
-    #: [log rad/s] Half the distance between zero and pole of a new first-order section. Why: a
-    #: factor of four between them.
+    #: [log rad/s] Half the distance between zero and pole of a new first-order section. Effort: a
+    #: factor of four between them; optimisation moves them.
     root_distance: float = 0.7
-    #: [1] Damping of the zeros and of the poles of a new section that lifts a peak. Why: a rule of
-    #: thumb.
+    #: [1] Damping of the zeros and of the poles of a new section that lifts a peak. Effort: a rule
+    #: of thumb; optimisation moves them.
     peak_dampings: tuple[tuple[float, float], ...] = ((1.0, 0.2), (0.2, 1.0), (0.5, 0.05))
-    #: [1] The same at the tightest peaks. Why: a rule of thumb; these are sharp.
+    #: [1] The same at the tightest peaks. Effort: a rule of thumb; these are sharp, and
+    #: optimisation moves them.
     spike_dampings: tuple[tuple[float, float], ...] = ((0.3, 3e-3), (0.1, 1e-4))
-    #: [1] The same of a section that lowers a gap. Why: a rule of thumb.
+    #: [1] The same of a section that lowers a gap. Effort: a rule of thumb; optimisation moves
+    #: them.
     dip_dampings: tuple[tuple[float, float], ...] = ((0.05, 0.2), (0.2, 0.8), (0.3, 3.0))
     #: [places] Numbers of tightest peaks and of widest gaps that are tried. Effort: a rule of
     #: thumb.
