@@ -137,11 +137,11 @@ def _brief_faults(text: str) -> str:
 def brief_start(compared: StartComparison, width: int | None) -> str:
     """Return agreement of a test at the start, its worst responses, modes and faults."""
     tests = [test for test in compared.ready.tests if test.name == compared.test]
+    faults = _brief_faults(format_faults(tests, compared.faults))
     blocks = [
         "\n".join(_brief_agreement(compared.test, compared.figures)),
         _worst_responses(compared, width),
-        brief_modes(compared.modes, LAYOUT.outcome_rows, width),
-        _brief_faults(format_faults(tests, compared.faults)),
+        f"{brief_modes(compared.modes, LAYOUT.outcome_rows, width)}\n{faults}",
     ]
     return "\n\n".join(filter(None, blocks))
 

@@ -63,7 +63,7 @@ def _status_patterns() -> list[str]:
         rf"{parts} +(?P<warning>not known)(?=  )",
         rf"{parts} +(?P<faint>not asked)(?=  )",
     ]
-    part = rf"(?:(?m:^  )|, ?\n? *)(?:{'|'.join(PARTS)}) "
+    part = rf"(?:(?m:^  )|, ?\n? *)(?:{'|'.join(PARTS)})\s+"
     patterns += [
         rf"{part}(?P<good>yes)(?=,|\n|$)",
         rf"{part}(?P<bad>no)(?=,|\n|$)",

@@ -21,7 +21,7 @@ _GAP = 2  # blanks between columns
 def fit_text(text: str, width: int) -> str:
     """Return text whose lines have at most `width` columns, except words that are longer."""
     lines: list[str] = []
-    for is_table, rows in groupby(text.splitlines(), _is_row):
+    for is_table, rows in groupby(text.split("\n"), _is_row):
         block = list(rows)
         if max(map(display_width, block)) <= width:
             lines += block

@@ -49,6 +49,11 @@ def test_rows_of_a_part_are_those_of_the_table() -> None:
     assert second == text_table(("group", *HEADER[4:6]), [[row[0], *row[4:6]] for row in ROWS])
 
 
+@pytest.mark.parametrize("text", ["", "a\n", "\na", "a\n\n\nb\n\n"])
+def test_empty_lines_stay(text: str) -> None:
+    assert fit_text(text, 40) == text
+
+
 def test_a_table_that_fits_is_unchanged() -> None:
     table = text_table(HEADER, ROWS, left=(0, 6))
     assert fit_text(table, max(map(display_width, table.splitlines()))) == table

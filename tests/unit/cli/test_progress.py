@@ -298,7 +298,8 @@ def test_a_verdict_has_the_colour_of_its_badge(colour: Colour, style: str) -> No
     [("yes", "good"), ("no", "bad"), ("not known", "warning"), ("not asked", "faint")],
 )
 def test_the_parts_of_a_verdict_have_colours(answer: str, style: str) -> None:
-    text = SummaryHighlighter()(f"  resembles {answer}, converged {answer},\nplausible {answer}")
+    line = f"  resembles {answer}, converged {answer},\n  validated\n  {answer}"
+    text = SummaryHighlighter()(line)
     assert [str(span.style) for span in text.spans] == 3 * [f"updyn.{style}"]
     assert {text.plain[span.start : span.end] for span in text.spans} == {answer}
 
