@@ -50,11 +50,11 @@ class CertificateSettings:
     #: lines and natural frequencies, where Z is not close to P; a rule of thumb, checked like the
     #: factor on the difference.
     residual_factor: float = 16.0
-    #: [eps] Factor on the errors by rounding of the matrix entries. Why: about the two roundings of
-    #: an entry, of its computation and of the sum.
+    #: [eps] Factor on the errors by rounding of the matrix entries. Rounding: about the two
+    #: roundings of an entry, of its computation and of the sum.
     entry_rounding: float = 2.0
-    #: [eps] Factor on the errors by rounding in dense factorisations. Why: a rounding is half a
-    #: unit in the last place.
+    #: [eps] Factor on the errors by rounding in dense factorisations. Rounding: a rounding is half
+    #: a unit in the last place.
     factor_rounding: float = 0.5
     #: [lines] Lines at which the error of the larger basis is computed: the worst of as many parts
     #: of the band. Effort: each costs a solution of the full model for each reference.
@@ -68,22 +68,22 @@ class EigenSettings:
     #: [DOFs] Largest model for dense eigensolvers; half as many with viscous damping, which doubles
     #: the matrices. Effort: for large models, sparse solvers take less time; a rule of thumb.
     dense_dofs: int = 800
-    #: [1] Shift of the second dense pass, as a share of the highest wanted eigenvalue. Why:
+    #: [1] Shift of the second dense pass, as a share of the highest wanted eigenvalue. Rounding:
     #: rounding errors of the lowest eigenvalues grow with the shift, those of the highest become
     #: smaller; a rule of thumb between both.
     dense_shift: float = 0.01
-    #: [1] Shift of the second sparse pass, as a share of the highest wanted eigenvalue. Why: a
+    #: [1] Shift of the second sparse pass, as a share of the highest wanted eigenvalue. Rounding: a
     #: larger one needs more Lanczos iterations, a smaller one makes K + s M of a free model nearly
     #: singular; a rule of thumb between both.
     sparse_shift: float = 0.1
-    #: [1] First shift, as a share of the largest diagonal ratio K/M. Why: K + s M is then
+    #: [1] First shift, as a share of the largest diagonal ratio K/M. Rounding: K + s M is then
     #: well-conditioned.
     first_shift: float = 1e-6
     #: [modes] Modes that are computed in addition to the wanted ones. Why: they show the gap after
     #: the last wanted mode.
     additional_modes: int = 2
-    #: [1] Share of the largest eigenvalue below which one is zero. Why: rounding; eps times several
-    #: hundred DOFs is below 1e-12.
+    #: [1] Share of the largest eigenvalue below which one is zero. Rounding: rounding; eps times
+    #: several hundred DOFs is below 1e-12.
     zero_share: float = 1e-12
 
 
@@ -109,8 +109,8 @@ class LineSolverSettings:
 class StaticCondensationSettings:
     """Static condensation."""
 
-    #: [1] Largest permitted backward error of the static solution. Why: far above rounding (1e-16)
-    #: and far below that of a singular matrix (about 1).
+    #: [1] Largest permitted backward error of the static solution. Rounding: far above rounding
+    #: (1e-16) and far below that of a singular matrix (about 1).
     backward_error: float = 1e-6
 
 
@@ -127,14 +127,15 @@ class PencilSettings:
     #: [lines] Smallest number of lines if the decomposition is real. Effort: it takes as long as 4
     #: to 8 factorisations.
     least_real_lines: int = 16
-    #: [1] Reciprocal condition of the eigenvectors below which they count as dependent. Why: half
-    #: the digits of double precision are lost.
+    #: [1] Reciprocal condition of the eigenvectors below which they count as dependent. Rounding:
+    #: half the digits of double precision are lost.
     least_condition: float = 1e-8
-    #: [1] Largest accepted backward error of a line. Why: rounding of some thousand operations.
+    #: [1] Largest accepted backward error of a line. Rounding: rounding of some thousand
+    #: operations.
     backward_error: float = 1e-12
     #: [1] Growth of the probe load, as a share of the limit of singularity, above which a line is
-    #: factorised. Why: the factorisation identifies the singularity; the margin of 1e4 keeps the
-    #: decision away from rounding.
+    #: factorised. Rounding: the factorisation identifies the singularity; the margin of 1e4 keeps
+    #: the decision away from rounding.
     doubtful_growth: float = 1e-4
 
 
@@ -142,14 +143,14 @@ class PencilSettings:
 class ReductionSettings:
     """Construction, enrichment and size of reduced models."""
 
-    #: [1] Default permitted error of a receptance, relative to the largest of its line. Why: far
-    #: below the errors of measurements, 1e-3 at best.
+    #: [1] Default permitted error of a receptance, relative to the largest of its line. Default:
+    #: far below the errors of measurements, 1e-3 at best.
     accuracy: float = 1e-5
-    #: [1] Factor on errors by residuals during enrichment. Why: Z differs from P near natural
+    #: [1] Factor on errors by residuals during enrichment. Effort: Z differs from P near natural
     #: frequencies; the certificate checks the result.
     error_factor: float = 4.0
-    #: [1] Share of the largest missing direction from which one is added to the larger basis. Why:
-    #: smaller ones change an error estimate by 0.1 % or less.
+    #: [1] Share of the largest missing direction from which one is added to the larger basis.
+    #: Rounding: smaller ones change an error estimate by 0.1 % or less.
     compared_share: float = 1e-3
     #: [shifts] Shifts of a new basis. Effort: both ends and the middle of the band.
     first_shifts: int = 3
@@ -178,7 +179,7 @@ class ReductionSettings:
     lines_per_state: int = 12
     #: [lines] Largest number of such lines of all states. Effort: a rule of thumb.
     lines_of_states: int = 250
-    #: [1] Share of the permitted error below which a direction is not added. Why: twenty such
+    #: [1] Share of the permitted error below which a direction is not added. Rounding: twenty such
     #: directions together reach the permitted error.
     negligible_share: float = 0.05
     #: [lines] Lines that are checked in a pass. Effort: each costs a solution of the full model.
@@ -191,8 +192,8 @@ class ReductionSettings:
     #: [parts] Parts of the band with a line each in a pass with the factors of another state.
     #: Effort: such a pass is cheap and is repeated at other lines.
     nearby_parts: int = 4
-    #: [1] Share of the permitted error to which a basis is enriched. Why: lines without a residual
-    #: may be worse than lines with one.
+    #: [1] Share of the permitted error to which a basis is enriched. Effort: lines without a
+    #: residual may be worse than lines with one.
     enriched_share: float = 0.2
     #: [passes] Largest number of passes of an enrichment. Effort: the certificate states the error
     #: that is reached.
@@ -233,16 +234,16 @@ class ShiftedSettings:
     #: [1] Largest relative difference of masses and stiffnesses of two states that share factors.
     #: Why: P of one is then at most 1.1 times that of the other.
     close_share: float = 0.1
-    #: [1] Permitted error, in single precision, of solutions that measure errors. Why: an error
-    #: needs few digits.
+    #: [1] Permitted error, in single precision, of solutions that measure errors. Rounding: an
+    #: error needs few digits.
     measuring_error: float = 1e-5
     #: [DOFs] Largest model that is factorised in double precision. Effort: beyond it, memory may be
     #: too small; refinement takes as long as single precision saves.
     double_dofs: int = 400_000
-    #: [1] Moves of a shift that is a natural frequency, in squares of the highest frequency. Why:
-    #: each is ten times as large, to reach a regular matrix.
+    #: [1] Moves of a shift that is a natural frequency, in squares of the highest frequency.
+    #: Rounding: each is ten times as large, to reach a regular matrix.
     moves: tuple[float, ...] = (0.0, 1e-4, 1e-3)
-    #: [1] The same in single precision. Why: it is less accurate near a natural frequency.
+    #: [1] The same in single precision. Rounding: it is less accurate near a natural frequency.
     moves_in_single: tuple[float, ...] = (0.0, 3e-3, 1e-2)
 
 

@@ -12,14 +12,14 @@ class ElementSettings:
     #: [1] Relative difference up to which positions, directions and coefficients are equal. Why:
     #: 1e7 times the rounding of a number, but less than the resolution of positions.
     rounding: float = 1e-9
-    #: [1] Share of the largest entry below which an entry of rotated axes is zero. Why: rounding of
-    #: sines and cosines; such an entry would couple DOFs.
+    #: [1] Share of the largest entry below which an entry of rotated axes is zero. Rounding:
+    #: rounding of sines and cosines; such an entry would couple DOFs.
     rotation_rounding: float = 1e-12
     #: [1] Sine of the angle between a beam and its orientation below which they are parallel. Why:
     #: below it, the axes have less than ten digits.
     parallel_sine: float = 1e-6
-    #: [1] Shear modulus over Young's modulus of a beam that is rigid in shear. Why: 1e10 leaves six
-    #: digits of the stiffness in bending.
+    #: [1] Shear modulus over Young's modulus of a beam that is rigid in shear. Rounding: 1e10
+    #: leaves six digits of the stiffness in bending.
     rigid_shear_ratio: float = 1e10
     #: [1] Distance of a node from the plane of a shell, relative to its size, from which a warning
     #: is given. Why: a rule of thumb for flat elements.
@@ -39,8 +39,8 @@ class ElementSettings:
 class TrainSettings:
     """Checks of drive trains."""
 
-    #: [1] Largest residual of a solvable equation between unit rotations. Why: far above rounding
-    #: and far below 1, the residual of an unsolvable one.
+    #: [1] Largest residual of a solvable equation between unit rotations. Rounding: far above
+    #: rounding and far below 1, the residual of an unsolvable one.
     solvable_residual: float = 1e-6
     #: [Hz] Lowest plausible natural frequency of a drive train. Why: a telescope of 100 m is
     #: modelled by its modes up to 2 Hz (Ranka et al., J. Astron. Telesc. Instrum. Syst. 2 (2016)

@@ -17,11 +17,11 @@ class SparseSolverSettings:
     #: permits.
     single_backward_error: float = 1e-4
     #: [1] Growth of a solution relative to its right-hand side above which the matrix counts as
-    #: singular. Why: 12 of 16 digits are lost.
+    #: singular. Rounding: 12 of 16 digits are lost.
     largest_growth: float = 1e12
-    #: [1] The same for a load that excites every mode. Why: at a natural frequency it grows by 1e14
-    #: or more, depending on the BLAS kernel; the forces of a test may grow by less than 1e12 if
-    #: they hardly excite that mode.
+    #: [1] The same for a load that excites every mode. Rounding: at a natural frequency it grows by
+    #: 1e14 or more, depending on the BLAS kernel; the forces of a test may grow by less than 1e12
+    #: if they hardly excite that mode.
     largest_probe_growth: float = 1e13
     #: [1] Share of the error that remains after a refinement step, up to which factors in single
     #: precision are used. Why: refinement converges, and no eigenvalue changes its sign.
@@ -29,8 +29,8 @@ class SparseSolverSettings:
     #: [steps] Largest number of refinement steps. Effort: the largest remaining share to this power
     #: is 1e-14.
     most_refinements: int = 20
-    #: [eps] Rounding errors of a residual, which refinement cannot reduce, times the growth. Why: a
-    #: rule of thumb.
+    #: [eps] Rounding errors of a residual, which refinement cannot reduce, times the growth.
+    #: Rounding: a rule of thumb.
     residual_rounding: float = 4.0
     #: [1] Ratio of the diagonal entries from which the message on a singular matrix names
     #: stiffnesses that are too far apart. Why: rotations in N m/rad and translations in N/m reach a
