@@ -120,11 +120,11 @@ class ModalSpaceSettings:
     #: train the motion of the load is small relative to that of the motor, which normalises the
     #: error.
     basis_accuracy: float = 1e-8
-    #: [1] Lines of the check of a basis for several states, as shares of the end of the band. Why:
-    #: a rule of thumb.
+    #: [1] Lines of the check of a basis for several states, as shares of the end of the band.
+    #: Effort: a rule of thumb.
     checked_shares: tuple[float, ...] = (1.0, 0.7, 0.35)
-    #: [states] Number of states that always enrich such a basis; others do if it lacks them. Why: a
-    #: rule of thumb.
+    #: [states] Number of states that always enrich such a basis; others do if it lacks them.
+    #: Effort: a rule of thumb.
     enriching_states: int = 6
     #: [1] Natural frequency of a motion without mass, as a multiple of the band's upper end. Why:
     #: its dynamic amplification in the band is then below 0.12 %.
@@ -141,16 +141,16 @@ class ModalSpaceSettings:
 class SpectralSettings:
     """Numbers of the spectral decomposition of a damped structure."""
 
-    #: [1] Share of the largest damper below which a damper is 0. Why: rounding of eigenvalues.
+    #: [1] Share of the largest damper below which a damper is 0. Rounding: rounding of eigenvalues.
     damper_share: float = 1e-13
     #: [1] Number of dampers, as a share of the basis vectors, above which lines are solved one by
     #: one. Effort: a rule of thumb.
     most_dampers_share: float = 0.25
-    #: [lines] Lines of the band at which the decomposition is compared with a solution. Why: a rule
-    #: of thumb.
+    #: [lines] Lines of the band at which the decomposition is compared with a solution. Effort: a
+    #: rule of thumb.
     checked_lines: int = 5
     #: [1] Largest difference at these lines, as a share of a channel; else lines are solved one by
-    #: one. Why: small relative to the error of a plant.
+    #: one. Rounding: small relative to the error of a plant.
     agreement: float = 1e-7
     #: [lines] Lines that are solved at once. Effort: memory.
     block_lines: int = 32
@@ -160,13 +160,13 @@ class SpectralSettings:
 class RealModesSettings:
     """Numbers of real modes with relaxation terms (Biot)."""
 
-    #: [terms] Numbers of relaxation terms that are tried in turn. Why: each term adds states; a
+    #: [terms] Numbers of relaxation terms that are tried in turn. Effort: each term adds states; a
     #: rule of thumb.
     relaxation_terms: tuple[int, ...] = (2, 3, 4, 6, 8)
-    #: [lines] Lines at which they are fitted to a loss factor. Why: a rule of thumb.
+    #: [lines] Lines at which they are fitted to a loss factor. Effort: a rule of thumb.
     fitted_lines: int = 200
-    #: [1] Eigenvalue of a relaxing stiffness, as a share of the largest, below which it is 0. Why:
-    #: rounding of eigenvalues.
+    #: [1] Eigenvalue of a relaxing stiffness, as a share of the largest, below which it is 0.
+    #: Rounding: rounding of eigenvalues.
     stiffness_share: float = 1e-12
 
 
@@ -175,16 +175,16 @@ class ComplexModesSettings:
     """Numbers of complex modes, and of their fitted outputs."""
 
     #: [1] Ratio of imaginary part to modulus below which a pole of the structure without structural
-    #: damping is real. Why: rounding splits a double pole by its square root.
+    #: damping is real. Rounding: rounding splits a double pole by its square root.
     real_pole_ratio: float = 1e-7
-    #: [1] Modulus of a pole, as a share of the largest, below which it is at 0. Why: rounding.
+    #: [1] Modulus of a pole, as a share of the largest, below which it is at 0. Rounding: rounding.
     zero_share: float = 1e-9
     #: [1] Frequency of the real pole that removes the feed-through of a velocity, as a multiple of
     #: the band's upper end. Why: a rule of thumb; its phase in the band is up to 6 degrees.
     velocity_pole_factor: float = 10.0
-    #: [1] Sum of the residues, as a share of their moduli, below which it is 0. Why: rounding.
+    #: [1] Sum of the residues, as a share of their moduli, below which it is 0. Rounding: rounding.
     residue_rounding: float = 1e-10
-    #: [poles] Numbers of real poles that are tried with fitted outputs. Why: a rule of thumb.
+    #: [poles] Numbers of real poles that are tried with fitted outputs. Effort: a rule of thumb.
     real_poles: tuple[int, ...] = (0, 2, 4)
     #: [1] Factor by which these extend beyond the band. Why: a rule of thumb.
     band_factor: float = 3.0
