@@ -482,7 +482,7 @@ def correlate(job: Path, /, *, out: Path | None = None, verbose: Verbose = False
         Print all tables before the outcome.
     """
     from updyn.job import job_analysis, job_selection, load_job, prepare
-    from updyn.job.modes import start_modes, start_modes_text
+    from updyn.job.modes import correlation_at_start, start_modes, start_modes_text
     from updyn.job.start import StartAgreement, start_correlation
     from updyn.modal import ModeSet
 
@@ -493,7 +493,8 @@ def correlate(job: Path, /, *, out: Path | None = None, verbose: Verbose = False
     agreements = {}
     details, outcome = [describe_job(ready)], [brief_head(ready)]
     for test in ready.tests:
-        modes = start_modes(test, ready.parameters)
+        table = start_modes(test, ready.parameters)
+        modes = correlation_at_start(table)
         if isinstance(test.data, ModeSet):
             text = start_modes_text(modes)
             details.append("\n".join(filter(None, [test.name, text])))
@@ -501,7 +502,7 @@ def correlate(job: Path, /, *, out: Path | None = None, verbose: Verbose = False
             outcome.append("\n".join(filter(None, [test.name, brief])))
             continue
         found = start_correlation(test, ready.parameters)
-        agreement = agreements[test.name] = StartAgreement.of(test, found)
+        agreement = agreements[test.name] = StartAgreement.of(test, found, table)
         compared = StartComparison(ready, test.name, agreement.figures, found, faults, modes)
         details.append(join_sections(CORRELATE, compared))
         outcome.append(brief_start(compared, output_width()))

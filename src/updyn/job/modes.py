@@ -5,20 +5,23 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from updyn.correlation import correlate
 from updyn.correlation.modes import ModeCorrelation
-from updyn.dynamics.excitation import hold_base
-from updyn.errors import UpdynError
 from updyn.job.prepared import PreparedTest
 from updyn.job.start import start_model
-from updyn.modal import ModeSet
 from updyn.updating.judge.modal_table import ModalTable
 from updyn.updating.judge.settings import EFFORT
-from updyn.updating.modes import identify_modes_for, judge_by_modes, modal_table
+from updyn.updating.modes import compare_start_modes, judge_by_modes, modal_table
 from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.result import JointResult, UpdateResult
 
-__all__ = ["MODES_HEADING", "modal_texts", "start_modes", "start_modes_text", "with_modes"]
+__all__ = [
+    "MODES_HEADING",
+    "correlation_at_start",
+    "modal_texts",
+    "start_modes",
+    "start_modes_text",
+    "with_modes",
+]
 
 #: Heading of the table of modes at the start.
 MODES_HEADING = "Modes of the test (measured) and of the model (computed)"
@@ -56,20 +59,14 @@ def _select_informative(
     ]
 
 
-def start_modes(test: PreparedTest, unknowns: ParameterSet) -> ModeCorrelation | str:
-    """Return the correlation of the modes of model and test at the start, or why it is missing."""
-    model, data = start_model(test, unknowns), test.data
-    if model.n_dofs > EFFORT.most_dofs:
-        return f"Modes: not computed for a model of {model.n_dofs} DOFs; see updyn.correlate."
-    try:
-        measured = data if isinstance(data, ModeSet) else test.modes
-        if measured is not None:
-            return correlate(model, measured)
-        band = float(test.freq[0]), float(test.freq[-1])
-        model, frf = hold_base(model, test.frf)
-        return correlate(model, identify_modes_for(model, frf), band=band)
-    except UpdynError as error:
-        return f"Modes: not known; {str(error).removeprefix('modes: ')}."
+def start_modes(test: PreparedTest, unknowns: ParameterSet) -> ModalTable:
+    """Return the modes of the test and of the model at the start."""
+    return compare_start_modes(start_model(test, unknowns), test.data, test.modes)
+
+
+def correlation_at_start(table: ModalTable) -> ModeCorrelation | str:
+    """Return the correlation of `start_modes`, or why it is missing."""
+    return table.correlations.get("start") or f"Modes: not known. {' '.join(table.notes)}"
 
 
 def start_modes_text(found: ModeCorrelation | str) -> str:

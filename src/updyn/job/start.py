@@ -23,6 +23,7 @@ from updyn.model import Model
 from updyn.outputs.switch import open_folder, replace_files
 from updyn.updating.fit.reducing import is_reduced
 from updyn.updating.judge.counterparts import Counterparts, find_counterparts
+from updyn.updating.judge.modal_table import ModalTable
 from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.problem.selection import Selection
 
@@ -67,19 +68,23 @@ def _choose_tier(test: PreparedTest) -> str | None:
 class StartAgreement:
     """FRFs of a model at the start of its unknowns, and their agreement with the data of the fit.
 
-    `computed` are on all lines and channels of the test, `figures` as `Correlation.figures`.
+    `computed` are on all lines and channels of the test, `figures` as `Correlation.figures`;
+    `modes` are those of test and model, if they are known.
     """
 
     computed: FRF
     figures: Mapping[str, float]
+    modes: ModalTable | None = None
 
     @classmethod
-    def of(cls, test: PreparedTest, found: Correlation) -> StartAgreement:
+    def of(
+        cls, test: PreparedTest, found: Correlation, modes: ModalTable | None = None
+    ) -> StartAgreement:
         """Return the agreement from the correlation with all FRFs of a test."""
         fitted = test.fitted
         assert isinstance(fitted, FRF)
         computed = found.computed.select(lines=fitted.freq, responses=fitted.responses)
-        return cls(found.computed, correlate(computed, fitted).figures())
+        return cls(found.computed, correlate(computed, fitted).figures(), modes)
 
 
 def agreements_at_start(
@@ -219,6 +224,7 @@ def _make_start(
         figures=agreement.figures if agreement else {},
         job=shlex.quote(ready.job.path.name),
         computed=agreement.computed if agreement else None,
+        table=agreement.modes if agreement else None,
     )
 
 

@@ -108,7 +108,8 @@ class PageContent:
     def modes(self) -> ModalTable:
         """Modal table, computed at first use if the result has none."""
         if self.start is not None:
-            return compare_start_modes(self.start.model, self.start.data, self.start.modes)
+            start = self.start
+            return start.table or compare_start_modes(start.model, start.data, start.modes)
         return self.result.modes or modal_table(self.result)
 
 

@@ -15,6 +15,7 @@ from updyn.model import Model
 from updyn.updating.judge.causes.finding import Finding
 from updyn.updating.judge.counterparts import Counterparts
 from updyn.updating.judge.identifiability import Identifiability
+from updyn.updating.judge.modal_table import ModalTable
 from updyn.updating.problem.parameters import ParameterSet
 
 __all__ = ["Start"]
@@ -63,6 +64,8 @@ class Start:
         Name of the job file, for commands.
     computed : FRF or None
         FRFs of the model if they are known, on lines of the data; the page computes others.
+    table : ModalTable or None
+        Modes of test and model if they are known; else the page computes them.
     """
 
     model: Model
@@ -82,3 +85,4 @@ class Start:
     counterparts: Counterparts | None = None
     job: str = "job.toml"
     computed: FRF | None = None
+    table: ModalTable | None = None

@@ -58,6 +58,8 @@ def found(result, tmp_path_factory):
                   const place = document.querySelector("[data-figure=changes]");
                   return { over: document.documentElement.scrollWidth, room: place._fullLayout._size.w,
                     names: [...place.querySelectorAll(".ytick text")].map((text) => text.textContent),
+                    alike: updynReport.shorten(["skin lower inner: stiffness", "skin lower outer: stiffness",
+                      "front spar of the wing: mass"], 400),
                     errors: document.documentElement.dataset.errors ?? "" };
                 }"""
             )
@@ -75,3 +77,11 @@ def test_long_names_leave_room_for_the_data(found):
     assert found[400]["room"] > 120
     assert found[400]["names"] == ["stiffness", *(f"left main …b>, bay {i}" for i in (1, 2, 3))]
     assert found[1280]["names"] == ["stiffness", *(f"{LONG}, bay {i}" for i in (1, 2, 3))]
+
+
+def test_names_that_differ_in_the_middle_only_are_not_shortened(found):
+    assert found[400]["alike"] == [
+        "skin lower inner: stiffness",
+        "skin lower outer: stiffness",
+        "front spar…ing: mass",
+    ]

@@ -100,12 +100,18 @@ const updynReport = (() => {
     }).join("");
   }
 
+  // Names of which two would be the same when shortened are whole.
+  function shorten(texts, room) {
+    const short = texts.map((text) => shortened(text, room));
+    return short.map((text, i) => short.indexOf(text) === short.lastIndexOf(text) ? text : texts[i]);
+  }
+
   // On a narrow page the legend stands in rows above the data, and the figure grows by them; names leave room to data.
   function fitted(figure, place) {
     const { data, height } = figure, own = { ...figure.layout };
     if (place.clientWidth > 640) return { data, own, height };
     for (const key of Object.keys(own)) {
-      if (/^yaxis\d*$/.test(key) && own[key].ticktext) own[key] = { ...own[key], ticktext: own[key].ticktext.map((text) => shortened(text, place.clientWidth)) };
+      if (/^yaxis\d*$/.test(key) && own[key].ticktext) own[key] = { ...own[key], ticktext: shorten(own[key].ticktext, place.clientWidth) };
     }
     if (!own.showlegend) return { data, own, height };
     const entries = data.filter((trace) => trace.showlegend !== false).length;
@@ -198,5 +204,5 @@ const updynReport = (() => {
     if (place?.classList.contains("js-plotly-plot")) act(place);
     else place?.addEventListener("updyn-drawn", () => act(place), { once: true });
   }
-  return { read, draw, show, follow, reveal, start, whenDrawn };
+  return { read, draw, show, follow, reveal, shorten, start, whenDrawn };
 })();
