@@ -13,8 +13,8 @@ class RoundingSettings:
     #: are equal. Why: matrices of other programs are computed in double precision, with sums of
     #: many terms, and often written with 10 digits or more.
     relative: float = 1e-10
-    #: [1] Share of the largest value of an FRF below which a value is rounding. Why: where symmetry
-    #: makes an FRF zero, the computed values are below it.
+    #: [1] Share of the largest value of an FRF below which a value is rounding. Rounding: where
+    #: symmetry makes an FRF zero, the computed values are below it.
     receptance_share: float = 1e-11
     #: [1] Excess of a coherence above 1 that is accepted as 1. Why: two units in the last place of
     #: single precision, in which analysers compute it.
@@ -61,8 +61,8 @@ class PositionSettings:
     #: [1] Rms distance over that of the given pairs, below which another system is accepted. Why: a
     #: rule of thumb; a right system reduces the distances by far more.
     better_share: float = 0.25
-    #: [1] Width of a set of points over its length, up to which they are in a line. Why: positions
-    #: are given with six digits.
+    #: [1] Width of a set of points over its length, up to which they are in a line. Rounding:
+    #: positions are given with six digits.
     line_width: float = 1e-6
     #: [deg] Rotation of the test from which its directions may be along other axes. Why: rounding
     #: of the positions turns a structure by less.
@@ -133,21 +133,21 @@ class FigureSettings:
 class ProgressSettings:
     """Display of progress."""
 
-    #: [s] Shortest time between a plain line and the first of another stage. Why: a run of seconds
-    #: is not described stage by stage.
+    #: [s] Shortest time between a plain line and the first of another stage. Drawing: a run of
+    #: seconds is not described stage by stage.
     stage_interval: float = 1.0
-    #: [s] Shortest time between plain lines of a stage. Why: a log of minutes has ten lines.
+    #: [s] Shortest time between plain lines of a stage. Drawing: a log of minutes has ten lines.
     line_interval: float = 10.0
-    #: [1] Shortest time between plain lines of a stage as a share of the elapsed time. Why: the
+    #: [1] Shortest time between plain lines of a stage as a share of the elapsed time. Drawing: the
     #: number of lines grows with the logarithm of the run time.
     line_growth: float = 0.5
-    #: [s] Longest time between plain lines. Why: a run of hours still shows that it lives.
+    #: [s] Longest time between plain lines. Drawing: a run of hours still shows that it lives.
     longest_interval: float = 600.0
-    #: [s] Run time of a stage from which its remaining time is estimated. Why: the first lines
+    #: [s] Run time of a stage from which its remaining time is estimated. Drawing: the first lines
     #: include the start of workers.
     estimate_delay: float = 1.0
-    #: [s] Shortest time between two updates of a bar in a notebook. Why: each is a message to the
-    #: browser.
+    #: [s] Shortest time between two updates of a bar in a notebook. Drawing: each is a message to
+    #: the browser.
     bar_interval: float = 0.2
 
 

@@ -214,7 +214,7 @@ class RationalFitSettings:
     #: gain is small.
     newton_steps: int = 6
     #: [steps] Gauss-Newton steps of an approximation that starts at the poles of another: none if
-    #: its moved poles hold the tolerance. Why: steps reduce the mean square, but may move real
+    #: its moved poles hold the tolerance. Effort: steps reduce the mean square, but may move real
     #: poles to places with a larger error from the passivity constraint.
     refit_steps: tuple[int, ...] = (0, 2)
     #: [1] Largest relative distance between a pair and the pole of the structure that it

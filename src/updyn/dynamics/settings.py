@@ -79,8 +79,8 @@ class EigenSettings:
     #: [1] First shift, as a share of the largest diagonal ratio K/M. Rounding: K + s M is then
     #: well-conditioned.
     first_shift: float = 1e-6
-    #: [modes] Modes that are computed in addition to the wanted ones. Why: they show the gap after
-    #: the last wanted mode.
+    #: [modes] Modes that are computed in addition to the wanted ones. Effort: they show the gap
+    #: after the last wanted mode.
     additional_modes: int = 2
     #: [1] Share of the largest eigenvalue below which one is zero. Rounding: rounding; eps times
     #: several hundred DOFs is below 1e-12.
