@@ -9,8 +9,8 @@ from dataclasses import dataclass
 class PlanSettings:
     """Defaults, limits and extent of a plan."""
 
-    #: [lines] Default number of lines. Why: about those of a usual test; the layout depends little
-    #: on it (a rule of thumb).
+    #: [lines] Default number of lines. Default: about those of a usual test; the layout depends
+    #: little on it (a rule of thumb).
     lines: int = 200
     #: [lines] Largest number of lines. Effort: the model is solved at each, and all sensitivities
     #: are in memory.
@@ -43,7 +43,7 @@ class InformationSettings:
     #: a stop takes a sixteenth of the time of a point.
     pieces: int = 16
     #: [1] Level of a channel over that of the largest one of its unit below which it is rounding.
-    #: Why: above the rounding of a solution.
+    #: Rounding: above the rounding of a solution.
     rounding: float = 1e-9
 
 
@@ -71,7 +71,7 @@ class ScreeningSettings:
     least_responses: int = 96
     #: [DOFs] Least number of kept references. Effort: a rule of thumb.
     least_references: int = 24
-    #: [1] Number of kept candidates for each selected one. Why: more change the layout little (a
+    #: [1] Number of kept candidates for each selected one. Effort: more change the layout little (a
     #: rule of thumb).
     kept_per_selected: int = 6
     #: [references] Number of references that each start a layout whose responses are kept. Effort:
@@ -86,8 +86,8 @@ class CandidateReductionSettings:
     #: [DOFs] Number of DOFs above which models are reduced. Effort: smaller ones are solved
     #: quickly.
     most_exact_dofs: int = 600
-    #: [1] Largest error, relative to the largest receptance of a line. Why: below the noise of a
-    #: test; the expected results are computed with the model itself.
+    #: [1] Largest error, relative to the largest receptance of a line. Rounding: below the noise of
+    #: a test; the expected results are computed with the model itself.
     most_error: float = 1e-2
     #: [states] Least number of states of a basis, each solved at another shift. Effort: a rule of
     #: thumb.
@@ -100,7 +100,7 @@ class CandidateReductionSettings:
     depth: int = 4
     #: [vectors] Number of random combinations of the responses at a shift. Effort: a rule of thumb.
     combinations: int = 8
-    #: [1] Square root of the share of the energy of the fields that may be dropped. Why: a
+    #: [1] Square root of the share of the energy of the fields that may be dropped. Rounding: a
     #: hundredth of the accepted error.
     dropped_energy_root: float = 1e-4
     #: [lines] Number of lines at which the error is certified. Effort: a rule of thumb.
