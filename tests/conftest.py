@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -25,6 +26,9 @@ from updyn.model import Group, Model
 from updyn.updating.problem.parameters import ParameterSet
 
 CASES = DATA / "cases"
+
+# Workers of pytest-xdist state a width of 80 columns, in which printed tables and texts are wrapped.
+os.environ.pop("COLUMNS", None)
 
 # Derandomised: the same examples on every machine. No deadline: tests are not timed.
 settings.register_profile(
