@@ -622,5 +622,5 @@ def test_a_band_held_out_and_modes_that_cannot_be_identified_are_said_plainly(
     assert main(["correlate", str(job)]) == 0
     out = capsys.readouterr().out
     assert "; held out: 4.2 to 4.5 Hz\n" in out
-    assert "Modes: not known; " in out
+    assert "Modes: not known. No modes could be identified from the FRFs: " in out
     assert "modes: " not in out
