@@ -10,22 +10,22 @@ class MatrixFileSettings:
     """Comparison of matrices that other programs write."""
 
     #: [1] Difference of the sum of the groups from the matrices of the whole model, relative to the
-    #: largest entries of row and column. Why: programs print 14 digits or more, and sums of many
-    #: terms lose a few.
+    #: largest entries of row and column. Rounding: programs print 14 digits or more, and sums of
+    #: many terms lose a few.
     sum_tolerance: float = 1e-10
     #: [1] Difference of two runs, relative to the largest entries of row and column, that is
-    #: rounding of equal entries. Why: 14 printed digits.
+    #: rounding of equal entries. Rounding: 14 printed digits.
     entry_rounding: float = 1e-13
     #: [1] Deviation of structural damping from a multiple of the stiffness, relative to the largest
     #: entry. Why: far above the rounding of 15 printed digits, far below a second loss factor.
     damping_tolerance: float = 1e-8
-    #: [1] Relative difference of mirrored entries of a matrix that is declared symmetric. Why: a
-    #: punch file in small fields has six digits or more.
+    #: [1] Relative difference of mirrored entries of a matrix that is declared symmetric. Rounding:
+    #: a punch file in small fields has six digits or more.
     mirror_tolerance: float = 1e-6
-    #: [rows] Rows by which the number of columns of a file is found. Why: a few damaged lines do
+    #: [rows] Rows by which the number of columns of a file is found. Effort: a few damaged lines do
     #: not hide it.
     sampled_rows: int = 100
-    #: [elements] Elements by which the order of packed triangles is found. Why: one element with
+    #: [elements] Elements by which the order of packed triangles is found. Effort: one element with
     #: stiffness suffices; the others confirm it.
     sampled_elements: int = 200
     #: [rows] Largest matrix of a file. Effort: above any model; a damaged header would request all
@@ -104,16 +104,17 @@ class MeasuredFileSettings:
     #: [1] Relative difference of equal unit factors. Why: those of dataset 164 have at least four
     #: digits.
     factor_tolerance: float = 1e-3
-    #: [1] Difference between time axes, relative to the last time. Why: rounding of sums of many
-    #: steps.
+    #: [1] Difference between time axes, relative to the last time. Rounding: rounding of sums of
+    #: many steps.
     time_tolerance: float = 1e-9
     #: [1] Largest difference of a component between a unit vector and an axis that counts as
-    #: parallel. Why: axes are written with six digits or more.
+    #: parallel. Rounding: axes are written with six digits or more.
     parallel_tolerance: float = 1e-6
-    #: [1] Relative difference of numbers of a mode in one dataset. Why: numbers with six digits.
+    #: [1] Relative difference of numbers of a mode in one dataset. Rounding: numbers with six
+    #: digits.
     mode_tolerance: float = 1e-4
-    #: [1] Relative difference between a mode and the numbers in its identification lines. Why: such
-    #: lines have few digits.
+    #: [1] Relative difference between a mode and the numbers in its identification lines. Rounding:
+    #: such lines have few digits.
     stated_tolerance: float = 2e-3
     #: [1] Relative difference between the frequency of a dataset 2414 and its eigenvalue; twice as
     #: much for their squares and for damping ratios. Why: above rounding to three digits, below a
@@ -123,7 +124,7 @@ class MeasuredFileSettings:
     #: have few digits.
     damping_tolerance: float = 1e-3
     #: [1] Positive real part of an eigenvalue, relative to its size, up to which the mode is
-    #: undamped. Why: rounding.
+    #: undamped. Rounding: rounding.
     undamped_share: float = 1e-6
     #: [1] Negative eigenvalue, as a frequency relative to the largest one, up to which it is
     #: rounding of a rigid-body mode. Why: an eigenvalue in single precision has an error of 1e-7 of
@@ -147,7 +148,8 @@ class MeasuredFileSettings:
     #: [steps] Largest rounding error of Delta_X and of start times, as a share of the step. Why:
     #: more would be another sampling rate.
     step_rounding: float = 1e-3
-    #: [bytes] Bytes in which a closing delimiter is searched. Why: above its length with padding.
+    #: [bytes] Bytes in which a closing delimiter is searched. Effort: above its length with
+    #: padding.
     delimiter_window: int = 2**12
 
 
