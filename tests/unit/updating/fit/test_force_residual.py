@@ -11,7 +11,6 @@ from updyn.updating.fit.methods.force_residual import ForceResidual, _compliance
 from updyn.updating.problem.problem import FRFPart
 from updyn.updating.problem.residuals import reduce_cached
 
-#: Its fits have a residual on purpose, whose causes other tests seek.
 RNG = np.random.default_rng
 
 

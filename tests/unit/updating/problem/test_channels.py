@@ -8,7 +8,6 @@ from updyn.errors import OptionError, ParameterError
 from updyn.updating.problem.problem import FRFPart
 from updyn.updating.result import estimated_gains
 
-#: Its fits have a residual on purpose, whose causes other tests seek.
 FREQ = np.linspace(1.0, 40.0, 60)
 
 

@@ -15,7 +15,6 @@ from updyn.updating.problem.noise import (
     choose_noise,
 )
 
-#: Its fits have a residual on purpose, whose causes other tests seek.
 RNG = np.random.default_rng
 BY_CHANNEL = "estimated-by-channel"
 
