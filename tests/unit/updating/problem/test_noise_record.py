@@ -11,6 +11,7 @@ from updyn.updating.problem.noise import Robust, choose_noise, restore_noise
 
 #: Its fits have a residual on purpose, whose causes other tests seek.
 
+
 @pytest.fixture(scope="module")
 def data(chain12_frf, add_noise):
     return add_noise(
