@@ -10,7 +10,6 @@ from updyn.errors import OptionError
 from updyn.updating.problem.noise import Robust, choose_noise, restore_noise
 
 
-
 @pytest.fixture(scope="module")
 def data(chain12_frf, add_noise):
     return add_noise(
