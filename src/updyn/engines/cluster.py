@@ -26,8 +26,9 @@ __all__ = ["Cluster"]
 class Cluster(Remote):
     """The engine of the workers of a Dask cluster, including workers that join later.
 
-    The client is left open; the scheduler's active memory manager is stopped until `close`. Raises
-    EngineError if there is no worker, or a worker lacks updyn or has another version of it.
+    The client is left open; the scheduler's active memory manager is stopped while data is on the
+    workers, until `close`. Raises EngineError if there is no worker, or a worker lacks updyn or has
+    another version of it.
     """
 
     expects = "a dask.distributed Client"
@@ -38,11 +39,8 @@ class Cluster(Remote):
         self._address = client.scheduler.address
         self._workers = self._count_workers()
         self._check_versions()
-        # Between two maps no task needs the shared object, and Dask's memory manager would keep it
-        # on one worker only.
-        self._managed = bool(client.amm.running())
-        if self._managed:
-            client.amm.stop()
+        self._managed = False
+        self._stop_memory_manager()
 
     @classmethod
     def from_option(cls, option: object) -> Engine | None:
@@ -76,11 +74,19 @@ class Cluster(Remote):
             self._client.amm.start()
         self._managed = False
 
+    def _stop_memory_manager(self) -> None:
+        # Between two maps no task needs the shared object, and Dask's memory manager would keep it
+        # on one worker only.
+        if self._client.amm.running():
+            self._client.amm.stop()
+            self._managed = True
+
     # -- abstract methods of `Remote` ----------------------------------------------------------
     def _send(self, shared: object) -> Future:
         # Every worker gets a copy, which allows others to replace a worker that dies. The list
         # keeps Dask from scattering the elements of `shared`; a hash would read every byte.
         self._check_connection()
+        self._stop_memory_manager()  # `close` may have started it
         try:
             (future,) = self._client.scatter(
                 [shared], broadcast=True, hash=False, timeout=WORKERS.cluster_patience

@@ -183,3 +183,14 @@ def test_a_cluster_is_left_as_it_was(client):
     assert not client.amm.running()
     engine.close()
     assert client.amm.running()
+
+
+def test_a_closed_cluster_that_is_used_again_keeps_its_data_on_all_workers(client, shared):
+    """Dask's memory manager would remove copies while they are used."""
+    client.amm.start()
+    engine = cluster.Cluster(client)
+    engine.close()
+    assert list(engine.map(work.fail_at_3, shared, [1, 2])) == [1, 2]
+    assert not client.amm.running()
+    engine.close()
+    assert client.amm.running()
