@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 
 from updyn.arrays import BoolArray, ComplexArray, IndexArray, RealArray
 from updyn.dofs import Dof, DofSet
-from updyn.errors import DataError, OptionError, in_all, suggest
+from updyn.errors import DataError, OptionError, SolverError, in_all, suggest
 from updyn.frf import FRF, TRANSMISSIBILITY
 from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.labels import list_response_labels, list_unsigned_labels
-from updyn.updating.judge.causes.settings import CAUSE_ODDS
+from updyn.updating.judge.causes.settings import CAUSE_MISFIT, CAUSE_ODDS
 from updyn.updating.problem.problem import FRFPart
 
 __all__ = [
@@ -94,16 +94,19 @@ def list_sides(frf: FRF) -> list[tuple[DofSet, list[str]]]:
 
 
 def multiply_channels(frf: FRF, channels: Sequence[str], log_factor: _Complex | RealArray) -> FRF:
-    """Return the data with channels multiplied by exp(log_factor), given over the lines."""
-    factor = np.exp(find_channels(channels, frf).broadcast(log_factor, frf.values.shape))
-    variance = frf.variance
-    if variance is not None:
-        variance = variance * np.abs(factor) ** 2
-    return replace(frf, values=frf.values * factor, variance=variance)
+    """Return the data with channels multiplied by exp(log_factor), given over the lines.
+
+    Raises SolverError if a factor is beyond the range of numbers, as `divide_data`.
+    """
+    spread = find_channels(channels, frf).broadcast(log_factor, frf.values.shape)
+    return divide_data(frf, -spread)
 
 
-def divide_data(frf: FRF, log_factor: _Complex) -> FRF:
+def divide_data(frf: FRF, log_factor: _Complex | RealArray) -> FRF:
     """Return the data divided by exp(log_factor), shape (n_f, n_i, n_j)."""
+    largest = float(np.abs(log_factor.real).max(initial=0.0))
+    if not largest <= CAUSE_MISFIT.largest_log_factor:
+        raise SolverError(f"data cannot be corrected by a factor of exp({largest:.3g})")
     variance = frf.variance
     if variance is not None:
         variance = variance * np.exp(-2.0 * log_factor.real)

@@ -158,6 +158,9 @@ class CauseMisfitSettings:
     #: [1] Largest entry of the normal equations, in which the prior is 1. Rounding: above it,
     #: rounding hides the prior, e.g. at an undamped resonance on a line.
     largest_entry: float = 1e12
+    #: [1] Largest logarithm of a factor by which data are corrected. Rounding: squares of values
+    #: remain within the range of numbers, exp(709).
+    largest_log_factor: float = 300.0
     #: [1] Relative step in frequency for derivatives. Rounding: truncation and rounding are equal
     #: about the cube root of the rounding error.
     frequency_step: float = 1e-5

@@ -1,10 +1,12 @@
 """Each fault is undone exactly, and read back from how it is written."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import updyn
-from updyn.errors import OptionError
+from updyn.errors import OptionError, SolverError
 from updyn.updating.judge.causes.catalogue import CAUSES, read_fault
 
 FREQ = np.linspace(1.0, 20.0, 40)
@@ -41,17 +43,23 @@ def omega(frf):
     ],
 )
 def test_what_was_spoilt_is_undone(frf, written, spoilt):
-    from dataclasses import replace
-
     bad = replace(frf, values=spoilt(frf.values, omega(frf)))
     good = read_fault(written).repair(bad)
     assert good.values == pytest.approx(frf.values, rel=1e-9)
     assert read_fault(written).repair_text == written
 
 
-def test_data_of_another_quantity_keep_their_numbers(frf):
-    from dataclasses import replace
+def test_a_size_beyond_the_range_of_numbers_cannot_be_corrected(frf):
+    """Fits drop such a fault; the values of the data would not be finite."""
+    fault = read_fault("calibration:12:X=0.5")
+    bad = replace(frf, variance=np.full(frf.values.shape, 1e-4))
+    assert np.isfinite(replace(fault, value=-290.0).repair(bad).variance).all()
+    for size in (310.0, -310.0, np.inf, np.nan):
+        with pytest.raises(SolverError, match="cannot be corrected by a factor of exp"):
+            replace(fault, value=size).repair(bad)
 
+
+def test_data_of_another_quantity_keep_their_numbers(frf):
     mislabelled = replace(frf.converted("mobility"), quantity="accelerance")
     good = read_fault("quantity=mobility").repair(mislabelled)
     assert good.quantity == "mobility"
@@ -89,8 +97,6 @@ def test_what_cannot_be_undone_is_refused_by_name(frf, written, said):
 
 
 def test_the_variance_goes_along(frf):
-    from dataclasses import replace
-
     known = replace(frf, variance=np.abs(frf.values) ** 2)
     good = read_fault("scale=10").repair(known)
     assert good.variance == pytest.approx(np.abs(good.values) ** 2)
