@@ -24,8 +24,8 @@ that identify the input. The code that raises it gives the path within its own a
 ``key=("noise", "floor")``. A caller that extracted these arguments from a larger input prepends
 their place with `key_path`. `updyn.job.Job.located` adds the job file and the line of the key.
 
-The traceback of an uncaught `InputError` ends at the caller's line; ``python -X dev`` shows all of
-its frames.
+In IPython and notebooks, the traceback of an `InputError` ends at the caller's line; ``python -X
+dev`` shows all of its frames.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from os import PathLike
 
-from updyn.tracebacks import render_error, show_short_tracebacks
+from updyn.tracebacks import render_error
 
 __all__ = [
     "AbsentError",
@@ -93,9 +93,6 @@ class InputError(UpdynError, ValueError):
 
     def _render_traceback_(self) -> list[str]:  # IPython calls it
         return render_error(self)
-
-
-show_short_tracebacks(InputError)
 
 
 class DofError(InputError):

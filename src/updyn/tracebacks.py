@@ -1,8 +1,8 @@
-"""Tracebacks of uncaught errors of the input: they end at the caller's line.
+"""Tracebacks of errors of the input in IPython and notebooks: they end at the caller's line.
 
 An `InputError` is about the arguments of a call, and its message names them; the frames inside
 updyn do not help to correct it. Python's development mode (``python -X dev``) shows all frames, and
-so do debuggers. Other errors are not affected.
+so do debuggers and plain Python, whose hooks stay as they are. Other errors are not affected.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from types import TracebackType
 
-__all__ = ["cut_traceback", "render_error", "show_short_tracebacks"]
+__all__ = ["cut_traceback", "render_error"]
 
 _PACKAGE = __name__.partition(".")[0]
 
@@ -62,18 +62,3 @@ def render_error(error: BaseException) -> list[str]:
             type(error), error, error.__traceback__
         )
         return lines
-
-
-def show_short_tracebacks(of: type[BaseException]) -> None:
-    """Let Python cut the traceback of an uncaught error of a class, unless it has another hook."""
-    if sys.excepthook is not sys.__excepthook__:
-        return
-
-    def show(kind: type[BaseException], error: BaseException, found: TracebackType | None) -> None:
-        if not isinstance(error, of):
-            sys.__excepthook__(kind, error, found)
-            return
-        with _cut(error):
-            sys.__excepthook__(kind, error, error.__traceback__)
-
-    sys.excepthook = show
