@@ -26,8 +26,8 @@ def describe_outcome(
 ) -> str:
     """Return verdict, agreement, largest changes, next step and closing lines of a run as text.
 
-    Of rows of the table, and then of reasons of the verdict, there are so many that the text has at
-    most `LAYOUT.outcome_lines` lines of `width` columns (None: unlimited).
+    The numbers of rows of the table and of reasons of the verdict are the largest with which the
+    text has at most `LAYOUT.outcome_lines` lines of `width` columns (None: unlimited).
     """
     most = LAYOUT.outcome_rows
     sizes = [(rows, most) for rows in range(most, 0, -1)]
