@@ -53,7 +53,7 @@ def behind_gate(shared: Shared, item: int) -> tuple[int, int]:
     """Return at once for item 0; otherwise note the start and wait for the file ``gate``."""
     if item:
         (shared.folder / f"started-{item}").touch()
-        while not (shared.folder / "gate").exists():
+        while shared.folder.exists() and not (shared.folder / "gate").exists():
             time.sleep(0.01)
     return item, 7 * item
 
