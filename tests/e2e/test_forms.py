@@ -7,7 +7,7 @@ import tomllib
 import pytest
 
 from updyn.demos import find_demo
-from window import browsing, serving
+from window import browsing, serving, visit
 
 pytest.importorskip("nicegui")
 pytest.importorskip("playwright")
@@ -42,7 +42,7 @@ def window(chromium, tmp_path_factory):
 def open_job(window, name):
     """Open a job of the project; return its path."""
     server, page, folder = window
-    page.goto(server.base)
+    visit(page, server.base)
     page.get_by_role("button", name=f"{name}.toml").click()
     page.wait_for_url("**/measurement")
     return folder / f"{name}.toml"
@@ -63,7 +63,7 @@ def test_all_that_is_typed_quickly_is_saved(window, between):
     """The page looks for changes every half second, with pauses within it and beyond."""
     server, page, _ = window
     job = open_job(window, f"pause{between}")
-    page.goto(f"{server.base}/plan")
+    visit(page, f"{server.base}/plan")
     page.get_by_label("sensors *", exact=True).wait_for()
     for label, text in PLAN.items():
         page.get_by_label(label, exact=True).click()
@@ -80,7 +80,7 @@ def test_boxes_clicked_quickly_are_all_taken(window):
     names = [f"part{n} {kind}" for n in (1, 2, 3, 4) for kind in ("mass", "loss_factor")]
     server, page, _ = window
     job = open_job(window, "boxes")
-    page.goto(f"{server.base}/unknowns")
+    visit(page, f"{server.base}/unknowns")
     page.get_by_role("checkbox", name=names[0]).wait_for()
     for name in names:
         page.get_by_role("checkbox", name=name).click()
@@ -93,15 +93,15 @@ def test_boxes_clicked_quickly_are_all_taken(window):
 def test_nothing_incomplete_or_invalid_is_written_or_begun(chromium, job):
     before = job.read_bytes()
     with serving(job.parent, "job.toml") as server, browsing(chromium, server) as (page, heard):
-        page.goto(f"{server.base}/plan")
+        visit(page, f"{server.base}/plan")
         page.get_by_label("sensors *", exact=True).fill("3")
         page.keyboard.press("Enter")
         page.get_by_role("alert").filter(has_text="missing key 'band' in [plan]").wait_for()
         begin = page.get_by_role("button", name="Save and begin")
         assert begin.is_disabled()
         page.get_by_text("required", exact=True).first.wait_for()
-        page.goto(f"{server.base}/measurement")  # kept while another page is shown
-        page.goto(f"{server.base}/plan")
+        visit(page, f"{server.base}/measurement")  # kept while another page is shown
+        visit(page, f"{server.base}/plan")
         page.get_by_label("band, from and to (Hz)").fill("22, 0.6")
         page.get_by_text("band, from and to (Hz): '22, 0.6'; expected two").first.wait_for()
         assert begin.is_disabled()
@@ -115,7 +115,7 @@ def test_nothing_incomplete_or_invalid_is_written_or_begun(chromium, job):
 
     # a fresh server shows the plan again
     with serving(job.parent, "job.toml") as server, browsing(chromium, server) as (page, heard):
-        page.goto(f"{server.base}/plan")
+        visit(page, f"{server.base}/plan")
         page.frame_locator("iframe").get_by_role("heading").first.wait_for()
         page.get_by_text("job-plan/plan.html").wait_for()
         assert heard.wrong == []
@@ -130,6 +130,6 @@ def test_a_job_without_the_suffix_is_listed(chromium, job):
         page.get_by_label("Name of the job").fill("portal")
         page.get_by_role("button", name="Write").click()
         page.wait_for_url("**/job")
-        page.goto(server.base)
+        visit(page, server.base)
         page.get_by_role("button", name="portal.toml").wait_for()
         assert heard.wrong == []

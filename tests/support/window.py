@@ -104,6 +104,12 @@ def chromium() -> Iterator[object]:
         browser.close()
 
 
+def visit(page: object, address: str) -> None:
+    """Go to a page, and wait until it is connected: what is typed before may be lost."""
+    page.goto(address)
+    page.wait_for_function("() => window.did_handshake")
+
+
 @contextmanager
 def browsing(
     chromium: object, server: Server, width: int = 1280, height: int = 1000
