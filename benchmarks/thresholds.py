@@ -109,7 +109,7 @@ class Recorder:
 
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_protocol(self, item: pytest.Item) -> Iterator[None]:
-        """Write what is read while a test runs, with its fixtures."""
+        """Write the settings that a test and its fixtures read."""
         self._current.clear()
         started = _processor_seconds()
         result = yield

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import re
-import unicodedata
 from collections.abc import Collection, Sequence
 
 __all__ = [
-    "character_width",
     "display_width",
     "fit_columns",
     "format_count",
@@ -61,14 +59,11 @@ def fit_columns(
 
 def display_width(text: str) -> int:
     """Return the number of columns of a line of text on a terminal."""
-    return len(text) if text.isascii() else sum(map(character_width, text))
+    if text.isascii():
+        return len(text)
+    from rich.cells import cell_len
 
-
-def character_width(character: str) -> int:
-    """Return the columns of a character: 2 for wide ones of East Asia, 0 for combining marks."""
-    if unicodedata.combining(character) or unicodedata.category(character) in ("Mn", "Me", "Cf"):
-        return 0
-    return 2 if unicodedata.east_asian_width(character) in "WF" else 1
+    return cell_len(text)
 
 
 def format_count(n: int, noun: str) -> str:

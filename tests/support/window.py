@@ -105,7 +105,7 @@ def chromium() -> Iterator[object]:
 
 
 def visit(page: object, address: str) -> None:
-    """Go to a page, and wait until it is connected: what is typed before may be lost."""
+    """Go to a page, and wait until it is connected: text typed before may be lost."""
     page.goto(address)
     page.wait_for_function("() => window.did_handshake")
 
@@ -114,7 +114,7 @@ def visit(page: object, address: str) -> None:
 def browsing(
     chromium: object, server: Server, width: int = 1280, height: int = 1000
 ) -> Iterator[tuple[object, Heard]]:
-    """Open the window in Chromium; give the page, and what is heard of it."""
+    """Open the window in Chromium; give the page, and its errors and requests."""
     context = chromium.new_context(viewport={"width": width, "height": height})
     page = context.new_page()
     page.set_default_timeout(PATIENCE)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from itertools import groupby, zip_longest
 
 from updyn.cli.settings import LAYOUT
-from updyn.text_table import character_width, display_width
+from updyn.text_table import display_width
 
 __all__ = ["fit_text"]
 
@@ -105,7 +105,7 @@ def _expand(line: str) -> list[str]:
     """Return the content of each position of a line on the terminal."""
     positions: list[str] = []
     for character in line:
-        width = character_width(character)
+        width = display_width(character)
         if width or not positions:
             positions += [character, *[""] * (width - 1)]
         else:

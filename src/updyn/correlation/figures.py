@@ -51,7 +51,7 @@ SHORT_NAMES: Mapping[str, str] = {
     "db_error_median": "dB",
     "db_error_p95": "dB, 95 %",
 }
-#: Figures that stand for all others in a line: the first that is known.
+#: Leading figures of agreement: a line of text shows the first that is known.
 LEADING_FIGURES = ("db_error_median", "frequency_error_rms", "mac_median")
 #: Prefixes of figures with a best value of 1.
 ONE_AT_BEST = ("frac_", "correlation_", "csac_", "csf_", "mac_")

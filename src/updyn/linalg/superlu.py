@@ -28,9 +28,17 @@ class SuperLU:
         """Return True, as scipy contains SuperLU."""
         return True
 
-    def __init__(self, pattern: csc_array, *, real: bool = False, single: bool = False) -> None:
+    def __init__(
+        self,
+        pattern: csc_array,
+        *,
+        real: bool = False,
+        single: bool = False,
+        pivot_threshold: float = 0.001,
+    ) -> None:
         del pattern, real
         self._single = single
+        self._pivot_threshold = pivot_threshold
 
     @property
     def peak_bytes(self) -> None:
@@ -54,7 +62,7 @@ class SuperLU:
             splu(
                 A,
                 permc_spec="MMD_AT_PLUS_A",
-                diag_pivot_thresh=0.001,
+                diag_pivot_thresh=self._pivot_threshold,
                 options={"SymmetricMode": True},
             ),
             self._single,

@@ -16,8 +16,6 @@ from updyn.updating.judge.causes.settings import CAUSE_ODDS
 
 __all__ = ["Finding", "Findings", "make_fault_finding"]
 
-#: Odds above which a table shows no number, which would depend on the assumed noise alone.
-_SHOWN_ODDS = 1e6
 #: Kinds that affect some lines only.
 _LOCAL_KINDS = ("mains", "missing-mode")
 #: Kinds that make an answer implausible even with few channels, because a fit takes their values
@@ -145,7 +143,8 @@ class Findings(tuple[Finding, ...]):
         rows = []
         for one in self:
             channels = ", ".join(one.channels) or "all"
-            odds = f"{one.odds:.2g} to 1" if one.odds < _SHOWN_ODDS else f"> {_SHOWN_ODDS:.0e} to 1"
+            most = CAUSE_ODDS.shown_odds
+            odds = f"{one.odds:.2g} to 1" if one.odds < most else f"> {most:.0e} to 1"
             rows.append(
                 [one.kind, channels, odds, percent(one.explains), one.statement, one.remedy]
             )

@@ -106,6 +106,9 @@ class CauseOddsSettings:
     #: [1] Logarithm of the odds between two faults up to which the data do not distinguish them.
     #: Why: odds of 20 to 1, as for a significance of 5 %.
     indistinct_log_odds: float = 3.0
+    #: [1] Odds above which a table shows no number. Drawing: larger odds depend on the assumed
+    #: noise alone.
+    shown_odds: float = 1e6
     #: [places] Least number of places among which the prior odds of a kind are divided. Why: with
     #: few sensors, one place is no more likely than a fault of one sensor.
     least_places: int = 10

@@ -236,21 +236,14 @@ def test_the_error_at_points_of_decisions_is_a_thousandth(monkeypatch):
     assert 1e-3 in made.value.args
 
 
-@pytest.mark.parametrize(("height", "is_peak"), [(2.9, False), (3.1, True)])
-def test_a_mode_may_be_missing_at_a_peak_of_three_times_the_misfit(monkeypatch, height, is_peak):
-    misfit = np.ones((40, 1, 1))
-    misfit[20] = height
-    monkeypatch.setattr(missing_mode, "compute_log_misfit", lambda *about: (misfit, None))
-    monkeypatch.setattr(MissingMode, "adapt_to", lambda self, evidence: self)
-    evidence = SimpleNamespace(
-        frf=SimpleNamespace(freq=np.arange(40.0)), model_response=lambda frf: None
-    )
-    assert bool(list(MissingMode.propose_faults(evidence))) == is_peak
-
-
-@pytest.mark.parametrize(("height", "is_peak"), [(0.09, False), (0.11, True)])
-def test_a_missing_mode_has_a_misfit_of_a_tenth(monkeypatch, height, is_peak):
-    misfit = np.full((40, 1, 1), 1e-3)
+@pytest.mark.parametrize(
+    ("others", "height", "is_peak"),
+    [(1.0, 2.9, False), (1.0, 3.1, True), (1e-3, 0.09, False), (1e-3, 0.11, True)],
+)
+def test_a_mode_may_be_missing_at_a_peak_of_three_times_the_misfit_and_a_tenth(
+    monkeypatch, others, height, is_peak
+):
+    misfit = np.full((40, 1, 1), others)
     misfit[20] = height
     monkeypatch.setattr(missing_mode, "compute_log_misfit", lambda *about: (misfit, None))
     monkeypatch.setattr(MissingMode, "adapt_to", lambda self, evidence: self)
