@@ -21,7 +21,7 @@ __all__ = ["Evidence", "EvidencePanel", "show_evidence", "show_start"]
 class EvidencePanel:
     """A figure with its heading, a caption, and a link to the section that shows all of it.
 
-    `half`: the figure takes half of the width. `curves` are the roles of the curves in its legend.
+    `half`: the figure takes half of the width.
     """
 
     name: str
