@@ -29,8 +29,7 @@ from updyn.correlation.shapes import (
     mac,
 )
 from updyn.dofs import Dof, DofSet
-from updyn.dynamics import eigen
-from updyn.dynamics.modes import Modes, modes
+from updyn.dynamics.modes import Modes, complex_modes_of, modes_up_to
 from updyn.errors import DataError, DofError, ModelError
 from updyn.frf import check_band
 from updyn.group import is_number
@@ -433,7 +432,7 @@ def model_modes(model: Model, highest: float) -> Modes:
     The modes are complex if the model is damped, has at most 5000 DOFs and no loss factor that
     depends on frequency; otherwise real, with loss factors by modal strain energy.
     """
-    found = _compute_undamped(model, highest)
+    found = modes_up_to(model, highest, MODEL_MODES.most_modes)
     if found.loss_factor.any() and model.n_dofs <= MODEL_MODES.most_complex_dofs:
         found = _compute_damped(model, found)
     return _select_elastic(found, highest)
@@ -441,18 +440,7 @@ def model_modes(model: Model, highest: float) -> Modes:
 
 def undamped_modes(model: Model, highest: float) -> Modes:
     """Return at most 400 real modes up to a frequency in Hz, without rigid-body modes."""
-    return _select_elastic(_compute_undamped(model, highest), highest)
-
-
-def _compute_undamped(model: Model, highest: float) -> Modes:
-    """Return the lowest undamped modes, including one above a frequency if there is one."""
-    most = min(eigen.mass_rank(model.mass), MODEL_MODES.most_modes)
-    wanted = min(20, most)
-    found = modes(model, wanted)
-    while found.frequency[-1] <= highest and wanted < most:
-        wanted = min(2 * wanted, most)
-        found = modes(model, wanted)
-    return found
+    return _select_elastic(modes_up_to(model, highest, MODEL_MODES.most_modes), highest)
 
 
 def _select_elastic(found: Modes, highest: float) -> Modes:
@@ -466,7 +454,7 @@ def _select_elastic(found: Modes, highest: float) -> Modes:
 def _compute_damped(model: Model, undamped: Modes) -> Modes:
     """Return the complex modes, or the undamped ones if complex modes cannot be computed."""
     try:
-        return modes(model, len(undamped), complex=True)
+        return complex_modes_of(model, undamped)
     except ModelError:  # loss factors over frequency, or overdamped motions
         return undamped
 

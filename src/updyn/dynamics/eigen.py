@@ -7,13 +7,14 @@ motions, 1 / s for rigid-body motions. The relative error of lambda is about eps
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import suppress
 from functools import partial
 
 import numpy as np
 import scipy.linalg as sl
 
-from updyn.arrays import IndexArray, NumberArray, RealArray
+from updyn.arrays import NumberArray, RealArray
 from updyn.dynamics.settings import EIGEN
 from updyn.errors import SolverError
 from updyn.group import Matrix
@@ -25,6 +26,7 @@ __all__ = [
     "all_pairs",
     "complex_pairs",
     "mass_rank",
+    "pairs_up_to",
     "real_pairs",
     "state_space_pairs",
     "weakest_dof",
@@ -60,15 +62,29 @@ def weakest_dof(K: Matrix, M: Matrix) -> int:
 
 
 @use_one_thread
+def pairs_up_to(K: Matrix, M: Matrix, value: float, most: int) -> Pairs:
+    """Return the eigenpairs up to a value in 1/s2 and the next one, `most` pairs at most."""
+    number = _count_below(K, M, value) if np.isfinite(value) else None
+    n = min(20 if number is None else number + 1, most)
+    if number is not None and number < most and _is_lanczos(K, M, n):
+        with suppress(SolverError):
+            return _solve_up_to(K, M, value, number)
+    found = real_pairs(K, M, n)
+    while found[0][-1] <= value and n < most:
+        n = min(2 * n, most)
+        found = real_pairs(K, M, n)
+    return found
+
+
+@use_one_thread
 def real_pairs(K: Matrix, M: Matrix, n: int) -> Pairs:
     """Return the n lowest eigenvalues of K phi = lambda M phi (1/s2, ascending), and their vectors.
 
     K and M must be positive semidefinite except for rounding.
     """
-    heavy = np.flatnonzero(np.diff(M.indptr))
     share = EIGEN.dense_shift
-    if K.shape[0] > EIGEN.dense_dofs >= len(heavy):
-        crude = fine = partial(_few_masses, K, M, heavy, n)
+    if _has_few_masses(M):
+        crude = fine = partial(_few_masses, K, M, n)
     elif _is_dense(K.shape[0], n):
         crude = fine = partial(_dense, K.toarray(), M.toarray(), n)
     else:
@@ -169,8 +185,19 @@ def _decompose(K: RealArray, M: RealArray, shift: float, first: int) -> Pairs:
     return nu, unit[:, None] * vectors
 
 
-def _few_masses(K: Matrix, M: Matrix, heavy: IndexArray, n: int, shift: float) -> Pairs:
+def _has_few_masses(M: Matrix) -> bool:
+    """Return whether a model is large but for its DOFs with mass."""
+    return bool(M.shape[0] > EIGEN.dense_dofs >= np.count_nonzero(np.diff(M.indptr)))
+
+
+def _is_lanczos(K: Matrix, M: Matrix, n: int) -> bool:
+    """Return whether modes are computed by the Lanczos method."""
+    return not _has_few_masses(M) and not _is_dense(K.shape[0], n)
+
+
+def _few_masses(K: Matrix, M: Matrix, n: int, shift: float) -> Pairs:
     """Solve a large model with mass on few DOFs exactly, by its flexibility at these DOFs."""
+    heavy = np.flatnonzero(np.diff(M.indptr))
     lu = _factor(K + shift * M)
     weight, axes = np.linalg.eigh(M[heavy][:, heavy].toarray())
     kept = weight > EIGEN.zero_share * weight[-1]
@@ -223,29 +250,49 @@ def _sparse(
 
 def _solve_counted(K: Matrix, M: Matrix, n: int, shift: float) -> Pairs:
     """Compute modes and prove by Sylvester's law of inertia that none below the last was missed."""
-    basis = None
-    below: tuple[int, int] | None = None
-    for factor in (2, 6):
-        value, vectors = _sparse(K, M, n + EIGEN.additional_modes, shift, basis=basis)
-        below = _count_below(K, M, value, n)
-        if below is None or below[0] == below[1]:
+    for value, vectors in _solve_twice(K, M, n + EIGEN.additional_modes, shift):
+        at = _find_gap(value, n)
+        there = None if at is None else _count_below(K, M, 0.5 * (value[at - 1] + value[at]))
+        if there is None or there == at:
             return value[:n], vectors[:, :n]
-        basis = min(factor * (n + EIGEN.additional_modes) + 40, K.shape[0] - 1)
-    raise SolverError(f"the eigenvalue solver found too few modes: (there are, found) = {below}")
+    raise _missed(there, at)
 
 
-def _count_below(K: Matrix, M: Matrix, value: RealArray, n: int) -> tuple[int, int] | None:
-    """Return the number of eigenvalues below a gap after the n-th, and the number found there.
+def _solve_up_to(K: Matrix, M: Matrix, most: float, number: int) -> Pairs:
+    """Return the eigenpairs below a value, whose number is known, and the next one."""
+    wanted = min(number + EIGEN.additional_modes, K.shape[0] - 1)
+    for value, vectors in _solve_twice(K, M, wanted, EIGEN.sparse_shift * most):
+        found = int(np.count_nonzero(value < most))
+        if found == number:
+            return value[: number + 1], vectors[:, : number + 1]
+    raise _missed(number, found)
 
-    None if there is no gap, or if the factors do not tell.
-    """
-    gaps = np.flatnonzero(np.diff(value) > 1e-6 * np.abs(value[1:]))
-    gaps = gaps[gaps >= n - 1]
-    if not gaps.size:
+
+def _solve_twice(K: Matrix, M: Matrix, n: int, shift: float) -> Iterator[Pairs]:
+    """Yield n modes, then those with a larger basis, which finds modes that the first missed."""
+    yield _sparse(K, M, n, shift)
+    yield _sparse(K, M, n, shift, basis=min(2 * n + 40, K.shape[0] - 1))
+
+
+def _missed(there: int | None, found: int | None) -> SolverError:
+    return SolverError(
+        f"the eigenvalue solver found {found} modes below a frequency that {there} modes lie below"
+    )
+
+
+def _find_gap(value: RealArray, n: int) -> int | None:
+    """Return the number of values before the first gap after the n-th; None without a gap."""
+    gaps = np.flatnonzero(np.diff(value) > 1e-6 * np.abs(value[1:])) + 1
+    gaps = gaps[gaps >= n]
+    return int(gaps[0]) if gaps.size else None
+
+
+def _count_below(K: Matrix, M: Matrix, value: float) -> int | None:
+    """Return the number of eigenvalues below a value; None if the factors do not show it."""
+    try:
+        return _factor(K - value * M).negative
+    except SolverError:  # the value is an eigenvalue
         return None
-    at = int(gaps[0])
-    negative = _factor(K - 0.5 * (value[at] + value[at + 1]) * M).negative
-    return None if negative is None else (negative, at + 1)
 
 
 @use_one_thread

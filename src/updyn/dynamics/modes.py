@@ -7,7 +7,7 @@ pencil with a negative shift, K + s M with s > 0.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,7 +21,7 @@ from updyn.errors import DataError, ModelError, SolverError, UpdynWarning
 from updyn.model import Matrix, Model
 from updyn.notebook import card, table
 
-__all__ = ["Modes", "modes"]
+__all__ = ["Modes", "complex_modes_of", "modes", "modes_up_to"]
 
 
 # A stiffness energy below this share of the sum of its absolute terms is zero within rounding.
@@ -130,12 +130,17 @@ def modes(model: Model, n: int, *, complex: bool = False) -> Modes:
     >>> updyn.modes(chain.build(), 3).frequency.round(2)
     array([ 2.16,  6.43, 10.39])
     """
-    K, M = model.stiffness, model.mass
-    _check_count(n, M)
-    result = _real(model, K, M, n)
+    _check_count(n, model.mass)
+    result = _real(model, lambda K, M: eigen.real_pairs(K, M, n))
     if complex:
-        return _complex(model, K, M, n, result)
+        return complex_modes_of(model, result)
     return result
+
+
+def modes_up_to(model: Model, highest: float, most: int) -> Modes:
+    """Return the undamped modes up to a frequency in Hz and one above, `most` modes at most."""
+    most, value = min(eigen.mass_rank(model.mass), most), (_TWO_PI * highest) ** 2
+    return _real(model, lambda K, M: eigen.pairs_up_to(K, M, value, most))
 
 
 def _check_count(n: int, M: Matrix) -> None:
@@ -150,9 +155,11 @@ def _check_count(n: int, M: Matrix) -> None:
         )
 
 
-def _real(model: Model, K: Matrix, M: Matrix, n: int) -> Modes:
+def _real(model: Model, solve: Callable[[Matrix, Matrix], eigen.Pairs]) -> Modes:
+    """Return the undamped modes that `solve` finds, with loss factors by modal strain energy."""
+    K, M = model.stiffness, model.mass
     try:
-        value, shapes = eigen.real_pairs(K, M, n)
+        value, shapes = solve(K, M)
     except SolverError as error:
         raise SolverError(f"{error}{_motion_without_either(model, K, M)}") from error
     shapes = shapes / np.sqrt(np.einsum("in,in->n", shapes, M @ shapes))
@@ -197,8 +204,9 @@ def _motion_without_either(model: Model, K: Matrix, M: Matrix) -> str:
     return f"; it moves DOF {dof} most"
 
 
-def _complex(model: Model, K: Matrix, M: Matrix, n: int, real: Modes) -> Modes:
-    """Return complex modes; undamped rigid-body modes are copied from the real modes."""
+def complex_modes_of(model: Model, real: Modes) -> Modes:
+    """Return as many complex modes as `real`, from which undamped rigid-body modes are copied."""
+    K, M, n = model.stiffness, model.mass, len(real)
     for name, group in model.groups.items():
         if group.loss_table is not None:
             raise ModelError(

@@ -9,6 +9,7 @@ import scipy.sparse as sp
 import updyn
 from overriding import override
 from places import DATA
+from updyn.dynamics.modes import modes_up_to
 from updyn.dynamics.settings import EIGEN
 from updyn.elements.beam import BeamSupport, beam
 from updyn.errors import DataError, ModelError, SolverError, UpdynWarning
@@ -328,6 +329,38 @@ def test_large_model_with_mass_on_few_dofs():
     assert updyn.modes(model, 2).frequency == pytest.approx(np.sqrt(exact) / (2 * np.pi), rel=1e-9)
     with pytest.raises(ModelError, match="the model has 2: 1200 DOFs, of which 1198"):
         updyn.modes(model, 3)
+
+
+def test_modes_up_to_a_frequency_are_all_found_and_one_more():
+    """Three equal free chains: the value lies between triples, and above three rigid motions."""
+    n = 400
+    one = chain(n, fixed=False)
+    model = updyn.Model.from_groups(
+        {
+            "g": updyn.Group(
+                sp.block_diag([one.stiffness] * 3, format="csr"),
+                sp.block_diag([one.mass] * 3, format="csr"),
+            )
+        },
+        [f"{i}:X" for i in range(1, 3 * n + 1)],
+    )
+    exact = np.sqrt(1000.0 / 2.0) / np.pi * np.sin(np.repeat(np.arange(5), 3) * np.pi / (2 * n))
+    found = modes_up_to(model, 0.5 * (exact[9] + exact[12]), 400).frequency
+    assert (found[:3] == 0).all()
+    assert found[3:] == pytest.approx(exact[3:13], rel=1e-8)
+    assert len(modes_up_to(model, 1e6, 7)) == 7
+    assert len(modes_up_to(model, np.inf, 5)) == 5
+
+
+def test_modes_up_to_a_frequency_with_mass_on_few_dofs():
+    K, mass = chain(1200).stiffness, np.zeros(1200)
+    mass[[399, 799]] = 5.0
+    group = updyn.Group(K, sp.diags_array(mass))
+    model = updyn.Model.from_groups({"g": group}, [f"{i}:X" for i in range(1, 1201)])
+    expected = updyn.modes(model, 2).frequency
+    for highest, number in ((0.5 * expected[0], 1), (expected.mean(), 2), (1e6, 2)):
+        found = modes_up_to(model, highest, 400).frequency
+        assert found == pytest.approx(expected[:number], rel=1e-9)
 
 
 # -- refusals -------------------------------------------------------------------------------------------------------
