@@ -12,8 +12,6 @@ from .control.family import plant_family as plant_family
 from .control.files.plant_file import read_plant as read_plant
 from .control.files.plant_file import write_plant as write_plant
 from .control.nonlinear.balance import limit_cycles as limit_cycles
-from .control.nonlinear.elements import Backlash as Backlash
-from .control.nonlinear.elements import CoulombFriction as CoulombFriction
 from .control.nonlinear.opened import opened as opened
 from .control.nonlinear.simulate import simulate as simulate
 from .control.plant import Plant as Plant
@@ -54,6 +52,13 @@ from .matching import match as match
 from .modal import ModeSet as ModeSet
 from .modal import identify_modes as identify_modes
 from .model import Model as Model
+from .nonlinear.backlash import Backlash as Backlash
+from .nonlinear.cubic import CubicSpring as CubicSpring
+from .nonlinear.damper import QuadraticDamper as QuadraticDamper
+from .nonlinear.friction import CoulombFriction as CoulombFriction
+from .nonlinear.iwan import IwanJoint as IwanJoint
+from .nonlinear.jenkins import JenkinsElement as JenkinsElement
+from .nonlinear.polynomial import PolynomialSpring as PolynomialSpring
 from .planning import Plan as Plan
 from .planning import plan as plan
 from .report import write_plan as write_plan

@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
 import numpy as np
@@ -25,6 +25,8 @@ from updyn.errors import ModelError, UpdynWarning, suggest
 from updyn.geometry import Geometry
 from updyn.group import GROUP_QUANTITIES, MATRICES, VALUES, Group, Matrix, is_number, read_only
 from updyn.merging import merge_groups, split_changes
+from updyn.nonlinear.element import NonlinearElement
+from updyn.nonlinear.local import LocalElement, place_element
 from updyn.notebook import card, render_view, structure, table
 from updyn.settings import MODEL_CHECK, ROUNDING
 
@@ -48,11 +50,16 @@ class Model:
         Positions of the nodes.
     title : str
         Title, for documentation.
+    nonlinear : mapping of str to LocalElement
+        Nonlinear elements by name, added by `with_nonlinear`. Linear methods refuse a model that
+        has any.
 
     Raises
     ------
     ModelError
         If a size does not match, a name is invalid or a DOF is negative.
+    DofError
+        If a nonlinear element acts on a DOF that the model does not have.
 
     Examples
     --------
@@ -67,6 +74,7 @@ class Model:
     dofs: DofSet
     geometry: Geometry | None = None
     title: str = ""
+    nonlinear: Mapping[str, LocalElement] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "dofs", DofSet(self.dofs))
@@ -91,6 +99,9 @@ class Model:
                     f"group {name!r} has {group.n_dofs} DOFs, the model has {self.n_dofs} labels"
                 )
         object.__setattr__(self, "groups", MappingProxyType(dict(self.groups)))
+        for name, local in self.nonlinear.items():
+            self.dofs.match(local.weights, f"nonlinear element {name!r}: DOF")
+        object.__setattr__(self, "nonlinear", MappingProxyType(dict(self.nonlinear)))
 
     @classmethod
     def from_groups(
@@ -162,9 +173,12 @@ class Model:
             )
 
     def __repr__(self) -> str:
+        elements = ""
+        if self.nonlinear:
+            elements = f"; nonlinear: {', '.join(list(self.nonlinear)[:6])}"
         return (
             f"Model({self.n_dofs} DOFs, {len(self.groups)} groups:"
-            f" {', '.join(list(self.groups)[:6])})"
+            f" {', '.join(list(self.groups)[:6])}{elements})"
         )
 
     def _repr_html_(self) -> str:
@@ -172,7 +186,9 @@ class Model:
         for name, group in self.groups.items():
             has = [what for what in MATRICES if getattr(group, what) is not None]
             rows.append((name, ", ".join(has), group.damping_words))
-        facts = {"DOFs": self.n_dofs, "groups": len(self.groups)}
+        facts: dict[str, object] = {"DOFs": self.n_dofs, "groups": len(self.groups)}
+        if self.nonlinear:
+            facts["nonlinear elements"] = ", ".join(self.nonlinear)
         picture = render_view(self, self._picture)
         groups = table(("group", "has", "damping"), rows, left=(0, 1, 2))
         return card(f"Model {self.title}".rstrip(), facts, picture, groups)
@@ -184,7 +200,8 @@ class Model:
         return structure(self.geometry.xyz, self.geometry.line_ends)
 
     def __reduce__(self) -> tuple[object, ...]:
-        return Model, (dict(self.groups), self.dofs, self.geometry, self.title)
+        whole = (dict(self.groups), self.dofs, self.geometry, self.title, dict(self.nonlinear))
+        return Model, whole
 
     @property
     def n_dofs(self) -> int:
@@ -312,7 +329,7 @@ class Model:
             for quantity, value in change.items():
                 _check_change(name, group, quantity, value)
             groups[name] = group.changed(change)
-        return Model(groups, self.dofs, self.geometry, self.title)
+        return replace(self, groups=groups)
 
     def merge_groups(self, groups: Mapping[str, str | Iterable[str]]) -> Model:
         """Return a copy with groups merged, so that one unknown acts on all of them.
@@ -348,8 +365,7 @@ class Model:
         >>> model.merge_groups({"springs": "PELAS 1-2"})
         Model(1 DOFs, 2 groups: springs, PELAS 3)
         """
-        merged = merge_groups(self.groups, groups)
-        return Model(merged, self.dofs, self.geometry, self.title)
+        return replace(self, groups=merge_groups(self.groups, groups))
 
     def split_changes(
         self, changes: Mapping[str, Mapping[str, float]]
@@ -444,7 +460,106 @@ class Model:
         u = sp.csr_array((effect, (rows, at.index)), shape=shape)
         matrices = {what: size * (u.T @ u) for what, size in sizes.items() if size}
         group = Group(**matrices, loss_factor=loss_factor)
-        return Model({**self.groups, name: group}, self.dofs, self.geometry, self.title)
+        return replace(self, groups={**self.groups, name: group})
+
+    def with_nonlinear(
+        self,
+        name: str,
+        element: NonlinearElement,
+        dofs: str | Dof | Iterable[str | Dof] | Mapping[str, float],
+    ) -> Model:
+        """Return a copy with one more nonlinear element.
+
+        Parameters
+        ----------
+        name : str
+            Name of the element.
+        element : NonlinearElement
+            Such as `CubicSpring`, `Backlash`, `JenkinsElement`, `IwanJoint` or `QuadraticDamper`.
+        dofs : str, Dof, iterable of two, or mapping of str to float
+            One degree of freedom: the element acts between it and the ground. Two: between them; a
+            sign reverses one direction. A mapping: on the sum of weight times displacement.
+
+        Returns
+        -------
+        Model
+            The copy; the groups are shared with this model.
+
+        Raises
+        ------
+        ModelError
+            If the name exists, the element is none, or there is no degree of freedom.
+        OptionError
+            If a weight is not finite.
+        DofError
+            If the model does not have one of the degrees of freedom.
+
+        See Also
+        --------
+        updyn.response : With ``level=``, the response to a force amplitude.
+        with_element : Linear springs, dashpots and masses.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> parts = {"parts": updyn.Group(1e4 * np.eye(2), np.eye(2))}
+        >>> model = updyn.Model.from_groups(parts, ["1:X", "2:X"])
+        >>> model.with_nonlinear("joint", updyn.CubicSpring(1e9), ["1:X", "2:X"])
+        Model(2 DOFs, 1 groups: parts; nonlinear: joint)
+        """
+        _check_name(name, "nonlinear element")
+        if name in self.nonlinear or name in self.groups:
+            raise ModelError(f"nonlinear element {name!r}: the name exists; expected a new one")
+        local = place_element(element, dofs, f"nonlinear element {name!r}")
+        return replace(self, nonlinear={**self.nonlinear, name: local})
+
+    def linearised(self) -> Model:
+        """Return a copy whose nonlinear elements are replaced by groups for vanishing amplitude.
+
+        Returns
+        -------
+        Model
+            Without nonlinear elements. Each that has stiffness or damping at rest is a group of its
+            name.
+
+        Raises
+        ------
+        OptionError
+            If an element has no finite stiffness and damping at rest.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> parts = {"parts": updyn.Group(1e4 * np.eye(2), np.eye(2))}
+        >>> model = updyn.Model.from_groups(parts, ["1:X", "2:X"])
+        >>> joint = updyn.JenkinsElement(stiffness=500.0, slip_force=2.0)
+        >>> model.with_nonlinear("joint", joint, "2:X").linearised().stiffness.toarray()
+        array([[10000.,     0.],
+               [    0., 10500.]])
+        """
+        groups = dict(self.groups)
+        for name, local in self.nonlinear.items():
+            stiffness, damping = local.element.at_rest()
+            w = sp.csr_array(local.column(self.dofs)[None])
+            matrices = {"stiffness": stiffness, "viscous": damping}
+            given = {what: size * (w.T @ w) for what, size in matrices.items() if size}
+            if given:
+                groups[name] = Group(**given)
+        return replace(self, groups=groups, nonlinear={})
+
+    def refuse_nonlinear(self, what: str) -> None:
+        """Raise ModelError if the model has nonlinear elements.
+
+        Parameters
+        ----------
+        what : str
+            The linear method or the format, for the message.
+        """
+        if self.nonlinear:
+            raise ModelError(
+                f"{what}: the model has nonlinear elements ({', '.join(self.nonlinear)}); expected"
+                " a linear model, such as model.linearised(), or updyn.response with level="
+            )
 
     def with_damping(self, damping: Mapping[str, Mapping[str, object]]) -> Model:
         """Return a copy with other damping, for example for a deck without damping.
@@ -481,17 +596,17 @@ class Model:
                 groups[name] = group.with_damping(group_damping)
             except ModelError as error:
                 raise ModelError(f"group {name!r}: {error}", key=error.key) from error
-        return Model(groups, self.dofs, self.geometry, self.title)
+        return replace(self, groups=groups)
 
 
-def _check_name(name: object) -> None:
+def _check_name(name: object, what: str = "group") -> None:
     if not isinstance(name, str) or not name.strip() or name != name.strip():
-        raise ModelError(f"group name {name!r}: expected a text without blanks at its ends")
+        raise ModelError(f"{what} name {name!r}: expected a text without blanks at its ends")
     bad = sorted(set(name) & set(".*?[]\n\t"))
     if bad:
         raise ModelError(
-            f"group name {name!r} holds {bad[0]!r}: unknowns are called name.quantity and chosen by"
-            " glob"
+            f"{what} name {name!r} holds {bad[0]!r}: unknowns are called name.quantity and chosen"
+            " by glob"
         )
 
 

@@ -6,7 +6,7 @@ The mistake is exchanged section axes of beams (`updyn.exchanged`), in one group
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from updyn.model import Model
 
@@ -23,8 +23,7 @@ class Variant:
     def model(self) -> Model:
         """Return the variant, with the same DOFs; ModelError if the elements cannot be computed."""
         changed = {name: self.base.group(name).with_exchanged_axes() for name in self.groups}
-        base = self.base
-        return Model({**base.groups, **changed}, base.dofs, base.geometry, base.title)
+        return replace(self.base, groups={**self.base.groups, **changed})
 
     @property
     def mistake(self) -> str:

@@ -32,6 +32,7 @@ ORDER = (
     ("exchanged", "grouping"),
     ("group",),
     ("merging",),
+    ("nonlinear",),
     ("model",),
     ("variants",),
     ("positions",),

@@ -110,7 +110,11 @@ class AffineSystem:
 
     @classmethod
     def compile(cls, model: Model) -> AffineSystem:
-        """Compile a model: find the common pattern and the positions of each matrix in it."""
+        """Compile a model: find the common pattern and the positions of each matrix in it.
+
+        Raises ModelError if the model has nonlinear elements.
+        """
+        model.refuse_nonlinear("linear dynamics")
         stored = []
         matrices = []
         for name, group in model.groups.items():

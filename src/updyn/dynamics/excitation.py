@@ -146,6 +146,7 @@ def fix_base(model: Model, frf: FRF) -> Model:
     """Return the model with the base of the data fixed; the model itself if there is none."""
     if frf.base is None:
         return model
+    model.refuse_nonlinear("base excitation")
     keep = model.dofs.complement(frf.base)
     T = sp.csr_array(sp.eye_array(model.n_dofs, format="csr")[:, keep])
     groups = {

@@ -31,6 +31,7 @@ def reduced_mass(model: Model, dofs: Iterable[str | Dof]) -> RealArray:
     rest = model.dofs.complement(kept)
     T = np.zeros((model.n_dofs, len(kept)))
     T[match.index, np.arange(len(kept))] = match.sign
+    model.refuse_nonlinear("static condensation")
     K = sp.csr_array(model.stiffness)
     loads = -(K @ T)[rest]
     K_rest = sp.csc_array(K[rest][:, rest])

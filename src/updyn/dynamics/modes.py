@@ -157,6 +157,7 @@ def _check_count(n: int, M: Matrix) -> None:
 
 def _real(model: Model, solve: Callable[[Matrix, Matrix], eigen.Pairs]) -> Modes:
     """Return the undamped modes that `solve` finds, with loss factors by modal strain energy."""
+    model.refuse_nonlinear("modes")
     K, M = model.stiffness, model.mass
     try:
         value, shapes = solve(K, M)

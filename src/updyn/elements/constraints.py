@@ -174,6 +174,7 @@ def constrain(
         ties[dof] = Equation(dof, {})
     if not ties:
         return model
+    model.refuse_nonlinear("constrain")
     T, remaining = _transformation(model.dofs, list(ties.values()))
     if not len(remaining):
         raise ModelError("every DOF of the model is fixed or tied: the model has no free DOF")
@@ -377,6 +378,7 @@ def join(models: Iterable[Model], title: str = "") -> Model:
         raise ModelError("join: there is no model")
     names: dict[str, int] = {}
     for number, part in enumerate(parts, 1):
+        part.refuse_nonlinear(f"join, model {number}")
         for name in part.groups:
             if name in names:
                 raise ModelError(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -90,4 +91,4 @@ def _translations(model: Model, node: int) -> IndexArray:
 
 def _with_group(model: Model, name: str, at: IndexArray, values: RealArray) -> Model:
     M = sp.csr_array((values, (at, at)), shape=(model.n_dofs, model.n_dofs))
-    return Model({**model.groups, name: Group(mass=M)}, model.dofs, model.geometry, model.title)
+    return replace(model, groups={**model.groups, name: Group(mass=M)})

@@ -534,6 +534,7 @@ def write_model(model: Model, path: str | Path, *, format: str | None = None) ->
     >>> updyn.read_model("chain.npz").groups.keys() == chain.build().groups.keys()
     True
     """
+    model.refuse_nonlinear(f"{Path(path).name}: no format of models stores nonlinear elements")
     _find_function(path, "write_model", format)[0](model, path)
 
 

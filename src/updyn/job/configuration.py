@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from updyn.errors import OptionError, key_path, suggest
 from updyn.grouping import match_names
 from updyn.job.schema import DampingTable, Job
@@ -70,4 +72,4 @@ def add_all_masses(job: Job, model: Model) -> Model:
     for part in job.parts:
         groups = dict(_add_test_masses(part, model).groups) | groups
     order = dict.fromkeys([*model.groups, *groups])
-    return Model({name: groups[name] for name in order}, model.dofs, model.geometry, model.title)
+    return replace(model, groups={name: groups[name] for name in order})

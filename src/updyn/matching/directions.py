@@ -376,6 +376,7 @@ def _rotate_model(
     directions: Mapping[int, tuple[int, ...]],
 ) -> tuple[Model, list[str]]:
     """Return the model in the new DOFs, and notes on those that its geometry cannot represent."""
+    model.refuse_nonlinear("sensor directions that turn degrees of freedom of the model")
     T, changed = _transformation(model, bases, directions)
     groups = {name: _transform_group(group, T, changed) for name, group in model.groups.items()}
     geometry, others = _with_axes(model.geometry, bases, frames)

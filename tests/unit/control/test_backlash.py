@@ -12,7 +12,6 @@ from nonlinear_plants import two_inertias
 from servo_cases import SETS_SHAPES
 from updyn.control.nonlinear.around import linear_loop
 from updyn.control.nonlinear.balance import limit_cycles
-from updyn.control.nonlinear.elements import Backlash
 from updyn.control.nonlinear.opened import opened
 from updyn.control.nonlinear.simulate import simulate
 from updyn.control.plant import Plant
@@ -20,6 +19,7 @@ from updyn.control.ports import Port
 from updyn.control.servo.controller import Controller
 from updyn.elements.drivetrain import GearPair, Inertia, Motor, Shaft, drivetrain
 from updyn.errors import ModelError, OptionError
+from updyn.nonlinear.backlash import Backlash
 
 TWO_PI = 2 * np.pi
 LOCKED = TWO_PI * 10.0

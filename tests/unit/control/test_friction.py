@@ -10,10 +10,11 @@ from scipy.optimize import fsolve
 
 from nonlinear_plants import one_inertia, two_inertias
 from updyn.control.nonlinear.balance import limit_cycles
-from updyn.control.nonlinear.elements import Backlash, CoulombFriction
 from updyn.control.nonlinear.simulate import simulate
 from updyn.control.servo.controller import Controller
 from updyn.errors import ModelError, OptionError, SolverError
+from updyn.nonlinear.backlash import Backlash
+from updyn.nonlinear.friction import CoulombFriction
 
 TWO_PI = 2 * np.pi
 AXIS = {"measured": ["angle", "drag"], "torque": "torque"}

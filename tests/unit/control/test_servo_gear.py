@@ -13,11 +13,11 @@ from nonlinear_plants import two_inertias
 from servo_cases import two_masses
 from updyn.control.job.tables import ControllerTable
 from updyn.control.nonlinear.balance import limit_cycles
-from updyn.control.nonlinear.elements import Backlash
 from updyn.control.plant import Plant
 from updyn.control.servo.controller import rigid_ratio
 from updyn.elements.drivetrain import GearPair, Inertia, Motor, Shaft, drivetrain
 from updyn.errors import ModelError, OptionError
+from updyn.nonlinear.backlash import Backlash
 
 LOAD = {"torque": "motor", "velocity": "speed", "position": "load"}
 #: External gears turn the load the other way; a ratio below 1 speeds it up.

@@ -10,7 +10,7 @@ from updyn.control.family import PlantFamily
 from updyn.control.job.settings import CYCLE_SIMULATION
 from updyn.control.job.tables import NonlinearTable, ServoTable
 from updyn.control.nonlinear.balance import LimitCycle, LimitCycles, limit_cycles
-from updyn.control.nonlinear.elements import CoulombFriction, Nonlinearity
+from updyn.control.nonlinear.nonlinearity import Nonlinearity
 from updyn.control.nonlinear.opened import opened
 from updyn.control.nonlinear.settings import LOOP_SIMULATION
 from updyn.control.nonlinear.simulate import Simulation, simulate
@@ -22,6 +22,7 @@ from updyn.control.servo.servo import servo
 from updyn.errors import UpdynError, key_path
 from updyn.job.schema import Job
 from updyn.model import Model
+from updyn.nonlinear.friction import CoulombFriction
 
 __all__ = [
     "Nonlinear",

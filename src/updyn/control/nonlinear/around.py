@@ -9,13 +9,15 @@ from typing import Any
 import numpy as np
 
 from updyn.arrays import ComplexArray, RealArray
-from updyn.control.nonlinear.elements import Backlash, CoulombFriction, Nonlinearity
+from updyn.control.nonlinear.nonlinearity import Nonlinearity
 from updyn.control.nonlinear.settings import MESH
 from updyn.control.plant import Plant
 from updyn.control.servo.controller import Controller
 from updyn.control.servo.state_space import StateSpace, connect
 from updyn.errors import ModelError, OptionError, suggest
 from updyn.group import is_number
+from updyn.nonlinear.backlash import Backlash
+from updyn.nonlinear.friction import CoulombFriction
 
 __all__ = ["LinearLoop", "linear_loop"]
 
@@ -96,6 +98,16 @@ def linear_loop(
     if not isinstance(nonlinearity, Backlash | CoulombFriction):
         raise OptionError(
             f"expected a Backlash or a CoulombFriction, found {type(nonlinearity).__name__}"
+        )
+    if isinstance(nonlinearity, Backlash) and nonlinearity.offset:
+        raise OptionError(
+            f"backlash: offset {nonlinearity.offset:g} rad; expected 0 in a loop, where a constant"
+            " torque or the reference gives the preload"
+        )
+    if isinstance(nonlinearity, CoulombFriction) and nonlinearity.transition:
+        raise OptionError(
+            f"friction: transition {nonlinearity.transition:g} rad/s; expected 0 in a loop, which"
+            " uses the exact law"
         )
     if plant.dt is not None:
         raise ModelError(

@@ -22,13 +22,14 @@ from scipy.optimize import brentq, minimize_scalar
 
 from updyn.arrays import ComplexArray, RealArray
 from updyn.control.nonlinear.around import LinearLoop, linear_loop
-from updyn.control.nonlinear.elements import Backlash, Nonlinearity
+from updyn.control.nonlinear.nonlinearity import Nonlinearity, find_doubt
 from updyn.control.nonlinear.settings import HARMONIC_BALANCE
 from updyn.control.plant import Plant
 from updyn.control.servo.controller import Controller
 from updyn.control.servo.state_space import StateSpace
 from updyn.errors import OptionError
 from updyn.group import is_number
+from updyn.nonlinear.backlash import Backlash
 
 __all__ = ["LimitCycle", "LimitCycles", "limit_cycles"]
 
@@ -308,7 +309,7 @@ def _build_cycle(system: LinearLoop, nonlinearity: Nonlinearity, omega: float) -
         N,
         third,
         system.unit,
-        nonlinearity.doubt(A, third),
+        find_doubt(nonlinearity, A, third),
     )
 
 

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.sparse as sp
 
-from updyn.control.nonlinear.elements import Backlash
 from updyn.control.nonlinear.settings import MESH
 from updyn.control.ports import Port
 from updyn.dofs import Dof
 from updyn.errors import ModelError, OptionError
 from updyn.group import Group, Matrix, is_number
 from updyn.model import Model
+from updyn.nonlinear.backlash import Backlash
 from updyn.updating.result import UpdateResult
 
 __all__ = ["OpenMesh", "opened"]
@@ -152,7 +152,7 @@ def opened(model: Model | UpdateResult, mesh: str, at: str | Dof, *, name: str =
     left = Group(stiffness=K * 0.0)
     if group.mass is not None:
         left = Group(mass=group.mass, mass_damping=group.mass_damping)
-    rest = Model({**given.groups, mesh: left}, given.dofs, given.geometry, given.title)
+    rest = replace(given, groups={**given.groups, mesh: left})
     port = Port(name, weights, rotation=Dof.parse(at).direction.startswith("R"))
     return OpenMesh(rest, port, k, c, group, mesh)
 

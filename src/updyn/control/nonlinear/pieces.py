@@ -14,7 +14,9 @@ import numpy as np
 
 from updyn.arrays import RealArray
 from updyn.control.nonlinear.around import LinearLoop
-from updyn.control.nonlinear.elements import Backlash, CoulombFriction, Nonlinearity
+from updyn.control.nonlinear.nonlinearity import Nonlinearity
+from updyn.nonlinear.backlash import Backlash
+from updyn.nonlinear.friction import CoulombFriction
 
 __all__ = ["BacklashRules", "FrictionRules", "LinearPiece", "PieceRules", "rules"]
 

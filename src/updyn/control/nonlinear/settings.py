@@ -12,12 +12,6 @@ class HarmonicBalanceSettings:
     #: [lines] Lines over the band at which the phase is scanned for roots, in addition to those
     #: around poles; more find cycles closer together. Effort: a rule of thumb.
     scan_lines: int = 3000
-    #: [steps] Bisections that invert a describing function. Rounding: 2^-52 is the rounding of a
-    #: double.
-    bisections: int = 52
-    #: [1] Smallest ratio of half gap to amplitude; larger amplitudes are not predicted. Rounding:
-    #: the describing function then equals that of the mesh without gap to 1e-9.
-    least_gap_ratio: float = 1e-9
     #: [half gaps] Amplitude below which a cycle of backlash is doubtful. Why: harmonic balance
     #: deviated there by 10 % from simulation, in amplitude or frequency.
     least_twist: float = 2.0

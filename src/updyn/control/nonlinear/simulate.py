@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from updyn.arrays import RealArray
 from updyn.control.nonlinear.around import LinearLoop, linear_loop
 from updyn.control.nonlinear.balance import LimitCycle
-from updyn.control.nonlinear.elements import Backlash, Nonlinearity
+from updyn.control.nonlinear.nonlinearity import Nonlinearity
 from updyn.control.nonlinear.pieces import PieceRules, rules
 from updyn.control.nonlinear.settings import LOOP_SIMULATION
 from updyn.control.nonlinear.settled import judge_end
@@ -23,6 +23,7 @@ from updyn.control.servo.controller import Controller
 from updyn.control.servo.state_space import StateSpace
 from updyn.errors import OptionError, suggest
 from updyn.group import is_number
+from updyn.nonlinear.backlash import Backlash
 
 __all__ = ["Simulation", "simulate"]
 

@@ -8,9 +8,9 @@ import numpy as np
 
 from updyn.arrays import RealArray
 from updyn.control.job.servo import Nonlinear
-from updyn.control.nonlinear.elements import Backlash
 from updyn.control.nonlinear.simulate import Simulation
 from updyn.control.report.settings import CONTROL_REPORT
+from updyn.nonlinear.backlash import Backlash
 from updyn.report.formats import format_count
 from updyn.report.formats import number as formatted
 from updyn.report.plots import (

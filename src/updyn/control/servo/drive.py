@@ -403,6 +403,7 @@ def _check_options(ratio: Any, band: Any, separation: Any) -> tuple[float, float
 
 def _hold_dofs(model: Model, at: Sequence[int]) -> Model:
     """Return the model with some DOFs held: their rows and columns are removed."""
+    model.refuse_nonlinear("drive figures")
     keep = np.ones(model.n_dofs, dtype=np.bool_)
     keep[list(at)] = False
     free_dofs = np.flatnonzero(keep)

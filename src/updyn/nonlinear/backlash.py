@@ -1,26 +1,19 @@
-"""`Backlash` and `CoulombFriction`: nonlinearities and their describing functions.
-
-Both act between one output z of a plant and one input w: w = -T, with the torque T of the twist z
-or of the velocity z. The describing function N(A, omega) is the first harmonic of T over that of
-z = A sin(omega t).
-"""
+"""`Backlash`: an elastic contact with a gap, as in gears and loose joints."""
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from updyn.arrays import BoolArray, ComplexArray, RealArray
-from updyn.control.nonlinear.settings import HARMONIC_BALANCE
 from updyn.errors import OptionError
-from updyn.group import is_number
+from updyn.nonlinear.element import PeriodForce, check_number, diagonal
+from updyn.nonlinear.settings import DESCRIBING
 
-__all__ = ["Backlash", "CoulombFriction", "Nonlinearity"]
-
-# Limits beyond which harmonic balance deviated by 10 % from simulation, in amplitude or frequency.
+__all__ = ["Backlash"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +32,10 @@ class Backlash:
     gap : float
         Clearance from flank to flank, above 0, in rad of twist.
     damping : float
-        c in contact, 0 or above, in N m s/rad.
+        c in contact, 0 or above, in N m s/rad; loops only.
+    offset : float
+        Twist at the middle of the gap in rad. Beyond half the gap, the mesh is preloaded: contact
+        exists at rest.
 
     Raises
     ------
@@ -55,18 +51,70 @@ class Backlash:
     stiffness: float
     gap: float
     damping: float = 0.0
+    offset: float = 0.0
 
-    quantity = "receptance"
+    parameters: ClassVar[tuple[str, ...]] = ("stiffness", "gap", "offset")
+    has_memory: ClassVar[bool] = False
+    quantity: ClassVar[str] = "receptance"
 
     def __post_init__(self) -> None:
-        _number("backlash: stiffness", self.stiffness, "N m/rad")
-        _number("backlash: gap", self.gap, "rad")
-        _number("backlash: damping", self.damping, "N m s/rad", zero=True)
+        check_number("backlash: stiffness", self.stiffness, "N m/rad")
+        check_number("backlash: gap", self.gap, "rad")
+        check_number("backlash: damping", self.damping, "N m s/rad", least=0.0)
+        check_number("backlash: offset", self.offset, "rad", least=-np.inf)
 
     @property
     def half(self) -> float:
         """Half the gap in rad."""
         return 0.5 * self.gap
+
+    @property
+    def is_odd(self) -> bool:
+        """Whether the gap is centred."""
+        return self.offset == 0.0
+
+    def over_period(self, u: RealArray, v: RealArray) -> PeriodForce:
+        """Return the force of the mesh without damping at each sample.
+
+        Parameters
+        ----------
+        u : ndarray, shape (n,)
+            Twist in rad (m).
+        v : ndarray, shape (n,)
+            Velocity in rad/s (m/s); has no influence.
+
+        Returns
+        -------
+        PeriodForce
+
+        Raises
+        ------
+        OptionError
+            If the mesh has damping.
+        """
+        if self.damping:
+            raise OptionError(
+                f"backlash: damping {self.damping:g} acts in loops only; expected 0 in a model,"
+                " whose groups can have the damping"
+            )
+        twist = u - self.offset
+        side = np.sign(twist) * (np.abs(twist) > self.half)
+        shaft = np.abs(side) * twist - side * self.half
+        slope = self.stiffness * np.abs(side)
+        by = np.stack([shaft, -0.5 * self.stiffness * side, -slope], axis=1)
+        return PeriodForce(self.stiffness * shaft, diagonal(slope), np.zeros_like(u), by)
+
+    def at_rest(self) -> tuple[float, float]:
+        """Return stiffness and damping for vanishing amplitude: 0 within the gap.
+
+        Returns
+        -------
+        (float, float)
+            In N m/rad and N m s/rad.
+        """
+        if abs(self.offset) <= self.half:
+            return 0.0, 0.0
+        return self.stiffness, self.damping
 
     def describing(self, amplitude: ArrayLike, omega: ArrayLike) -> ComplexArray:
         """Return the describing function.
@@ -85,11 +133,14 @@ class Backlash:
 
         Notes
         -----
-        The exact first harmonic of the law. For light damping, c omega << k, it is (k + i c omega)
+        The exact first harmonic of the law; an offset adds a mean force, and is not possible with
+        damping (nan). For light damping, c omega << k, it is (k + i c omega)
         (1 - (2 / pi) (asin d + d sqrt(1 - d^2))), d = gap / (2
         A): the dead zone (Slotine & Li, Applied Nonlinear Control, 1991, chapter 5; Gelb & Vander
         Velde, Multiple-Input Describing Functions and Nonlinear System Design, 1968, appendix B).
         """
+        if self.offset:
+            return self._describe_flanks(amplitude, omega)
         touches, d, a, psi1, psi2 = self._contact(amplitude, omega)
         sin2 = 0.5 * (psi2 - psi1) - 0.25 * (np.sin(2 * psi2) - np.sin(2 * psi1))
         cos2 = 0.5 * (psi2 - psi1) + 0.25 * (np.sin(2 * psi2) - np.sin(2 * psi1))
@@ -97,6 +148,15 @@ class Backlash:
         real = sin2 + d * (np.cos(psi2) - np.cos(psi1)) + a * both
         imag = both - d * (np.sin(psi2) - np.sin(psi1)) + a * cos2
         return np.asarray(np.where(touches, 2.0 / np.pi * self.stiffness * (real + 1j * imag), 0.0))
+
+    def _describe_flanks(self, amplitude: ArrayLike, omega: ArrayLike) -> ComplexArray:
+        """Return the describing function with an offset, half for each flank; nan if damped."""
+        A, _ = np.broadcast_arrays(np.asarray(amplitude, dtype=np.float64), np.asarray(omega))
+        out = np.zeros(A.shape, dtype=np.complex128)
+        for side in (-1.0, 1.0):
+            d = np.clip((self.half + side * self.offset) / A, -1.0, 1.0)
+            out += 0.5 - (np.arcsin(d) + d * np.sqrt(1.0 - d**2)) / np.pi
+        return np.asarray(np.nan if self.damping else self.stiffness * out)
 
     def third(self, amplitude: float, omega: float) -> float:
         """Return the magnitude of the third harmonic of T.
@@ -119,26 +179,6 @@ class Backlash:
         third = complex(np.trapezoid(T * np.exp(-3j * psi), psi))
         size = 2.0 / np.pi * abs(third)
         return float(np.where(touches, self.stiffness * amplitude * size, 0.0))
-
-    def doubt(self, amplitude: float, third: float) -> str:
-        """Return the reason why a limit cycle is doubtful; else an empty text.
-
-        Parameters
-        ----------
-        amplitude : float
-            In rad.
-        third : float
-            Third harmonic over the first.
-
-        Returns
-        -------
-        str
-        """
-        if amplitude < HARMONIC_BALANCE.least_twist * self.half:
-            return (
-                f"the twist reaches only {amplitude / self.half:.3g} half gaps: bounces, not a sine"
-            )
-        return ""
 
     def _contact(
         self, amplitude: ArrayLike, omega: ArrayLike
@@ -174,13 +214,13 @@ class Backlash:
             np.asarray(modulus, dtype=np.float64), np.asarray(omega, dtype=np.float64)
         )
         out = np.full(wanted.shape, np.nan)
-        least = HARMONIC_BALANCE.least_gap_ratio
+        least = DESCRIBING.least_gap_ratio
         is_reachable = (wanted > 0) & (wanted < np.abs(self.describing(self.half / least, w)))
         wanted, w = wanted[is_reachable], w[is_reachable]
         # |N| rises with A from 0 to |k + i c omega|: bisection in d = gap / (2 A) from 1 to nearly
         # 0.
         low, high = np.full(wanted.shape, least), np.ones(wanted.shape)
-        for _ in range(HARMONIC_BALANCE.bisections):
+        for _ in range(DESCRIBING.bisections):
             mid = np.where(low < 1e-2 * high, np.sqrt(low * high), 0.5 * (low + high))
             more = np.abs(self.describing(self.half / mid, w)) > wanted
             low, high = np.where(more, mid, low), np.where(more, high, mid)
@@ -195,138 +235,8 @@ def _contact_phase(d: RealArray, a: RealArray, psi2: RealArray) -> RealArray:
     )  # of the shaft over A, at the end of contact with the other flank, half a turn before
     low, high = psi2 - np.pi, np.full(np.shape(psi2), 0.5 * np.pi)
     safe = np.where(a > 0, a, 1.0)
-    for _ in range(HARMONIC_BALANCE.bisections):
+    for _ in range(DESCRIBING.bisections):
         mid = 0.5 * (low + high)
         touches = np.sin(mid) + twist * np.exp(-(mid - psi2 + np.pi) / safe) > d
         low, high = np.where(touches, low, mid), np.where(touches, mid, high)
     return np.asarray(0.5 * (low + high))
-
-
-@dataclass(frozen=True, slots=True)
-class CoulombFriction:
-    """Dry friction: a constant torque against the velocity; sticks up to a breakaway torque.
-
-    Parameters
-    ----------
-    level : float
-        Torque while moving, above 0, in N m (N).
-    breakaway : float, optional
-        Largest torque while sticking, `level` or above. None: `level`.
-
-    Raises
-    ------
-    OptionError
-        If a number is out of its range.
-
-    Examples
-    --------
-    >>> updyn.CoulombFriction(5.0, breakaway=8.0).sticks
-    8.0
-    """
-
-    level: float
-    breakaway: float | None = None
-
-    quantity = "mobility"
-
-    def __post_init__(self) -> None:
-        _number("friction: level", self.level, "N m")
-        if self.breakaway is not None:
-            _number("friction: breakaway", self.breakaway, "N m")
-            if self.breakaway < self.level:
-                raise OptionError(
-                    f"friction: breakaway {self.breakaway:g} is below level {self.level:g};"
-                    " expected at least the level"
-                )
-
-    @property
-    def sticks(self) -> float:
-        """Largest torque at rest in N m."""
-        return self.level if self.breakaway is None else self.breakaway
-
-    def describing(self, amplitude: ArrayLike, omega: ArrayLike) -> ComplexArray:
-        """Return the describing function, 4 level / (pi A), without the breakaway torque.
-
-        Parameters
-        ----------
-        amplitude : array_like of float
-            A of the velocity in rad/s, above 0.
-        omega : array_like of float
-            In rad/s; has no influence.
-
-        Returns
-        -------
-        ndarray of complex
-            In N m s/rad.
-
-        Notes
-        -----
-        The describing function of a relay (Slotine & Li 1991, chapter 5; Gelb & Vander Velde 1968,
-        appendix B).
-        """
-        A, _ = np.broadcast_arrays(np.asarray(amplitude, dtype=np.float64), np.asarray(omega))
-        return np.asarray(4.0 * self.level / (np.pi * A), dtype=np.complex128)
-
-    def amplitude(self, modulus: ArrayLike, omega: ArrayLike) -> RealArray:
-        """Return the amplitude at which |N| has a value.
-
-        Parameters
-        ----------
-        modulus : array_like of float
-            |N| in N m s/rad, above 0.
-        omega : array_like of float
-            In rad/s; has no influence.
-
-        Returns
-        -------
-        ndarray of float
-            In rad/s.
-        """
-        wanted, _ = np.broadcast_arrays(np.asarray(modulus, dtype=np.float64), np.asarray(omega))
-        return np.asarray(4.0 * self.level / (np.pi * wanted))
-
-    def doubt(self, amplitude: float, third: float) -> str:
-        """Return the reason why a limit cycle is doubtful; else an empty text.
-
-        Parameters
-        ----------
-        amplitude : float
-            In rad/s.
-        third : float
-            Third harmonic over the first.
-
-        Returns
-        -------
-        str
-        """
-        if third > HARMONIC_BALANCE.largest_third:
-            return f"the loop transmits {third:.2g} of a third harmonic"
-        return ""
-
-    def third(self, amplitude: float, omega: float) -> float:
-        """Return the magnitude of the third harmonic of T, a third of the first.
-
-        Parameters
-        ----------
-        amplitude : float
-            A of the velocity in rad/s; has no influence.
-        omega : float
-            In rad/s; has no influence.
-
-        Returns
-        -------
-        float
-            In N m.
-        """
-        return 4.0 * self.level / (3.0 * np.pi)
-
-
-Nonlinearity = Backlash | CoulombFriction
-
-
-def _number(what: str, value: object, unit: str, *, zero: bool = False) -> None:
-    if not is_number(value) or not math.isfinite(value) or value < 0 or (value == 0 and not zero):
-        raise OptionError(
-            f"{what} is {value!r}; expected a number {'of at least' if zero else 'above'} 0, in"
-            f" {unit}"
-        )

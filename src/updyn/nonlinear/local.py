@@ -1,0 +1,77 @@
+"""`LocalElement`: a nonlinear element with the combination of DOFs that it acts on."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+
+from updyn.arrays import RealArray
+from updyn.dofs import Dof, DofSet
+from updyn.errors import ModelError
+from updyn.nonlinear.element import NonlinearElement, check_number
+
+__all__ = ["LocalElement", "place_element"]
+
+
+@dataclass(frozen=True, slots=True)
+class LocalElement:
+    """An element on the deformation u = sum of weight times displacement, by positive DOF label."""
+
+    element: NonlinearElement
+    weights: Mapping[str, float]
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return _rebuild, (self.element, dict(self.weights))
+
+    def column(self, dofs: DofSet) -> RealArray:
+        """Return the weight of each of N DOFs, shape (N,); DofError if one is missing."""
+        out = np.zeros(len(dofs))
+        out[dofs.match(self.weights).index] = list(self.weights.values())
+        return out
+
+
+def place_element(
+    element: NonlinearElement,
+    dofs: str | Dof | Iterable[str | Dof] | Mapping[str, float],
+    what: str,
+) -> LocalElement:
+    """Return an element on one DOF, between two DOFs, or on DOFs with weights.
+
+    `what` names the element in errors. Raises ModelError for other numbers of DOFs or an element
+    that is none, OptionError for a weight that is not finite, DofError for a label.
+    """
+    if not hasattr(element, "over_period"):
+        raise ModelError(
+            f"{what}: expected a nonlinear element such as CubicSpring, found"
+            f" {type(element).__name__}"
+        )
+    signed: dict[str | Dof, float]
+    if isinstance(dofs, Mapping):
+        signed = dict(zip(dofs.keys(), dofs.values(), strict=True))
+    elif isinstance(dofs, str | Dof):
+        signed = {dofs: 1.0}
+    else:
+        ends = list(dofs)
+        if len(ends) not in (1, 2):
+            raise ModelError(
+                f"{what}: expected one degree of freedom, two, or a mapping of labels to weights;"
+                f" found {len(ends)}"
+            )
+        signed = dict(zip(ends, (1.0, -1.0), strict=False))
+    given = DofSet(signed)
+    if not len(given):
+        raise ModelError(f"{what}: expected at least one degree of freedom, found none")
+    weights = {}
+    for dof, weight in zip(given, signed.values(), strict=True):
+        check_number(f"{what}: weight of {dof}", weight, "1", least=-np.inf)
+        weights[str(abs(dof))] = float(dof.sign * weight)
+    if not any(weights.values()):
+        raise ModelError(f"{what}: all weights are 0; expected one that is not")
+    return _rebuild(element, weights)
+
+
+def _rebuild(element: NonlinearElement, weights: Mapping[str, float]) -> LocalElement:
+    return LocalElement(element, MappingProxyType(dict(weights)))
