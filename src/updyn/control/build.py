@@ -17,7 +17,6 @@ from updyn.control.rational import SlowMotion
 from updyn.control.rational_fit import Approximation
 from updyn.control.rational_states import find_fewest_states
 from updyn.control.realised import measure_errors, realise
-from updyn.control.settings import MEASURED_PLANT
 from updyn.control.structure import CompiledStructure
 from updyn.control.task import build_task
 from updyn.errors import OptionError, ToleranceError
@@ -148,9 +147,7 @@ def _plant_of_measurement(
     quantities = check_quantities(quantity, len(outputs))
     check_tolerance(tolerance)
     data = select_measurement(frf, inputs, outputs, quantities, limits)
-    noise = MEASURED_PLANT.accepted_stds * data.deviation
-    reference = np.maximum(data.reference, noise / tolerance)
-    target = replace(data.target, reference=reference)
+    target = replace(data.target, reference=data.reference(tolerance))
     powers = np.array([QUANTITIES[q] for q in quantities], dtype=np.intp)
     slow = SlowMotion.none(len(outputs), len(inputs))
     pairs = collocated_channels(outputs, inputs)

@@ -35,10 +35,10 @@ class PortMeasurement:
     poles: ComplexArray
     noise: str
 
-    @property
-    def reference(self) -> RealArray:
-        """Denominator of a relative error."""
-        return self.target.reference
+    def reference(self, tolerance: float) -> RealArray:
+        """Return the denominator of relative errors, so large that noise is within a tolerance."""
+        noise = MEASURED_PLANT.accepted_stds * self.deviation
+        return np.maximum(self.target.reference, noise / tolerance)
 
 
 def select_measurement(

@@ -162,7 +162,7 @@ class Approximation:
             if number == unweighted - 1 and best[0] > RATIONAL_FIT.refined_error * tolerance:
                 break
             if number >= unweighted - 1:
-                W = W * np.sqrt(RATIONAL_FIT.least_weight + error / error.max())
+                W = W * _weight_factors(error)
                 W = W / (W / first).max()
         poles, W, residues = best[1]
         pair = poles.imag > 0
@@ -457,8 +457,7 @@ class Approximation:
                 best, least = x, float(error.max())
             if best is not None and least > RATIONAL_FIT.refined_error * tolerance:
                 break
-            share = error / max(error.max(), 1e-300)
-            W[:, output] = W[:, output] * np.sqrt(RATIONAL_FIT.least_weight + share)
+            W[:, output] = W[:, output] * _weight_factors(error)
         return best
 
     def _assemble(
@@ -488,6 +487,12 @@ class Approximation:
 def _move_outwards(size: RealArray, least: float) -> RealArray:
     """Return factors that move poles below a modulus out to it."""
     return np.maximum(1.0, least / np.maximum(size, 1e-300))
+
+
+def _weight_factors(error: RealArray) -> RealArray:
+    """Return factors of the weights in one iteration, by the error of each value."""
+    share = error / max(error.max(), 1e-300)
+    return np.asarray(np.sqrt(RATIONAL_FIT.least_weight + share))
 
 
 def _weighted_columns(columns: ComplexArray, weight: RealArray, output: int) -> RealArray:

@@ -322,9 +322,7 @@ def uncertainty_weight(
         lines, radius = merged[ascending], radius[ascending]
         # The last refinements do not fit the weight again.
         for at, bound in bounds.items() if left >= 2 else ():
-            level = np.log(np.maximum(radius[:, *at], floors[at]))
-            violation = (level - bound.log_magnitude(2 * np.pi * lines)).max()
-            if violation > UNCERTAINTY_WEIGHT.refitted_violation:
+            if _needs_refit(bound, lines, np.maximum(radius[:, *at], floors[at])):
                 bounds[at] = _fit(lines, radius, floors, at, order, tolerance, largest_order)
     channel_weights = {}
     for i, j in channels:
@@ -366,6 +364,12 @@ def _fit(
     return fit_above(
         2 * np.pi * lines, np.maximum(radius[:, *at], floors[at]), order, tolerance, largest_order
     )
+
+
+def _needs_refit(bound: Bound, lines: RealArray, level: RealArray) -> bool:
+    """Return whether a bound is too far below a level at lines in Hz to change the gain only."""
+    violation = np.log(level) - bound.log_magnitude(2 * np.pi * lines)
+    return bool(violation.max() > UNCERTAINTY_WEIGHT.refitted_violation)
 
 
 # -- options --------------------------------------------------------------------------------------

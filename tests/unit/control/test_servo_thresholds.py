@@ -11,7 +11,7 @@ import pytest
 import updyn
 from nonlinear_plants import one_inertia
 from updyn.control.job import servo as servo_job
-from updyn.control.servo import controller, grid, robust
+from updyn.control.servo import controller, grid, robust, time_response
 from updyn.control.servo.stability import count_drifting, count_growing
 from updyn.control.servo.state_space import StateSpace, balance, bilinear
 from updyn.control.servo.time_response import schedule_intervals, step_figures
@@ -125,6 +125,24 @@ def test_a_record_has_at_most_20000_intervals():
     oscillator = StateSpace(A, np.array([[0.0], [1.0]]), np.array([[1.0, 0.0]]), np.zeros((1, 1)))
     ((n, dt), *_) = schedule_intervals(oscillator, 0, 0)
     assert (n, dt) == (20_000, pytest.approx(1.0 / 12.0))
+
+
+@pytest.mark.parametrize(("intervals", "exact"), [(16.5, True), (15.5, False)])
+def test_dead_time_of_sixteen_intervals_is_exact(monkeypatch, intervals, exact):
+    """A record of 1 s has at most 60,000 intervals with exact dead time."""
+    one = StateSpace(*(np.zeros((1, 1)),) * 4)
+    controller = SimpleNamespace(dead_time=intervals / 60_000)
+    cascade = SimpleNamespace(controller=controller, open_at_delay=lambda: one)
+    parts = [(1, 1e-9), (1, 1.0)]
+    record = np.zeros(1), np.zeros((1, 3)), np.zeros((1, 3))
+    called = []
+    for name in ("delayed_response", "simulate_step"):
+        monkeypatch.setattr(
+            time_response, name, lambda *_, name=name: called.append(name) or record
+        )
+    monkeypatch.setattr(time_response, "schedule_intervals", lambda *_: parts)
+    time_response._simulate_step_record(cascade, one, 0, 0, 1.0, None, None)
+    assert called == ["delayed_response" if exact else "simulate_step"]
 
 
 def test_a_series_of_wind_has_at_most_two_to_the_20_samples():
