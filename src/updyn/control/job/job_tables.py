@@ -8,7 +8,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from updyn.control.files.plant_file import write_plant
-from updyn.control.job.checks import check_control, check_control_tables, check_servo_table
+from updyn.control.job.checks import (
+    check_control,
+    check_control_tables,
+    check_servo_table,
+    part_of_plant,
+)
 from updyn.control.job.messages import describe_plant_result, describe_request
 from updyn.control.job.plant_result import PlantResult, make_plant
 from updyn.control.job.record import write_control_record
@@ -71,10 +76,11 @@ class _PlantJobTable(JobTable):
         draws = found.get("uncertainty")
         if not isinstance(draws, Draws) or len(draws) < 2:
             draws = None
+        of_test = list(result.results.values())[part_of_plant(prepared.job)]
         with prepared.job.located():
             plant_result = make_plant(
                 prepared,
-                result,
+                of_test,
                 f"The updated model ({result.status}).",
                 draws=draws,
                 engine=engine,

@@ -31,7 +31,7 @@ from updyn.model import Model
 
 if TYPE_CHECKING:
     from updyn.uncertainty.draws import Draws
-    from updyn.updating.result import JointResult, UpdateResult
+    from updyn.updating.result import UpdateResult
 
 __all__ = ["PlantResult", "make_plant"]
 
@@ -90,7 +90,7 @@ class PlantResult:
 
 def make_plant(
     ready: Prepared,
-    result: UpdateResult | JointResult | None,
+    result: UpdateResult | None,
     source: str,
     *,
     draws: Draws | None = None,
@@ -100,18 +100,17 @@ def make_plant(
 ) -> PlantResult:
     """Make the plant, family and servo of a job; no plant if no order holds the tolerance.
 
-    Without a `result` the plant is that of the original model; `source` is a sentence on it. With
-    `strict`, a failing servo is an error, else a note.
+    `result` is that of the test of the plant; without it the plant is that of the original model.
+    `source` is a sentence on the model. With `strict`, a failing servo is an error, else a note.
     """
     job, number = ready.job, part_of_plant(ready.job)
     table = job.table(PlantTable)
     assert table is not None
     test = ready.tests[number]
-    one = None if result is None else list(result.results.values())[number]
-    model = test.model if one is None else one.model
+    model = test.model if result is None else result.model
     band = band_of_plant(job, test.freq)
     stage = say if say is not None else lambda name: None
-    notes = [_unconverged_note(one), beyond_the_data(band, test.freq), _test_note(ready, number)]
+    notes = [_unconverged_note(result), beyond_the_data(band, test.freq), _test_note(ready, number)]
     given: dict[str, object] = {
         "inputs": table.input_ports,
         "outputs": table.output_ports,
@@ -124,7 +123,7 @@ def make_plant(
     base = PlantResult(
         job.title or job.path.stem,
         model,
-        one is not None,
+        result is not None,
         source,
         band,
         table.tolerance,
@@ -140,7 +139,7 @@ def make_plant(
             extra["sampled"] = _sample_plant(table.sampling, made)
         if table.family:
             stage("plant: family")
-            extra["family"], note = _family(table, one, given, draws, engine)
+            extra["family"], note = _family(table, result, given, draws, engine)
             notes.append(note)
             if extra["family"] is not None:
                 stage("plant: weights of the family")

@@ -76,7 +76,6 @@ def servo(
     pointing : str, optional
         Name of the output whose deviation under a disturbance is evaluated; by default the
         position.
-        Name of the output whose deviation under a disturbance counts; by default the position.
     freq : array_like of float, shape (n_f,), optional
         Frequency lines of the results in Hz, above 0; by default dense around every resonance and
         antiresonance. The margins do not depend on them.
