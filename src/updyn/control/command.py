@@ -71,6 +71,6 @@ def plant(
         place = (
             f"No plant is written; what was reached: {folder / PLANT_PAGE} and {folder / CONTROL}"
         )
-    outcome = f"{brief_plant_result(result, output_width())}\n\n{place}"
+    outcome = brief_plant_result(result, [place], output_width())
     print_outcome(describe_plant_result(result), outcome, verbose=verbose)
     return DONE if result.holds_tolerance else NOT_DETERMINED

@@ -155,7 +155,7 @@ def test_without_a_run_it_is_of_the_model_as_it_stands(
     assert main(["plant", str(folder / "job.toml")]) == 0
     assert "The original model, NOT updated" in capsys.readouterr().out
     assert record(folder / "job")["updated"] is False
-    assert "Not updated" in (folder / "job" / "plant.html").read_text(encoding="utf-8")
+    assert "NOT updated" in (folder / "job" / "plant.html").read_text(encoding="utf-8")
     plant = updyn.read_plant(folder / "job" / "plant.json")
     assert off(updyn.read_model(folder / "chain.h5"), plant).max() <= 0.021
 

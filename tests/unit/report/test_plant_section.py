@@ -6,16 +6,18 @@ import json
 import re
 from dataclasses import replace
 
+import control
 import numpy as np
 import pytest
 
 import updyn
 from pages_read import attributes, dump, values
+from updyn.cli.layout import fit_text
 from updyn.control.antiresonances import ZeroShift
-from updyn.control.job.messages import describe_plant_result
+from updyn.control.job.messages import brief_plant_result, describe_plant_result
 from updyn.control.job.plant_result import make_plant, resolving_lines
 from updyn.control.job.record import control_record, servo_record
-from updyn.control.report.page import write_plant_page
+from updyn.control.report.page import render, write_plant_page
 from updyn.control.report.plant import share
 from updyn.control.servo.controller import Controller, Notch
 from updyn.job import load_job, prepare
@@ -279,26 +281,114 @@ def test_the_loop_is_controller_times_plant(made, parts):
     )
 
 
-def test_points_of_the_margins_lie_on_the_curves(made, parts):
+def test_margins_are_lines_from_the_curves(made, parts):
     margins = made[1].servo.velocity_loop.margins
     figure = parts[1]["bode-velocity"]
     x, y = trace(figure, f"gain margin {margins.gain_margin_db:.3g} dB")
-    assert (x[0], y[0]) == pytest.approx((margins.gain_margin_at, -margins.gain_margin_db))
+    np.testing.assert_allclose(x, margins.gain_margin_at)
+    np.testing.assert_allclose(y, [-margins.gain_margin_db, 0.0])
     x, y = trace(figure, f"phase margin {margins.phase_margin:.3g}°")
-    assert abs((y[0] + 180.0 - margins.phase_margin + 180.0) % 360.0 - 180.0) < 0.5
+    np.testing.assert_allclose(x, margins.phase_margin_at)
+    assert y[0] - y[1] == pytest.approx(margins.phase_margin)
+    assert abs(y[1] % 360.0 - 180.0) < 0.5  # an odd half turn
 
 
 def test_margins_of_the_family_are_in_the_table(made, parts):
     servo = made[1].servo
     text = parts[0]["servo"]
     assert "also on all 4 plants of the family" in text
-    row = re.search(r'<tr><th scope="row">phase margin</th>(.*?)</tr>', text)[1]
-    cells = re.findall(r"<td[^>]*>(.*?)</td>", row)
-    inner = [m.phase_margin for m in servo.velocity_loop.members]
-    assert cells[0] == f"{servo.velocity_loop.margins.phase_margin:.3g}°"
-    assert cells[2:4] == [f"{min(inner):.3g}°", str(int(np.argmin(inner)))]
-    outer = [m.phase_margin for m in servo.position_loop.members]
-    assert cells[6:8] == [f"{min(outer):.3g}°", str(int(np.argmin(outer)))]
+    found = cells_of(text, "phase margin")
+    for loop, cells in zip(servo.all_loops, found, strict=False):  # then those of sampled loops
+        members = [m.phase_margin for m in loop.members]
+        assert cells[0] == f"{loop.margins.phase_margin:.3g}°"
+        assert cells[2:] == [f"{min(members):.3g}°", str(int(np.argmin(members)))]
+
+
+def python_control_margins(plant):
+    """Gain margin in dB, phase margin and modulus margin of the velocity loop by python-control."""
+    w = 2 * np.pi * np.unique(np.concatenate([np.geomspace(0.05, 400, 20_000), np.linspace(1, 60, 20_000)]))  # fmt: skip
+    L = controller().torque(1j * w) * plant.at(1j * w)[:, 0, 0]
+    gain, phase, modulus, *_ = control.stability_margins(control.frd(L, w), returnall=True)
+    phase = phase[np.argmin(np.abs(phase))]
+    return f"{phase:.3g}°", f"{20 * np.log10(gain[gain > 1].min()):.3g} dB", f"{modulus.min():.3g}"
+
+
+def test_the_first_screen_of_a_servo(made):
+    """Verdict, margins next to those of the worst plant, and the Bode diagram of the worst loop."""
+    _, plant_result = made
+    servo = plant_result.servo
+    top = render(plant_result).split("<nav")[0]
+    found = re.search(r'<p class="verdict (\w+)">(.*?)</p>', top)
+    assert found.groups() == ("warn", "Stable, also on all 4 plants of the family, with a small margin")  # fmt: skip
+    assert '<th scope="col">nominal</th><th scope="col">worst of 4 plants</th>' in top
+    titles = ("phase margin", "gain margin", "modulus margin")
+    nominal = python_control_margins(plant_result.family.nominal)
+    members = [python_control_margins(member) for member in plant_result.family.members]
+    for k, title in enumerate(titles):
+        cells = cells_of(top, title)[0]
+        assert cells[0] == nominal[k]
+        assert cells[1] == min((m[k] for m in members), key=lambda text: float(re.match(r"[\d.]+", text)[0]))  # fmt: skip
+    assert 'data-figure="bode-velocity"' in top
+    assert "NOT updated" not in top
+    assert servo.velocity_loop.margins.modulus_margin < 0.5
+
+
+def test_the_first_screen_of_a_plant_without_a_servo(made):
+    plant_result = replace(made[1], servo=None, updated=False, source="The original model.")
+    top = render(plant_result).split("<nav")[0]
+    assert '<p class="verdict warn">Plant within its tolerance</p>' in top
+    assert '<p class="reservation">The original model.</p>' in top
+    i, j = np.unravel_index(np.argmax(plant_result.channel_errors("relative")), (2, 2))
+    assert f'data-figure="plant-{i}-{j}"' in top
+    lost = render(replace(plant_result, plant=None, message="no order holds")).split("<nav")[0]
+    assert '<p class="verdict bad">Tolerance not met: no plant is written</p>' in lost
+    assert "no order holds" in lost
+
+
+def test_the_terminal_states_the_outcome_first(made):
+    plant_result = made[1]
+    notes = tuple(f"{'A note of many words that needs two lines of a terminal. ' * 2}{i}" for i in range(9))  # fmt: skip
+    said = brief_plant_result(replace(plant_result, notes=notes), ["Plant in job"], 80)
+    lines = fit_text(said, 80).splitlines()
+    assert len(lines) <= 20
+    assert lines[0].startswith("Azimuth <b>'\"& 1</b>: the servo is stable, also on all 4 plants")
+    assert lines[-1] == "Plant in job"
+    row = next(line for line in lines if line.startswith("velocity"))
+    margins = plant_result.servo.velocity_loop.margins
+    worst = min(m.phase_margin for m in plant_result.servo.velocity_loop.members)
+    assert f"{margins.phase_margin:.4g} ({worst:.4g})" in row
+    bare = brief_plant_result(replace(plant_result, servo=None), [], 80).splitlines()
+    assert bare[0].endswith(": plant from 1 to 90 Hz, within its tolerance.")
+    lost = brief_plant_result(replace(plant_result, servo=None, plant=None, message="no order"), [], 80)  # fmt: skip
+    assert lost.splitlines()[:2] == [f"{plant_result.title}: no plant from 1 to 90 Hz.", "no order"]
+
+
+def test_a_relative_error_is_stated_with_its_place(made):
+    """|H| is small where the relative error of a plant by its peak is largest."""
+    plant_result = made[1]
+    freq, exact = plant_result.freq, plant_result.exact.copy()
+    at = len(freq) // 3
+    answer = exact.copy()
+    answer[at, 0, 0] *= 2.5
+    zero = ZeroShift("speed", "M<i>", 1.01 * freq[at], 0.5, 30.0, 28.0)
+    far = replace(zero, frequency=1.04 * freq[at])
+    share_there = np.abs(exact[at, 0, 0]) / np.abs(exact[:, 0, 0]).max()
+    for zeros, place in (((zero,), f", at the antiresonance of {zero.frequency:.4g} Hz"), ((far,), "")):  # fmt: skip
+        plant = replace(plant_result.plant, zero_shift=zeros)
+        changed = replace(plant_result, answer=answer, plant=plant, measure="peak")
+        text = drawn(changed)[0]["plant"]
+        row = table_row(text, "speed over M&lt;i&gt;")
+        assert (
+            f"{freq[at]:.4g} Hz, where |H| is {share(share_there)} of the peak{place}</td>" in row
+        )
+        assert "<td>150 %</td>" in row
+        assert "Relative error" not in text  # no headline
+
+
+def cells_of(text, title):
+    """The cells of each row of a title."""
+    rows = re.findall(rf'<tr><th scope="row">{title}</th>(.*?)</tr>', text)
+    return [re.findall(r"<td[^>]*>(.*?)</td>", row) for row in rows]
 
 
 def test_robust_margins_are_in_the_report_and_the_record(made, parts):
@@ -323,10 +413,9 @@ def test_margins_of_the_sampled_loops_are_in_a_table_of_their_own(made, parts):
             "Margins of the sampled loops: every 0.5 ms, with the hold, torque delayed by 2"
         ) :
     ]
-    row = re.search(r'<tr><th scope="row">phase margin</th>(.*?)</tr>', own)[1]
-    cells = re.findall(r"<td[^>]*>(.*?)</td>", row)
     margins = [loop.margins.phase_margin for loop in servo.sampled.loops]
-    assert cells[::2] == [f"{margin:.3g}°" for margin in margins]
+    cells = [cells[0] for cells in cells_of(own, "phase margin")]
+    assert cells == [f"{margin:.3g}°" for margin in margins]
     assert "dead time of 1 ms is omitted" in own
     record = servo_record(servo)["sampled"]
     assert record["velocity_loop"]["margins"]["phase_margin"] == pytest.approx(margins[0])
@@ -379,7 +468,7 @@ def test_an_unstable_loop_says_so(made):
     )
     texts, figures = drawn(replace(plant_result, servo=wild))
     text = texts["servo"]
-    assert "The loop is UNSTABLE on the nominal plant" in text
+    assert '<p class="verdict bad">Not stable: velocity and position loop</p>' in text
     assert "Unstable: velocity loop: plants 0, 1, 2, 3" in text
     assert "step" not in figures
     assert control_record(replace(plant_result, servo=wild))["servo"]["stable"] is False

@@ -3,34 +3,41 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
+from updyn.cli.layout import fit_text
+from updyn.cli.settings import LAYOUT
 from updyn.control.conversions import conversion_state, find_route
 from updyn.control.job.checks import band_of_plant, beyond_the_data, part_of_plant
 from updyn.control.job.plant_result import PlantResult
 from updyn.control.job.tables import PlantTable, ServoTable
 from updyn.control.plant import Plant
-from updyn.control.servo.record import Servo
+from updyn.control.servo.record import Loop, Servo
+from updyn.control.servo.verdict import judge_servo, worst_member
 from updyn.job.prepared import Prepared
 from updyn.text_table import fit_columns, format_count, text_table
 
-__all__ = ["brief_plant_result", "describe_plant_result", "describe_request"]
+__all__ = [
+    "brief_plant_result",
+    "describe_plant_result",
+    "describe_plant_size",
+    "describe_request",
+]
 
-#: Error measure of a tolerance.
-_MEASURES = {"relative": "relative error", "peak": "error as a share of the peak"}
+#: What an error is relative to, by the measure of a tolerance.
+_RELATIVE_TO = {"relative": "|H| at each line", "peak": "a channel's peak"}
 #: Heading and attribute of `Margins` of the figures of a loop.
 _MARGINS = (
     ("crossover (Hz)", "crossover"),
     ("phase margin (deg)", "phase_margin"),
-    ("gain margin (dB)", "gain_margin_db"),
+    ("gain margin (dB)", "gain_margin"),
     ("modulus margin", "modulus_margin"),
 )
-#: Notes that the brief text has.
-_BRIEF_NOTES = 3
 
 
 def describe_plant_result(result: PlantResult) -> str:
-    """Return order, errors, route and conversions of the damping as text."""
-    lines = [*_describe_plant(result), "", _conversions(result)]
+    """Return outcome, order, errors, route and conversions of the damping as text."""
+    lines = [*_describe_outcome(result), *_describe_plant(result), "", _conversions(result)]
     lines += [f"note: {note}" for note in result.notes]
     for part in (result.servo, *result.nonlinear, result.drive):
         if part is not None:
@@ -38,68 +45,108 @@ def describe_plant_result(result: PlantResult) -> str:
     return "\n".join(lines)
 
 
-def brief_plant_result(result: PlantResult, width: int | None) -> str:
-    """Return order, errors and route of the plant, and the margins of a servo, as text.
+def brief_plant_result(result: PlantResult, closing: Sequence[str], width: int | None) -> str:
+    """Return outcome, margins of a servo, size and error of the plant and closing lines as text.
 
-    `width` limits the table of margins; None is unlimited.
+    There are as many notes as fit into `LAYOUT.outcome_lines` lines of `width` columns (None:
+    unlimited).
     """
-    lines = _describe_plant(result)
-    if result.family is not None:
-        lines = [line.splitlines()[0] for line in lines]
-    lines += [f"note: {note}" for note in result.notes[:_BRIEF_NOTES]]
+    for most in range(LAYOUT.notes, -1, -1):
+        lines = [*_describe_outcome(result, most), ""]
+        if result.servo is not None:
+            lines += [*_margins(result.servo, width), ""]
+        if result.plant is not None:
+            lines.append(describe_plant_size(result))
+        lines.append(result.source)
+        lines += [f"note: {note}" for note in result.notes[:most]]
+        text = "\n".join([*lines, *closing])
+        shown = text if width is None else fit_text(text, width)
+        if len(shown.splitlines()) <= LAYOUT.outcome_lines:
+            break
+    return text
+
+
+def _describe_outcome(result: PlantResult, most: int | None = None) -> list[str]:
+    """Return the verdict on the servo, or on the plant without one, and at most `most` reasons."""
     if result.servo is not None:
-        lines += ["", _margins(result.servo, width)]
-    return "\n".join(lines)
+        verdict = judge_servo(result.servo)
+        text = f"{result.title}: the servo is {verdict.text}."
+        return [text, *verdict.reasons[:most]]
+    low, high = result.band
+    if result.plant is None:
+        return [f"{result.title}: no plant from {low:g} to {high:g} Hz.", result.message]
+    return [f"{result.title}: plant from {low:g} to {high:g} Hz, within its tolerance."]
 
 
-def _margins(servo: Servo, width: int | None) -> str:
-    """Return a table with the margins of each loop."""
-    broken = () if servo.torque_loop is None else (servo.torque_loop,)
-    rows = []
-    for loop in (*servo.loops, *broken):
-        margins = loop.margins
-        figures = [getattr(margins, attribute) for _, attribute in _MARGINS]
-        cells = ["-" if value is None else f"{value:.4g}" for value in figures]
-        rows.append([loop.name, "yes" if margins.stable else "NO", *cells])
+def describe_plant_size(result: PlantResult) -> str:
+    """Return size and error of the plant, in the measure of its tolerance, as a sentence."""
+    plant = result.plant
+    assert plant is not None
+    low, high = result.band
+    error = plant.relative_error if result.measure == "relative" else plant.error
+    return (
+        f"Plant from {low:g} to {high:g} Hz: {format_count(plant.n_states, 'state')},"
+        f" {format_count(len(plant.inputs), 'input')},"
+        f" {format_count(len(plant.outputs), 'output')}; error at most {_percent(error)} of"
+        f" {_RELATIVE_TO[result.measure]} (tolerance {_percent(result.tolerance)})."
+    )
+
+
+def _margins(servo: Servo, width: int | None) -> list[str]:
+    """Return a table with the margins of each loop, in parentheses the worst of the family."""
+    rows = [[loop.name, *_margin_cells(loop)] for loop in servo.all_loops]
     headings = [heading for heading, _ in _MARGINS]
-    header = ("loop", "stable", *headings)
-    return fit_columns(header, rows, width, headings[::-1], left=("stable",))
+    table = fit_columns(("loop", *headings), rows, width, headings)
+    if servo.velocity_loop.members:
+        table += "\nin parentheses: the worst plant of the family"
+    return [table]
+
+
+def _margin_cells(loop: Loop) -> list[str]:
+    if not loop.margins.stable:
+        return ["unstable", *("-" for _ in _MARGINS[1:])]
+    cells = []
+    for _, name in _MARGINS:
+        cell = _figure(name, getattr(loop.margins, name))
+        worst = worst_member(loop, name)
+        if worst is not None and name != "crossover":
+            cell += f" ({_figure(name, worst[0])})"
+        cells.append(cell)
+    return cells
+
+
+def _figure(name: str, value: float | None) -> str:
+    if value is None:
+        return "-"
+    if name == "gain_margin":
+        value = 20.0 * math.log10(value)
+    return f"{value:.4g}"
 
 
 def _describe_plant(result: PlantResult) -> list[str]:
-    """Return band, order, errors and route of the plant, or why there is none, as lines of text."""
+    """Return order, errors and route of the plant, its samples and its family as lines of text."""
     found = result.plant
-    low, high = result.band
-    lines = [f"{result.title}: plant from {low:g} to {high:g} Hz", result.source]
     if found is None:
-        lines.append(result.message)
-    else:
-        lines += [
-            (
-                f"{format_count(found.n_states, 'state')},"
-                f" {format_count(len(found.inputs), 'input')},"
-                f" {format_count(len(found.outputs), 'output')};"
-                f" {format_count(found.rigid, 'rigid-body mode')},"
-                f" {format_count(len(found.modes) - found.rigid, 'flexible mode')}"
-            ),
-            (
-                f"relative error {_percent(found.relative_error)} at most; error"
-                f" {_percent(found.error)} of a channel's peak, {_percent(found.peak_error)}"
-                f" of the height of a resonance; tolerance {_percent(result.tolerance)}, of the"
-                f" {_MEASURES[result.measure]}"
-            ),
-            f"route: {find_route(found)}",
-        ]
-        if found.zero_shift:
-            lines.append(_zeros(found))
-        if result.sampled is not None and result.sampled.dt is not None:
-            sampled = result.sampled
-            lines.append(f"sampled every {sampled.dt:g} s: {sampled.n_states} states")
-            if sampled.delay:
-                lines[-1] += f", input late by {sampled.delay} intervals"
-        if result.family is not None:
-            lines.append(result.family.summary())
-            lines += [weight.summary() for weight in result.weights.values()]
+        return [result.source]
+    lines = [
+        describe_plant_size(result),
+        result.source,
+        (
+            f"{format_count(found.rigid, 'rigid-body mode')},"
+            f" {format_count(len(found.modes) - found.rigid, 'flexible mode')}"
+        ),
+        f"route: {find_route(found)}",
+    ]
+    if found.zero_shift:
+        lines.append(_zeros(found))
+    if result.sampled is not None and result.sampled.dt is not None:
+        sampled = result.sampled
+        lines.append(f"sampled every {sampled.dt:g} s: {sampled.n_states} states")
+        if sampled.delay:
+            lines[-1] += f", input late by {sampled.delay} intervals"
+    if result.family is not None:
+        lines.append(result.family.summary())
+        lines += [weight.summary() for weight in result.weights.values()]
     return lines
 
 

@@ -15,6 +15,7 @@ from updyn.control.plant import Plant
 from updyn.control.ports import Port
 from updyn.control.servo.drive import DriveFigures
 from updyn.control.servo.record import Loop, SampledLoops, Servo
+from updyn.control.servo.verdict import judge_servo
 from updyn.store.values import plain
 
 __all__ = [
@@ -161,6 +162,8 @@ def servo_record(servo: Servo) -> dict[str, object]:
     loops = {loop.name: _loop(loop) for loop in servo.loops}
     return {
         "stable": servo.stable,
+        "verdict": judge_servo(servo).text,
+        "doubts": list(servo.doubts),
         "controller": plain(asdict(servo.controller)),
         "torque": servo.torque,
         "velocity": servo.velocity,

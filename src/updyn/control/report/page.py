@@ -6,12 +6,29 @@ from os import PathLike
 from pathlib import Path
 
 from updyn import __version__
+from updyn.control.job.messages import describe_plant_size
 from updyn.control.job.plant_result import PlantResult
+from updyn.control.report.plant import bode_name, channel_name, channels, plant_figures
+from updyn.control.report.servo import first_margins, servo_figures
+from updyn.control.servo.record import Loop, Servo
+from updyn.control.servo.verdict import judge_servo, worst_member
+from updyn.report.formats import capitalize_first
 from updyn.report.page import assemble
 from updyn.report.section import PageContent
 from updyn.report.templates import render_template, write_page
 
 __all__ = ["write_plant_page"]
+
+
+#: Parts of the first screen that a plant may lack.
+_EMPTY: dict[str, object] = {
+    "margins": None,
+    "size": "",
+    "shown": "",
+    "heading": "",
+    "caption": "",
+    "figures": {},
+}
 
 
 def write_plant_page(result: PlantResult, path: str | PathLike[str]) -> Path:
@@ -21,11 +38,58 @@ def write_plant_page(result: PlantResult, path: str | PathLike[str]) -> Path:
 
 def render(result: PlantResult) -> str:
     """Return the page as text."""
-    badge, kind = "Not updated", "warn"
-    if not result.holds_tolerance:
-        badge, kind = "Tolerance not met", "bad"
-    elif result.updated:
-        badge, kind = "Updated", "good"
-    head = render_template("updyn.control.report/head.html", result=result, badge=badge, kind=kind)
     content = PageContent(further={"plant": result})
+    parts = {**_EMPTY, **_first_screen(result)}
+    head = render_template("updyn.control.report/head.html", result=result, **parts)
     return assemble(content, head, f"{result.title}: plant", __version__)
+
+
+def _first_screen(result: PlantResult) -> dict[str, object]:
+    """Return the variables of the first screen: the verdict and a Bode diagram."""
+    state = [] if result.updated else [result.source]
+    plant = result.plant
+    if plant is None:
+        reasons = [result.message, *state]
+        return {
+            "kind": "bad",
+            "text": "Tolerance not met: no plant is written",
+            "reasons": reasons,
+        }
+    size = describe_plant_size(result)
+    if result.servo is not None:
+        loop = _most_critical(result.servo)
+        verdict = judge_servo(result.servo)
+        return {
+            "kind": verdict.kind,
+            "text": capitalize_first(verdict.text),
+            "reasons": [*verdict.reasons, *state],
+            "margins": first_margins(result.servo),
+            "size": size,
+            "shown": f"bode-{loop.name}",
+            "heading": f"Bode diagram of the {loop.name} loop",
+            "figures": servo_figures(result.servo, plant),
+        }
+    i, j = max(channels(result), key=lambda at: result.channel_errors(result.measure)[at])
+    return {
+        "kind": "good" if result.updated else "warn",
+        "text": "Plant within its tolerance",
+        "reasons": state,
+        "size": size,
+        "shown": bode_name(i, j),
+        "heading": channel_name(plant, i, j),
+        "caption": "The channel with the largest error.",
+        "figures": plant_figures(result),
+    }
+
+
+def _most_critical(servo: Servo) -> Loop:
+    """Return the first unstable loop, or that with the smallest modulus margin of all plants."""
+
+    def margin(loop: Loop) -> float:
+        nominal = loop.margins.modulus_margin
+        if nominal is None or loop.unstable_members:
+            return -1.0
+        worst = worst_member(loop, "modulus_margin")
+        return nominal if worst is None else min(nominal, worst[0])
+
+    return min(servo.loops, key=margin)

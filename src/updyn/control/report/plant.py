@@ -192,6 +192,7 @@ class PlantSection(ReportSection):
             "conversion_caption": _conversion_caption(result),
             "weights": [],
             "text_kinds": ("text", "text", "text", "text"),
+            "error_kinds": ("", "", "", "note-cell"),
             "pole_kinds": ("", "", "text", "text"),
             "conversion_kinds": ("", "text", "", "", "", "text", "note-cell"),
             "weight_kinds": ("", "", "", "", "", "note-cell"),
@@ -246,9 +247,15 @@ def _introduction(result: PlantResult) -> str:
     return (
         f"A real state-space model of {of}: {format_count(len(plant.inputs), 'input')},"
         f" {format_count(len(plant.outputs), 'output')}, {format_count(plant.n_states, 'state')}."
-        f" From {band} its error is at most {share(plant.relative_error)} of a channel's magnitude"
-        f" at each line, and {share(plant.error)} of its peak."
+        f" From {band} its error is at most {_error_of(result, plant)}."
     )
+
+
+def _error_of(result: PlantResult, plant: Plant) -> str:
+    """Return the largest error in the measure of the tolerance as text."""
+    if result.measure == "peak":
+        return f"{share(plant.error)} of a channel's peak"
+    return f"{share(plant.relative_error)} of a channel's magnitude at each line"
 
 
 def _key_figures(result: PlantResult, plant: Plant) -> list[tuple[str, str, str]]:
@@ -274,15 +281,12 @@ def _key_figures(result: PlantResult, plant: Plant) -> list[tuple[str, str, str]
 
 
 def _error_tiles(result: PlantResult, plant: Plant) -> list[tuple[str, str, str]]:
-    asked = f"; tolerance {share(plant.tolerance)}"
-    relative, peak = (asked, "") if result.measure == "relative" else ("", asked)
-    hint = f"of |H| at each line, at most{relative}"
-    tiles = [
-        ("Relative error", share(plant.relative_error), hint),
-        ("Error", share(plant.error), f"of the peak, at most{peak}"),
-        ("Error of peaks", share(plant.peak_error), "of the height of a resonance, at most"),
-    ]
-    return [*tiles, *_zero_tiles(plant)]
+    asked = f"at most; tolerance {share(plant.tolerance)}"
+    tile = ("Error", share(plant.relative_error), f"of |H| at each line, {asked}")
+    if result.measure == "peak":
+        tile = ("Error", share(plant.error), f"of the peak of a channel, {asked}")
+    peaks = ("Error of peaks", share(plant.peak_error), "of the height of a resonance, at most")
+    return [tile, peaks, *_zero_tiles(plant)]
 
 
 def _zero_tiles(plant: Plant) -> list[tuple[str, str, str]]:
@@ -331,14 +335,32 @@ def _port_weights(port: Port) -> str:
 
 
 def _channel_errors(result: PlantResult, plant: Plant) -> list[list[str]]:
-    """Return the channels and their errors, in decreasing order."""
+    """Return the channels with their errors, in decreasing order, and where |H| is smallest."""
     errors = result.channel_errors(result.measure)
     both = result.channel_errors("relative"), result.channel_errors("peak")
     order = sorted(np.ndindex(*errors.shape), key=lambda at: -errors[at])
     rows = []
     for i, j in order[: CONTROL_REPORT.listed_channels]:
-        rows.append([channel_name(plant, i, j), *(share(float(e[i, j])) for e in both)])
+        peak, relative = (share(float(e[i, j])) for e in both[::-1])
+        rows.append([channel_name(plant, i, j), peak, relative, _error_place(result, plant, i, j)])
     return rows
+
+
+def _error_place(result: PlantResult, plant: Plant, i: int, j: int) -> str:
+    """Return where the relative error of a channel is largest: frequency, size, antiresonance."""
+    assert result.freq is not None
+    assert result.exact is not None
+    at = int(np.argmax(result.errors("relative")[:, i, j]))
+    f, size = float(result.freq[at]), np.abs(result.exact[:, i, j])
+    place = f"{number(f, 4)} Hz"
+    if size.max() > 0:
+        place += f", where |H| is {share(float(size[at] / size.max()))} of the peak"
+    names = plant.outputs[i], plant.inputs[j]
+    near = CONTROL_REPORT.antiresonance_distance * f
+    for zero in plant.zero_shift:
+        if (zero.output, zero.input) == names and abs(zero.frequency - f) <= near:
+            return f"{place}, at the antiresonance of {number(zero.frequency, 4)} Hz"
+    return place
 
 
 def _poles(plant: Plant) -> ComplexArray:

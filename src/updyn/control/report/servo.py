@@ -16,6 +16,8 @@ from updyn.control.report.settings import CONTROL_REPORT
 from updyn.control.servo.drive import DriveFigures
 from updyn.control.servo.margins import Margins, RobustMargin
 from updyn.control.servo.record import Loop, SampledLoops, Servo, StepResponse, WindResponse
+from updyn.control.servo.settings import SERVO_VERDICT
+from updyn.control.servo.verdict import judge_servo, worst_member
 from updyn.report.formats import number
 from updyn.report.plots import (
     Figure,
@@ -33,6 +35,8 @@ from updyn.report.section import PageContent, ReportSection
 
 __all__ = [
     "SERVO",
+    "first_margins",
+    "margin_table",
     "servo_figures",
 ]
 
@@ -41,8 +45,6 @@ _LOUD = 60.0
 _QUIET = -80.0
 #: Ratio of the highest frequency of a plotted loop to the end of the plant's band.
 _REACH = 2.0
-#: Radius of the circle around -1 in the Nichols plot: |1 + L| = 0.5, a sensitivity of 6 dB.
-_MODULUS = 0.5
 
 
 def servo_figures(servo: Servo, plant: Plant) -> dict[str, Figure]:
@@ -98,47 +100,48 @@ def _bode(loop: Loop, at: IndexArray) -> Figure:
         phase += band_traces(freq, low_turn, high_turn, f"family of {len(members)}", legend=False)
     size.append(curve(freq, _decibels(L), "L, nominal", "@after", unit="dB"))
     phase.append(curve(freq, turn, "phase", "@after", unit="°", legend=False))
-    size += _marks(loop, "gain")
-    phase += _marks(loop, "phase")
-    turns = np.concatenate([low_turn, high_turn])
+    size += _gain_margin_traces(loop)
+    phase += _phase_margin_traces(loop)
+    critical = _critical_phases(turn)
+    turns = np.concatenate([low_turn, high_turn, critical])
     panels = [
         Panel("|L| (dB)", size, _db_axis(_decibels(L)), 1.2, (0.0,)),
-        Panel("phase (°)", phase, degree_axis(turns), 1.0, tuple(_critical_phases(turn))),
+        Panel("phase (°)", phase, degree_axis(turns), 1.0, tuple(critical)),
     ]
     return stack_panels(panels, log_frequency(freq), 480)
 
 
-def _marks(loop: Loop, panel: str) -> list[dict[str, object]]:
-    """Return the points of the gain margin (upper panel) or of the phase margin (lower)."""
+def _gain_margin_traces(loop: Loop) -> list[dict[str, object]]:
+    """Return the gain margin as a line from the curve to 0 dB; nothing without a finite one."""
     m = loop.margins
-    if (
-        panel == "gain"
-        and m.gain_margin is not None
-        and m.gain_margin_at is not None
-        and math.isfinite(m.gain_margin)
-    ):
-        assert m.gain_margin_db is not None
-        return [
-            _point_trace(
-                m.gain_margin_at, -m.gain_margin_db, f"gain margin {m.gain_margin_db:.3g} dB"
-            )
-        ]
-    if panel == "phase" and m.phase_margin is not None and m.phase_margin_at is not None:
-        height = float(np.interp(np.log(m.phase_margin_at), np.log(loop.freq), loop.phase))
-        return [_point_trace(m.phase_margin_at, height, f"phase margin {m.phase_margin:.3g}°")]
-    return []
+    if m.gain_margin_at is None or m.gain_margin_db is None or not math.isfinite(m.gain_margin_db):
+        return []
+    name = f"gain margin {m.gain_margin_db:.3g} dB"
+    return [_margin_line(m.gain_margin_at, (-m.gain_margin_db, 0.0), name)]
 
 
-def _point_trace(x: float, y: float, name: str) -> dict[str, object]:
+def _phase_margin_traces(loop: Loop) -> list[dict[str, object]]:
+    """Return the phase margin as a line from the curve to an odd half turn; nothing without."""
+    m = loop.margins
+    if m.phase_margin is None or m.phase_margin_at is None or not math.isfinite(m.phase_margin):
+        return []
+    height = float(np.interp(np.log(m.phase_margin_at), np.log(loop.freq), loop.phase))
+    name = f"phase margin {m.phase_margin:.3g}°"
+    return [_margin_line(m.phase_margin_at, (height, height - m.phase_margin), name)]
+
+
+def _margin_line(x: float, ends: tuple[float, float], name: str) -> dict[str, object]:
+    """Return a vertical line with a circle at its first end, on the curve."""
     return {
         "type": "scatter",
-        "mode": "markers",
+        "mode": "lines+markers",
         "name": escape_label(name),
-        "x": [x],
-        "y": [y],
+        "x": [x, x],
+        "y": list(ends),
+        "line": {"color": "@before", "width": 2.5},
         "marker": {
             "color": "@before",
-            "size": 9,
+            "size": [9, 0],
             "symbol": "circle-open",
             "line": {"width": 2, "color": "@before"},
         },
@@ -159,14 +162,16 @@ def _nichols(loop: Loop, at: IndexArray) -> Figure:
         spread.append(turns[(_decibels(member) > _QUIET / 2) & (_decibels(member) < _LOUD)])
     traces.append(_curve_trace(turn, _decibels(L), loop.freq[at], "L, nominal", "@after", 1.8))
     centres = _critical_phases(turn[shown] if shown.any() else turn)
-    circle = -1.0 + _MODULUS * np.exp(1j * np.linspace(0.0, 2.0 * np.pi, 181))
+    circle = -1.0 + SERVO_VERDICT.usual_modulus_margin * np.exp(
+        1j * np.linspace(0.0, 2.0 * np.pi, 181)
+    )
     for index, centre in enumerate(centres):
         around = centre + np.degrees(np.angle(-circle))
         traces.append(
             {
                 "type": "scatter",
                 "mode": "lines",
-                "name": f"|1 + L| = {_MODULUS:g}",
+                "name": f"|1 + L| = {SERVO_VERDICT.usual_modulus_margin:g}",
                 "showlegend": index == 0,
                 "x": encode_numbers(around),
                 "y": encode_numbers(_decibels(circle)),
@@ -393,14 +398,12 @@ SERVO = ServoSection()
 
 
 def _servo_context(servo: Servo) -> dict[str, object]:
-    head, margins = _margins(servo.loops)
     return {
-        "verdict": _verdict(servo),
+        "verdict": judge_servo(servo),
         "notes": [_to_sentence(note) for note in servo.notes],
         "key_figures": _key_figures(servo),
         "controller": _controller(servo),
-        "margins_head": head,
-        "margins": margins,
+        "margins": margin_table(servo.all_loops),
         "robust": [_robust(margin) for margin in servo.robust],
         "sampled": None if servo.sampled is None else _sampled_context(servo.sampled),
         "has_family": bool(servo.velocity_loop.members),
@@ -424,54 +427,20 @@ def _loop(loop: Loop) -> dict[str, object]:
     }
 
 
-def _verdict(servo: Servo) -> str:
-    if not all(loop.margins.stable for loop in servo.loops):
-        return "The loop is UNSTABLE on the nominal plant; its crossings are not margins."
-    bad = {i for loop in servo.loops for i in loop.unstable_members}
-    count = len(servo.loops[0].members)
-    if bad:
-        return (
-            f"The loop is stable on the nominal plant, and UNSTABLE on {len(bad)} of {count} plants"
-            " of the family."
-        )
-    if count:
-        return f"The loop is stable, also on all {count} plants of the family."
-    return "The loop is stable."
-
-
 def _key_figures(servo: Servo) -> list[tuple[str, str, str]]:
     """Return name, value and hint of the key figures."""
-    smallest = "smallest of the loops"
-    if servo.velocity_loop.members:
-        smallest = "smallest of all loops and plants"
     outer = servo.loops[-1]
     tiles = [("Bandwidth", _hz(servo.bandwidth), f"closed {outer.name} loop, −3 dB")]
-    if servo.position_loop is not None:
-        crossover = _hz(outer.margins.crossover)
-        tiles.append(("Position crossover", crossover, "|L| falls through 1"))
-    crossover = _hz(servo.velocity_loop.margins.crossover)
-    modulus = number(_smallest_margin(servo, "modulus_margin"), 3)
-    tiles += [
-        ("Velocity crossover", crossover, "|L| falls through 1"),
-        ("Phase margin", _degrees(_smallest_margin(servo, "phase_margin")), smallest),
-        ("Gain margin", _db(_smallest_margin(servo, "gain_margin")), smallest),
-        ("Modulus margin", modulus, "smallest |1 + L|; above 0.5 is usual"),
-    ]
+    for loop in servo.loops[::-1]:
+        crossover = _hz(loop.margins.crossover)
+        tiles.append((f"{loop.name.capitalize()} crossover", crossover, "|L| falls through 1"))
+    if servo.step is not None:
+        settles = _with_unit(servo.step.settling_time, 3, "s")
+        tiles.append(("Step settles in", settles, "to 2 %"))
     if servo.wind is not None:
         rms = f"{number(servo.wind.rms, 3)} {servo.wind.output_unit}"
         tiles.append(("Error in wind", rms, f"rms of {servo.wind.output}"))
     return tiles
-
-
-def _smallest_margin(servo: Servo, name: str) -> float | None:
-    """Return the smallest value of a margin over loops and plants; None if one is unstable."""
-    every: list[Margins] = []
-    for loop in servo.loops:
-        every += [loop.margins, *loop.members]
-    if not all(margins.stable for margins in every):
-        return None
-    known = [value for value in (getattr(margins, name) for margins in every) if value is not None]
-    return min(known, key=abs, default=None)
 
 
 def _controller(servo: Servo) -> list[tuple[str, str]]:
@@ -511,33 +480,46 @@ def _with_unit(value: float | None, digits: int, unit: str) -> str:
 
 
 # -- margins --------------------------------------------------------------------------------------
-def _margins(loops: Sequence[Loop]) -> tuple[list[str], list[list[str]]]:
-    """Return head and rows of a table of margins."""
-    head = ["figure"]
-    bandwidth = ["closed-loop bandwidth"]
-    structure = ["modulus margin of the structure, by the plant's error"]
+def margin_table(loops: Sequence[Loop]) -> tuple[list[str], list[tuple[str, list[list[str]]]]]:
+    """Return the head of a table of margins, and its rows by the name of their loop."""
+    has_family = any(loop.members for loop in loops)
+    head = ["", "nominal", "at"]
+    if has_family:
+        head += [f"worst of {len(loops[0].members)}", "plant"]
+    groups = []
     for loop in loops:
-        head += [f"{loop.name} loop", "at"]
-        bandwidth += [_hz(loop.bandwidth), "–"]
-        if loop.members:
-            head += ["worst of family", "plant"]
-            bandwidth += ["–", "–"]
-        span = "–"
+        rows = []
+        for title, name, text in _FIGURES:
+            cells = [text(getattr(loop.margins, name)), _hz(_at(loop.margins, name))]
+            if has_family:
+                cells += _worst_cells(loop, name, text)
+            if set(cells) != {"–"}:
+                rows.append([title, *cells])
         if loop.modulus_range is not None:
             span = " to ".join(number(value, 3) for value in loop.modulus_range)
-        structure += [span, "–"] + ["–"] * (2 * bool(loop.members))
-    rows = []
-    for title, name, text in _FIGURES:
-        cells = []
-        for loop in loops:
-            cells += [text(getattr(loop.margins, name)), _hz(_at(loop.margins, name))]
-            if loop.members:
-                cells += _worst_cells(loop, name, text)
-        if set(cells) != {"–"}:
-            rows.append([title, *cells])
-    if set(structure[1:]) != {"–"}:
-        rows.append(structure)
-    return head, [*rows, bandwidth]
+            rows.append(["modulus margin, with the error of the plant", span, "–"])
+        if loop.bandwidth is not None:
+            rows.append(["closed-loop bandwidth", _hz(loop.bandwidth), "–"])
+        padded = [row + ["–"] * (len(head) - len(row)) for row in rows]
+        groups.append((_LOOP_NAMES[loop.name], padded))
+    return head, groups
+
+
+def first_margins(servo: Servo) -> tuple[list[str], list[tuple[str, list[list[str]]]]]:
+    """Return head and rows, as `margin_table`, of crossover and margins of the first screen."""
+    count = len(servo.velocity_loop.members)
+    head = ["", "nominal", *([f"worst of {count} plants"] if count else [])]
+    groups = []
+    for loop in servo.loops:
+        rows = []
+        for title, name, text in _FIGURES:
+            if name in _FIRST:
+                cells = [text(getattr(loop.margins, name)), *_worst_cells(loop, name, text)[:1]]
+                rows.append([title, *cells[: len(head) - 1]])
+        if loop.margins.crossover is not None:
+            rows.append(["crossover", _hz(loop.margins.crossover), *[""] * (len(head) - 2)])
+        groups.append((_LOOP_NAMES[loop.name], rows))
+    return head, groups
 
 
 def _robust(margin: RobustMargin) -> list[str]:
@@ -546,7 +528,6 @@ def _robust(margin: RobustMargin) -> list[str]:
 
 
 def _sampled_context(sampled: SampledLoops) -> dict[str, object]:
-    head, rows = _margins(sampled.loops)
     late = "without delay"
     if sampled.delay:
         late = f"torque delayed by {sampled.delay} interval{'s' if sampled.delay > 1 else ''}"
@@ -558,21 +539,17 @@ def _sampled_context(sampled: SampledLoops) -> dict[str, object]:
             f"Margins of the sampled loops: every {number(1e3 * sampled.dt, 4)} ms, with the hold,"
             f" {late}"
         ),
-        "head": head,
-        "rows": rows,
+        "margins": margin_table(sampled.loops),
         "notes": notes,
     }
 
 
 def _worst_cells(loop: Loop, name: str, text: Callable[[float | None], str]) -> list[str]:
     """Return the worst value of a margin over the family, and its plant."""
-    spread = loop.worst[name]
-    value, which = spread.smallest, spread.smallest_member
-    if name == "gain_reduction":
-        value, which = spread.largest, spread.largest_member
-    if which is None or text(value) in ("–", "∞"):
-        return [text(value), "–"]
-    return [text(value), str(which)]
+    worst = worst_member(loop, name)
+    if worst is None or text(worst[0]) in ("–", "∞"):
+        return ["–" if worst is None else text(worst[0]), "–"]
+    return [text(worst[0]), str(worst[1])]
 
 
 def _unstable(servo: Servo) -> str:
@@ -628,6 +605,14 @@ def _modulus(value: float | None) -> str:
     return number(value, 3)
 
 
+#: Margins on the first screen.
+_FIRST = ("phase_margin", "gain_margin", "modulus_margin")
+#: Names of the loops in tables.
+_LOOP_NAMES = {
+    "velocity": "velocity loop",
+    "position": "position loop",
+    "torque": "both loops, broken at the torque",
+}
 #: Rows of the table of margins: title, attribute of `Margins`, text of a value.
 _FIGURES = (
     ("crossover", "crossover", _hz),

@@ -25,6 +25,9 @@ class ControlReportSettings:
     listed_poles: int = 60
     #: [rows] Largest number of channels in the table of errors. Drawing: length of the page.
     listed_channels: int = 40
+    #: [1] Distance of a line from an antiresonance, relative to its frequency, within which its
+    #: error is said to be at the antiresonance. Drawing: about the width of those of structures.
+    antiresonance_distance: float = 0.03
     #: [items] Largest number of crossings of a loop, and of unstable members, in a list. Drawing:
     #: length of the page.
     listed_items: int = 12

@@ -241,6 +241,8 @@ class Servo:
         Response to wind or a given disturbance.
     notes : tuple of str
         Remarks on the results.
+    doubts : tuple of str
+        Questions about the gains: a crossover far below the modes, with the likely cause.
     torque_loop : Loop or None
         Both loops closed, broken at the torque: margins for gain and delay of the drive. None
         without a position loop, as it then equals `velocity_loop`.
@@ -271,6 +273,7 @@ class Servo:
     disturbance_step: StepResponse | None = None
     wind: WindResponse | None = None
     notes: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
     torque_loop: Loop | None = None
     family_steps: tuple[StepResponse | None, ...] = ()
     sampled: SampledLoops | None = None
@@ -289,6 +292,11 @@ class Servo:
             return (self.velocity_loop,)
         return self.velocity_loop, self.position_loop
 
+    @property
+    def all_loops(self) -> tuple[Loop, ...]:
+        """`loops`, and `torque_loop` if it exists."""
+        return self.loops if self.torque_loop is None else (*self.loops, self.torque_loop)
+
     def summary(self) -> str:
         """Return margins, time responses and notes as text."""
         return servo_text(self)
@@ -304,8 +312,7 @@ def servo_text(servo: Servo) -> str:
     if plant.get("inertia"):
         parts.append(f"rigid-body inertia {plant['inertia']:.6g} (from torque to acceleration)")
     parts.append(indent(servo.controller.summary(), "  "))
-    broken = () if servo.torque_loop is None else (servo.torque_loop,)
-    for loop in (*servo.loops, *broken):
+    for loop in servo.all_loops:
         parts += [_name(loop), indent(loop.margins.summary(), "  ")]
         if loop.modulus_range is not None:
             low, high = loop.modulus_range
@@ -333,7 +340,7 @@ def servo_text(servo: Servo) -> str:
         parts.append(_steps(servo.family_steps))
     if servo.wind is not None:
         parts.append(_wind(servo.wind))
-    parts += [f"note: {note}" for note in servo.notes]
+    parts += [f"note: {note}" for note in (*servo.doubts, *servo.notes)]
     return "\n".join(parts)
 
 

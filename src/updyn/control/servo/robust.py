@@ -55,11 +55,15 @@ def family_margin(cascade: Cascade, judged: JudgedLoop, members: Sequence[Cascad
 
 
 def error_margin(cascade: Cascade, judged: JudgedLoop) -> RobustMargin | None:
-    """Return the margin for the relative error of the plant in its band; None if it is unknown."""
+    """Return the margin for the relative error of the plant in its band.
+
+    None if the error is unknown, or so large at some line, such as an antiresonance of a plant
+    whose tolerance is a share of the peak, that it states nothing on the others.
+    """
     plant = cascade.plant
     error, (low, high) = plant.relative_error, plant.band
     w = judged.w[(judged.w >= _TWO_PI * low) & (judged.w <= _TWO_PI * high)]
-    if np.isnan(error) or not len(w):
+    if not error < 1.0 or not len(w):
         return None
     ends = np.array([_TWO_PI * f for f in (low, high) if f > 0])
     w = np.union1d(w, ends)

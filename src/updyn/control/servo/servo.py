@@ -15,6 +15,7 @@ from updyn.control.plant import Plant
 from updyn.control.servo import grid
 from updyn.control.servo.controller import Controller, rigid_inertia, rigid_ratio
 from updyn.control.servo.digital import SampledCascade, judge_sampled
+from updyn.control.servo.doubts import question_crossovers
 from updyn.control.servo.loops import Cascade, Wiring
 from updyn.control.servo.margins import RobustMargin, ranges
 from updyn.control.servo.record import Loop, SampledLoops, Servo, StepResponse
@@ -167,6 +168,7 @@ def servo(
             *_ratio_notes(nominal, controller, wiring),
             *over_time.notes,
         ),
+        doubts=question_crossovers(nominal, controller, loops[:2], inertia),
         family_steps=steps,
         sampled=None
         if sampled is None
@@ -311,7 +313,7 @@ def _modulus_range(cascade: Cascade, judged: JudgedLoop, name: str) -> tuple[flo
     # moduli of its two parts. |1 + L| changes by no more than L.
     plant, at = cascade.plant, judged.margins.modulus_margin_at
     error, (low, high) = plant.relative_error, plant.band
-    if np.isnan(error) or at is None or not low <= at <= high:
+    if not error < 1.0 or at is None or not low <= at <= high:  # beyond 1 the bound is 0
         return None
     w = judged.w[(judged.w >= _TWO_PI * low) & (judged.w <= _TWO_PI * high)]
     s = 1j * np.append(w, _TWO_PI * at)

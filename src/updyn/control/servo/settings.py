@@ -127,6 +127,20 @@ class RobustMarginSettings:
 
 
 @dataclass(frozen=True)
+class ServoVerdictSettings:
+    """Numbers that decide whether a stable servo is doubted."""
+
+    #: [1] Modulus margin from which no reservation is stated. Why: the sensitivity is then at most
+    #: 2, 6 dB, the usual limit (Skogestad & Postlethwaite, Multivariable Feedback Control, 2nd ed.
+    #: 2005, section 2.4.3).
+    usual_modulus_margin: float = 0.5
+    #: [1] Crossover of the velocity loop relative to the lowest flexible mode, and of the position
+    #: loop relative to that of the velocity loop, below which it is questioned. Why: usual ratios
+    #: are above a twentieth; wrong units and gear ratios are factors of tens or hundreds.
+    questioned_crossover: float = 0.02
+
+
+@dataclass(frozen=True)
 class StepResponseSettings:
     """Numbers of the record of a step response and of its figures."""
 
@@ -182,5 +196,6 @@ LOOP_STABILITY = LoopStabilitySettings()
 RIGID_MOTION = RigidMotionSettings()
 DRIVE = DriveSettings()
 ROBUST_MARGIN = RobustMarginSettings()
+SERVO_VERDICT = ServoVerdictSettings()
 STEP_RESPONSE = StepResponseSettings()
 WIND_SERIES = WindSeriesSettings()
