@@ -31,6 +31,7 @@ from .dofs import Dof as Dof
 from .dofs import DofSet as DofSet
 from .dynamics.condensation import condense as condense
 from .dynamics.modes import modes as modes
+from .dynamics.periodic.response import PeriodicResponse as PeriodicResponse
 from .dynamics.response import response as response
 from .errors import UpdynError as UpdynError
 from .errors import UpdynWarning as UpdynWarning

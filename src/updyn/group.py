@@ -625,6 +625,22 @@ class LossTable:
             )
         return np.interp(freq, self.freq, self.relative)
 
+    def slope_at(self, freq: RealArray) -> RealArray:
+        """Return the derivative of the factor by frequency, that to the right at a line.
+
+        Parameters
+        ----------
+        freq : ndarray of float, shape (n,)
+            Frequencies in Hz within the table.
+
+        Returns
+        -------
+        ndarray of float, shape (n,)
+            In 1/Hz.
+        """
+        at = np.clip(np.searchsorted(self.freq, freq, side="right") - 1, 0, len(self.freq) - 2)
+        return np.asarray((np.diff(self.relative) / np.diff(self.freq))[at])
+
 
 def as_table(given: Any) -> LossTable | None:
     """Return a `LossTable` from a value that `Group` accepts; ModelError for other values."""

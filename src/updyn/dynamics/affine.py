@@ -198,6 +198,18 @@ class AffineSystem:
             out += factor * self.decay * more
         return out
 
+    def slopes(self, state: State, omega: RealArray) -> ComplexArray:
+        """Return dc_t / domega at i omega + decay, shape (n_terms, n_lines); `omega` in rad/s."""
+        factor, (_, inertial, tabled) = state.factor[:, None], self._kinds
+        lost = np.zeros((len(self.terms), len(omega)))
+        for t in tabled:
+            table = self.terms[t].table
+            if table is not None:
+                lost[t] = state.loss[t] * table.slope_at(omega / (2.0 * np.pi)) / (2.0 * np.pi)
+        rate = state.rate[:, None]
+        s = 1j * omega + self.decay
+        return np.asarray(factor * (1j * (lost + rate + 2.0 * inertial * s)))
+
     def relative(self, at: Iterable[int], omega: RealArray) -> RealArray:
         """Return relative loss factors, shape (n_terms, n_lines), or (n_terms, 1) without tables.
 

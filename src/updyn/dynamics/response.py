@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
+from typing import overload
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,9 +14,11 @@ from updyn.dofs import Dof, DofSet
 from updyn.dynamics.affine import AffineSystem
 from updyn.dynamics.excitation import DrivenSolver, Excitation, find_channels, find_excitation
 from updyn.dynamics.fields import FieldSolver, LineSolver, split_into_blocks
+from updyn.dynamics.periodic.response import PeriodicResponse, respond_at_level
+from updyn.dynamics.periodic.settings import BALANCE
 from updyn.dynamics.reduction import Reduction
 from updyn.dynamics.settings import REDUCTION
-from updyn.errors import SolverError
+from updyn.errors import OptionError, SolverError
 from updyn.frf import FRF, check_lines
 from updyn.linalg.solver import check_backend
 from updyn.model import Model
@@ -23,6 +26,7 @@ from updyn.model import Model
 __all__ = ["response", "response_like"]
 
 
+@overload
 def response(
     model: Model,
     freq: ArrayLike,
@@ -36,11 +40,50 @@ def response(
     decay: float = 0.0,
     base: Iterable[str | Dof] | None = None,
     force: str | Dof | None = None,
-) -> FRF:
+    level: None = None,
+    harmonics: int = BALANCE.harmonics,
+    samples: int = BALANCE.samples,
+    sweep: str = "up",
+) -> FRF: ...
+@overload
+def response(
+    model: Model,
+    freq: ArrayLike,
+    responses: Iterable[str | Dof],
+    references: Iterable[str | Dof],
+    quantity: str = "receptance",
+    *,
+    tier: str | None = None,
+    backend: str | None = None,
+    accuracy: float = REDUCTION.accuracy,
+    level: float,
+    harmonics: int = BALANCE.harmonics,
+    samples: int = BALANCE.samples,
+    sweep: str = "up",
+) -> PeriodicResponse: ...
+def response(
+    model: Model,
+    freq: ArrayLike,
+    responses: Iterable[str | Dof],
+    references: Iterable[str | Dof],
+    quantity: str = "receptance",
+    *,
+    tier: str | None = None,
+    backend: str | None = None,
+    accuracy: float = REDUCTION.accuracy,
+    decay: float = 0.0,
+    base: Iterable[str | Dof] | None = None,
+    force: str | Dof | None = None,
+    level: float | None = None,
+    harmonics: int = BALANCE.harmonics,
+    samples: int = BALANCE.samples,
+    sweep: str = "up",
+) -> FRF | PeriodicResponse:
     """Compute frequency response functions exactly, with one full factorisation per line.
 
     With ``tier="reduced"`` they are computed by a reduced model of proven accuracy. It needs only a
-    few real factorisations for any number of lines.
+    few real factorisations for any number of lines. With ``level=``, the periodic response of a
+    model with nonlinear elements to a force of that amplitude is computed instead.
 
     Parameters
     ----------
@@ -66,12 +109,21 @@ def response(
         all other DOFs respond. A sign reverses the motion of a DOF.
     force : str or Dof, optional
         Of a transmissibility without `base`: DOF of the only force.
+    level : float, optional
+        Force amplitude in N (N m), for models with nonlinear elements: one force after another.
+    harmonics : int
+        With `level`: the highest harmonic of the balance.
+    samples : int
+        With `level`: samples of a period for the forces of elements.
+    sweep : {"up", "down"}
+        With `level`: direction of the sweep, which decides between several solutions at a line.
 
     Returns
     -------
-    FRF
+    FRF or PeriodicResponse
         Values of shape (n_f, n_responses, n_references), in m/N, m/s/N or m/s2/N (rad and N m for
-        rotations); a transmissibility has no unit.
+        rotations); a transmissibility has no unit. With `level`, a `PeriodicResponse`: the first
+        harmonic over the force, all harmonics, stability, and all branches.
 
     Raises
     ------
@@ -80,11 +132,13 @@ def response(
         transmissibility has no base or force, several references, or a base without its reference.
     DofError
         If a DOF is not in the model.
+    ModelError
+        If the model has nonlinear elements but there is no level, or vice versa.
     OptionError
-        If the tier, the backend or the accuracy cannot be used.
+        If an option cannot be used, or not with a level.
     SolverError
-        If the dynamic stiffness is singular at a line, or no reduced model of this accuracy was
-        found.
+        If the dynamic stiffness is singular at a line, no reduced model of this accuracy was found,
+        or the periodic response cannot be followed to the last line.
 
     Notes
     -----
@@ -98,7 +152,28 @@ def response(
     >>> frf = updyn.response(chain.build(), [1.0, 2.0], ["12:X"], ["1:X"], "accelerance")
     >>> frf.values.shape
     (2, 1, 1)
+    >>> model = chain.build().with_nonlinear("stop", updyn.CubicSpring(1e9), "12:X")
+    >>> found = updyn.response(model, [1.0, 2.0], ["12:X"], ["1:X"], level=10.0)
+    >>> found.stable.all(), found.harmonics.shape
+    (True, (2, 8, 1, 1))
     """
+    if level is not None:
+        if decay or base is not None or force is not None:
+            raise OptionError("level: expected no decay, base or force; they are of linear FRFs")
+        return respond_at_level(
+            model,
+            freq,
+            responses,
+            references,
+            level,
+            quantity,
+            harmonics=harmonics,
+            samples=samples,
+            sweep=sweep,
+            tier=tier,
+            backend=backend,
+            accuracy=accuracy,
+        )
     lines = check_lines(np.atleast_1d(freq) if np.isscalar(freq) else freq)
     rows, columns = DofSet(responses), DofSet(references)
     zeros = np.zeros((len(lines), len(rows), len(columns)))

@@ -1,0 +1,1 @@
+"""Periodic response of models with nonlinear elements, by harmonic balance."""

@@ -1,0 +1,267 @@
+"""`respond_at_level`: the response of a model with nonlinear elements to a force amplitude."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from updyn.arrays import BoolArray, ComplexArray, IndexArray, RealArray
+from updyn.dofs import Dof, DofSet
+from updyn.dynamics.periodic.balance import Balance, make_fourier
+from updyn.dynamics.periodic.continuation import BranchPoint, follow_branch
+from updyn.dynamics.periodic.newton import solve_first
+from updyn.dynamics.periodic.settings import BALANCE
+from updyn.dynamics.periodic.stability import count_unstable
+from updyn.dynamics.periodic.transfer import Transfer
+from updyn.errors import ModelError, OptionError, SolverError, UpdynWarning, suggest
+from updyn.frf import FRF, QUANTITIES, check_force_quantity, check_lines
+from updyn.geometry import Geometry
+from updyn.group import is_number
+from updyn.model import Model
+
+__all__ = ["Branch", "PeriodicResponse", "respond_at_level"]
+
+SWEEPS = ("up", "down")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Branch:
+    """Solutions to one force, in the order of the branch, between and at the requested lines.
+
+    Parameters
+    ----------
+    freq : ndarray of float, shape (n_p,)
+        Frequency in Hz of each point; it falls where the branch turns back.
+    harmonics : ndarray of complex, shape (n_p, n_h, n_responses)
+        Amplitudes of the harmonics of the responses, in the quantity of the response.
+    stable : ndarray of bool, shape (n_p,)
+        Whether the periodic motion is stable.
+    """
+
+    freq: RealArray
+    harmonics: ComplexArray
+    stable: BoolArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PeriodicResponse:
+    """Response of a model with nonlinear elements to one harmonic force after another.
+
+    Parameters
+    ----------
+    freq : ndarray of float, shape (n_f,)
+        Lines in Hz.
+    values : ndarray of complex, shape (n_f, n_responses, n_references)
+        First harmonic over the force amplitude, in m/N, m/s/N or m/s2/N.
+    harmonics : ndarray of complex, shape (n_f, n_h, n_responses, n_references)
+        Amplitudes A_k of the motion Re(sum of A_k exp(i k omega t)) with the force level cos(omega
+        t), k from 0 (the mean), in m, m/s or m/s2.
+    responses, references : DofSet
+        Signed DOFs of sensors and forces.
+    quantity : str
+        ``"receptance"``, ``"mobility"`` or ``"accelerance"``.
+    level : float
+        Force amplitude in N (N m).
+    stable : ndarray of bool, shape (n_f, n_references)
+        Whether the periodic motion is stable. Where it is not, a structure does not show it.
+    truncation : ndarray of float, shape (n_f, n_references)
+        Estimated error by the harmonics that were left out: amplitude of the next ones over that of
+        all, the largest of an element.
+    branches : tuple of Branch
+        All solutions, of one reference each, turning points included.
+    source : str
+        Kind of the linear model, and its error if it is reduced.
+    geometry : Geometry, optional
+        Positions of the nodes.
+    """
+
+    freq: RealArray
+    values: ComplexArray
+    harmonics: ComplexArray
+    responses: DofSet
+    references: DofSet
+    quantity: str
+    level: float
+    stable: BoolArray
+    truncation: RealArray
+    branches: tuple[Branch, ...]
+    source: str
+    geometry: Geometry | None = None
+
+    @property
+    def frf(self) -> FRF:
+        """The first harmonic over the force, as an FRF."""
+        return FRF(
+            self.freq,
+            self.values,
+            self.responses,
+            self.references,
+            self.quantity,
+            geometry=self.geometry,
+            source=f"{self.source}, level {self.level:g}",
+        )
+
+
+def respond_at_level(
+    model: Model,
+    freq: ArrayLike,
+    responses: Iterable[str | Dof],
+    references: Iterable[str | Dof],
+    level: float,
+    quantity: str,
+    *,
+    harmonics: int,
+    samples: int,
+    sweep: str,
+    tier: str | None,
+    backend: str | None,
+    accuracy: float,
+) -> PeriodicResponse:
+    """Return the response to a force amplitude; parameters and errors as `updyn.response`."""
+    lines = check_lines(np.atleast_1d(freq) if np.isscalar(freq) else freq)
+    _check_options(lines, level, harmonics, samples, sweep)
+    power = QUANTITIES[check_force_quantity(quantity)]
+    if not model.nonlinear:
+        raise ModelError(
+            "level: the model has no nonlinear elements, so its response is proportional to the"
+            " force; leave level= out, or add some by model.with_nonlinear"
+        )
+    rows, columns = DofSet(responses), DofSet(references)
+    read = model.dofs.match(rows, "response")
+    forced = model.dofs.match(columns, "reference")
+    top = harmonics + BALANCE.next_harmonics
+    transfer = Transfer.build(
+        model,
+        read.index,
+        forced.index,
+        (float(lines[0]), float(lines[-1])),
+        _higher_lines(lines, top),
+        tier=tier,
+        backend=backend,
+        accuracy=accuracy,
+    )
+    elements = [local.element for local in model.nonlinear.values()]
+    is_free = transfer.static is None
+    if is_free and not all(element.is_odd for element in elements):
+        raise SolverError(
+            "level: the model is free at 0 Hz and an element is not odd, so that the mean of the"
+            " motion is not determined; hold the model by a spring"
+        )
+    fourier = make_fourier(is_free=is_free, harmonics=harmonics, samples=samples)
+    s = 2j * np.pi * fourier.harmonics
+    n_f, n_j = len(lines), len(columns)
+    shape = n_f, harmonics + 1, len(rows), n_j
+    amplitudes = np.zeros(shape, dtype=np.complex128)
+    stable, truncation = np.zeros((n_f, n_j), dtype=np.bool_), np.zeros((n_f, n_j))
+    branches = []
+    for j in range(n_j):
+        balance = Balance(
+            elements, transfer.select(j, len(elements)), fourier, float(level * forced.sign[j])
+        )
+        points = _solve(balance, lines, sweep)
+        motion = np.array([balance.respond(point.found) for point in points]) * read.sign
+        hertz = np.array([point.found.omega for point in points]) / (2.0 * np.pi)
+        motion *= (hertz[:, None] * s)[:, :, None] ** power
+        spread = np.zeros((len(points), harmonics + 1, len(rows)), dtype=np.complex128)
+        spread[:, fourier.harmonics] = motion
+        is_stable = np.array([count_unstable(balance, p.found) == 0 for p in points])
+        branches.append(Branch(hertz, spread, is_stable))
+        at = _first_at_lines(points, lines, level)
+        amplitudes[..., j], stable[:, j] = spread[at], is_stable[at]
+        truncation[:, j] = [balance.truncation(points[i].found) for i in at]
+    _warn_of_truncation(lines, truncation, harmonics)
+    first = amplitudes[:, 1] / level
+    return PeriodicResponse(
+        lines,
+        first,
+        amplitudes,
+        rows,
+        columns,
+        quantity,
+        float(level),
+        stable,
+        truncation,
+        tuple(branches),
+        transfer.source,
+        model.geometry,
+    )
+
+
+def _check_options(
+    lines: RealArray, level: object, harmonics: object, samples: object, sweep: object
+) -> None:
+    if not is_number(level) or not 0.0 < level < np.inf:
+        raise OptionError(
+            f"level {level!r}: expected a force amplitude above 0, in N (N m)", key=("level",)
+        )
+    if lines[0] <= 0.0:
+        raise OptionError(
+            "level: a line at 0 Hz has no period; expected lines above 0 Hz", key=("freq",)
+        )
+    if not isinstance(harmonics, int) or isinstance(harmonics, bool) or harmonics < 1:
+        raise OptionError(
+            f"harmonics {harmonics!r}: expected a whole number of at least 1", key=("harmonics",)
+        )
+    least = 4 * (harmonics + BALANCE.next_harmonics)
+    if not isinstance(samples, int) or isinstance(samples, bool) or samples < least:
+        raise OptionError(
+            f"samples {samples!r}: expected a whole number of at least {least} for {harmonics}"
+            " harmonics",
+            key=("samples",),
+        )
+    if sweep not in SWEEPS:
+        raise OptionError(f"sweep {sweep!r}: {suggest(str(sweep), SWEEPS)}", key=("sweep",))
+
+
+def _higher_lines(lines: RealArray, top: int) -> RealArray:
+    """Return the lines, and as many up to the highest harmonic."""
+    return np.union1d(lines, np.linspace(lines[0], top * lines[-1], len(lines) + 1))
+
+
+def _solve(balance: Balance, lines: RealArray, sweep: str) -> list[BranchPoint]:
+    """Return the points of the branch of a sweep over the lines in Hz."""
+    omega = 2.0 * np.pi * lines
+    if sweep == "down":
+        omega = omega[::-1]
+    start = solve_first(balance, float(omega[0]))
+    if start is None:
+        raise SolverError(
+            f"no periodic response was found at {omega[0] / (2.0 * np.pi):g} Hz; begin with another"
+            " line, or use more harmonics= or a lower level="
+        )
+    points = list(follow_branch(balance, start, omega))
+    if sweep == "down":
+        last = len(lines) - 1
+        points = [BranchPoint(p.found, last - p.line if p.line >= 0 else -1) for p in points]
+    return points
+
+
+def _first_at_lines(points: list[BranchPoint], lines: RealArray, level: float) -> IndexArray:
+    """Return the position of the first solution at each line, which a sweep reaches."""
+    first = np.full(len(lines), -1)
+    for number, point in enumerate(points):
+        if point.line >= 0 and first[point.line] < 0:
+            first[point.line] = number
+    if (first < 0).any():
+        missing = float(lines[int(np.argmin(first))])
+        raise SolverError(
+            f"no periodic response was found at {missing:g} Hz for the level {level:g}; use closer"
+            " lines, or more harmonics="
+        )
+    return first
+
+
+def _warn_of_truncation(lines: RealArray, truncation: RealArray, harmonics: int) -> None:
+    worst = truncation.max(axis=1)
+    if worst.max() > BALANCE.largest_truncation:
+        at = int(np.argmax(worst))
+        warnings.warn(
+            f"harmonics {harmonics}: the next ones are estimated at {100.0 * worst[at]:.2g} % of"
+            f" the motion of an element at {lines[at]:g} Hz; use more harmonics=",
+            UpdynWarning,
+            stacklevel=4,
+        )

@@ -1,0 +1,150 @@
+"""`count_unstable`: stability of a periodic response by the harmonic Nyquist criterion.
+
+A perturbation exp(s t) times a periodic function satisfies (I + H(s + i k omega) T(s)) p = 0, with
+the receptances H at all shifted harmonics and the Fourier coefficients T of the elements' tangents
+(Hill's method in the deformations of the elements). Its Floquet exponents are the zeros of
+
+    D(s) = det(I + H T),    periodic in s with the period i omega.
+
+D has the poles of the linear model, which is stable, and D -> 1 for Re s -> infinity. The number of
+exponents with a positive real part is therefore the winding of D between s = -i omega / 2 and
+i omega / 2 (Wereley, PhD thesis, MIT 1991, chapter 4: generalised Nyquist criterion for periodic
+systems). Only receptances on the imaginary axis are used, for which structural damping is defined;
+D(-s) is the conjugate of D(s).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse as sp
+
+from updyn.arrays import ComplexArray, IntArray, RealArray
+from updyn.dynamics.periodic.balance import Balance, Evaluation
+from updyn.dynamics.periodic.settings import STABILITY
+from updyn.nonlinear.element import PeriodForce, diagonal
+
+__all__ = ["count_unstable"]
+
+
+def count_unstable(balance: Balance, found: Evaluation) -> int:
+    """Return the number of Floquet exponents with a positive real part."""
+    # At s = 0 with the real stiffness, D is the real determinant of the balance, which changes its
+    # sign at turning points.
+    sign, _ = np.linalg.slogdet(found.jacobian)
+    top, counts, fractions = int(balance.fourier.harmonics[-1]), [], []
+    # D is periodic only in the limit of many harmonics; if it is not, perturbations have more.
+    for more in range(STABILITY.most_more_harmonics + 1):
+        k = np.arange(-top - more, top + more + 1)
+        winding = _wind(_Determinant(balance, found, k), found.omega, float(sign))
+        counts.append(max(round(winding), 0))
+        fractions.append(abs(winding - round(winding)))
+        if fractions[-1] <= STABILITY.largest_fraction:
+            break
+    return counts[int(np.argmin(fractions))]
+
+
+def _wind(determinant: _Determinant, omega: float, sign: float) -> float:
+    """Return the negative turns of D over a period, from half of it by symmetry.
+
+    `sign` is that of D at s = 0.
+    """
+    nu = np.linspace(0.0, 0.5 * omega, STABILITY.first_points)
+    nu = np.unique(np.append(nu, determinant.find_narrow(0.5 * omega)))
+    phase = determinant.phase(nu)
+    for _ in range(STABILITY.most_refinements):
+        turn = np.angle(np.exp(1j * np.diff(phase)))
+        wide = np.flatnonzero(np.abs(turn) > STABILITY.largest_turn)
+        if not len(wide):
+            break
+        middle = 0.5 * (nu[wide] + nu[wide + 1])
+        nu = np.insert(nu, wide + 1, middle)
+        phase = np.insert(phase, wide + 1, determinant.phase(middle))
+    if determinant.is_held:
+        turn = np.append(turn, np.angle(sign * np.exp(1j * phase[0])))
+    return float(-turn.sum() / np.pi)
+
+
+class _Determinant:
+    """D on the line s = epsilon + i nu, from receptances and the tangents of all elements."""
+
+    __slots__ = ("_balance", "_decay", "_k", "_omega", "_tangents", "is_held")
+
+    def __init__(self, balance: Balance, found: Evaluation, k: IntArray) -> None:
+        self._balance, self._omega, self._k = balance, found.omega, k
+        # The line passes rigid-body modes, whose poles are at 0, on the right.
+        self._decay = STABILITY.offset * found.omega
+        self._tangents = [_Tangent(force, found.omega, k) for force in found.period]
+        #: Whether D is defined at s = 0.
+        self.is_held = balance.transfer.static is not None
+
+    def find_narrow(self, high: float) -> RealArray:
+        """Return frequencies up to `high` around the poles that the elements can move."""
+        rational, n = self._balance.transfer.rational, self._balance.n_elements
+        if rational is None:
+            return np.zeros(0)
+        poles, at = rational.poles()
+        residue = np.abs(rational.rows[:n, at]) * np.abs(rational.columns[at, :n].T)
+        m = rational.power
+        residue /= np.abs(m * rational.theta[at] * poles ** (m - 1))
+        width = np.maximum(np.abs(poles.real), self._decay)
+        sizes = np.array([tangent.size for tangent in self._tangents])
+        gain = (sizes[:, None] * residue).sum(axis=0) / width
+        kept = (gain > STABILITY.least_gain) & (poles.imag < (self._k[-1] + 1) * 2.0 * high)
+        offsets = np.array(STABILITY.pole_offsets)
+        nu = (poles.imag[kept, None] + width[kept, None] * offsets).ravel()
+        folded = np.abs(nu - 2.0 * high * np.rint(nu / (2.0 * high)))
+        return np.unique(folded)
+
+    def phase(self, nu: RealArray) -> RealArray:
+        """Return the phase of D at some frequencies in rad/s, shape (n_nu,)."""
+        n, n_k = self._balance.n_elements, len(self._k)
+        shifted = nu[:, None] + self._omega * self._k
+        H, _ = self._balance.transfer.at(np.abs(shifted).ravel(), self._decay)
+        H = H[:, :n, :n].reshape(len(nu), n_k, n, n)
+        H = np.where((shifted < 0.0)[:, :, None, None], H.conj(), H)
+        D = np.empty((len(nu), n, n_k, n, n_k), dtype=np.complex128)
+        s = (self._decay + 1j * nu).astype(np.complex128)
+        for f in range(n):
+            T = self._tangents[f].at(s)
+            D[:, :, :, f] = H[:, :, :, f].transpose(0, 2, 1)[..., None] * T[:, None]
+        size = n * n_k
+        sign, _ = np.linalg.slogdet(np.eye(size) + D.reshape(len(nu), size, size))
+        return np.asarray(np.angle(sign))
+
+
+class _Tangent:
+    """Harmonics of the force of an element per perturbation exp(s t) times exp(i l omega t)."""
+
+    __slots__ = ("_damping", "_k", "_later", "_omega", "_same", "_wave", "size")
+
+    def __init__(self, force: PeriodForce, omega: float, k: IntArray) -> None:
+        self._omega, self._k = omega, k
+        values, n = force.stiffness.diagonal(), len(force.force)
+        self._same, self._damping = _toeplitz(values, k), _toeplitz(force.damping, k)
+        later = sp.csc_array(force.stiffness - diagonal(values))
+        columns = np.flatnonzero(np.diff(later.indptr))
+        #: Derivatives by earlier deformations, those at reversals, and the time since then.
+        lag = (np.arange(n)[:, None] - columns) % n * (2.0 * np.pi / n / omega)
+        self._later = later[:, columns].toarray(), lag, columns
+        self._wave = np.exp(2j * np.pi / n * np.outer(np.arange(n), k))
+        #: Largest stiffness, for the gain of a loop.
+        self.size = float(np.abs(force.stiffness.data).max(initial=0.0))
+        self.size += omega * float(np.abs(force.damping).max())
+
+    def at(self, s: ComplexArray) -> ComplexArray:
+        """Return the harmonics k of the force by those of the deformation, (n_s, n_k, n_k)."""
+        moving = self._damping * (s[:, None, None] + 1j * self._omega * self._k)
+        out = self._same + moving
+        values, lag, columns = self._later
+        if len(columns):
+            # A force with memory follows the perturbation at the time of the reversal.
+            delayed = values * np.exp(-s[:, None, None] * lag)
+            back = self._wave.conj().T @ delayed / len(values)
+            out = out + back @ self._wave[columns]
+        return np.asarray(out)
+
+
+def _toeplitz(values: RealArray, k: IntArray) -> ComplexArray:
+    """Return the Fourier coefficient k - l of samples of a period, shape (n_k, n_k)."""
+    coefficients = np.fft.fft(values) / len(values)
+    return np.asarray(coefficients[(k[:, None] - k) % len(values)])

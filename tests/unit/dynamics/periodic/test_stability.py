@@ -1,0 +1,112 @@
+"""Stability by the winding of the determinant, against Floquet multipliers by time integration."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import updyn
+from periodic_cases import balance_of, oscillator, two_masses
+from updyn.dynamics.periodic.balance import Balance, Evaluation
+from updyn.dynamics.periodic.continuation import follow_branch
+from updyn.dynamics.periodic.newton import solve_first
+from updyn.dynamics.periodic.stability import count_unstable
+from updyn.nonlinear.element import NonlinearElement
+
+
+@dataclass(frozen=True)
+class Case:
+    """A model with one element, a force, lines in rad/s, and the counts of unstable exponents."""
+
+    model: updyn.Model
+    element: NonlinearElement
+    level: float
+    omega: np.ndarray
+    harmonics: int
+    counts: set[int]
+
+    @property
+    def weights(self) -> np.ndarray:
+        return np.array([1.0, -1.0])[: self.model.n_dofs]
+
+
+CASES = {
+    # Turning points of a hardening and of a softening spring.
+    "hardening": Case(
+        oscillator(viscous=0.08), updyn.CubicSpring(0.5), 0.4, np.array([0.5, 2.2]), 9, {0, 1}
+    ),
+    "softening": Case(
+        oscillator(viscous=0.08), updyn.CubicSpring(-0.1), 0.15, np.array([0.5, 1.4]), 9, {0, 1}
+    ),
+    # The motion loses its symmetry.
+    "symmetry": Case(
+        oscillator(viscous=0.1), updyn.CubicSpring(1.0), 6.0, np.array([0.9, 2.0]), 15, {0, 1}
+    ),
+    # The period doubles, at twice the natural frequency.
+    "doubling": Case(
+        oscillator(viscous=0.02),
+        updyn.PolynomialSpring({2: 0.8, 3: 0.5}),
+        1.0,
+        np.array([1.6, 2.8]),
+        15,
+        {0, 1},
+    ),
+    "two masses": Case(
+        two_masses(stiffness_damping=0.002),
+        updyn.CubicSpring(80.0),
+        60.0,
+        np.array([14.0, 35.0]),
+        9,
+        {0, 1},
+    ),
+}
+
+
+def find_multipliers(case: Case, balance: Balance, found: Evaluation) -> np.ndarray:
+    """Floquet multipliers of M q'' + C q' + K q + w f(w q), linearised around the motion."""
+    K, C = case.model.stiffness.toarray(), case.model.viscous.toarray()
+    M, w, n = case.model.mass.toarray(), case.weights, case.model.n_dofs
+    Q, k = balance.fourier.to_complex(found.x)[0], balance.fourier.harmonics
+
+    def slope(t: float, y: np.ndarray) -> np.ndarray:
+        u = np.real(np.sum(Q * np.exp(1j * k * found.omega * t)))
+        force = case.element.over_period(np.array([u]), np.zeros(1))
+        q, v = y.reshape(2, n, -1)
+        pull = K @ q + force.stiffness.toarray()[0, 0] * np.outer(w, w @ q)
+        return np.append(v, -np.linalg.solve(M, C @ v + pull))
+
+    period = 2 * np.pi / found.omega
+    flow = solve_ivp(slope, (0.0, period), np.eye(2 * n).ravel(), rtol=1e-8, atol=1e-9)
+    return np.linalg.eigvals(flow.y[:, -1].reshape(2 * n, 2 * n))
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_unstable_exponents_are_multipliers_beyond_one(name: str) -> None:
+    case = CASES[name]
+    dofs = case.model.dofs.labels
+    balance = balance_of(
+        case.model.with_nonlinear("a", case.element, dofs), case.harmonics, level=case.level
+    )
+    start = solve_first(balance, float(case.omega[0]))
+    assert start is not None
+    seen = set()
+    for point in list(follow_branch(balance, start, case.omega))[::6]:
+        size = np.abs(find_multipliers(case, balance, point.found))
+        if np.min(np.abs(size - 1.0)) > 1e-3:  # the point decides clearly
+            count = int((size > 1.0).sum())
+            assert count_unstable(balance, point.found) == count, point.found.omega
+            seen.add(count)
+    assert seen == case.counts
+
+
+def test_sliding_friction_is_stable() -> None:
+    model = oscillator(loss=0.02)
+    model = model.with_nonlinear("a", updyn.JenkinsElement(0.5, slip_force=0.1), "1:X")
+    balance = balance_of(model, 7, level=0.2)
+    start = solve_first(balance, 0.8)
+    assert start is not None
+    points = list(follow_branch(balance, start, np.array([0.8, 1.5])))
+    assert [count_unstable(balance, point.found) for point in points] == [0] * len(points)
