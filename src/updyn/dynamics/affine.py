@@ -101,6 +101,9 @@ class AffineSystem:
     columns: sp.csc_array | None = None
     decay: float = 0.0
     _kinds: tuple[RealArray, RealArray, list[int]] = field(init=False, repr=False)
+    _factors: dict[int, tuple[RealArray, RealArray]] = field(
+        default_factory=dict, init=False, repr=False
+    )
 
     def __post_init__(self) -> None:
         quantity = np.array([[t.quantity] for t in self.terms])
@@ -185,6 +188,16 @@ class AffineSystem:
             if term.group == group and term.quantity == wanted:
                 return i
         return None
+
+    def factor_term(self, t: int) -> tuple[RealArray, RealArray]:
+        """Return U, (n_t, r), and values, (r,), of U diag(values) U^T, the term t of rank r."""
+        if t not in self._factors:
+            local = self.terms[t].local
+            matrix = local if isinstance(local, np.ndarray) else local.toarray()
+            values, vectors = np.linalg.eigh(matrix)
+            kept = np.abs(values) > AFFINE.zero_share * np.abs(values).max(initial=0.0)
+            self._factors[t] = vectors[:, kept], values[kept]
+        return self._factors[t]
 
     def coefficients(self, state: State, omega: RealArray) -> ComplexArray:
         """Return c_t at i omega + decay, shape (n_terms, n_lines); `omega` in rad/s."""

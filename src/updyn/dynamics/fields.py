@@ -213,7 +213,7 @@ class LineSolver:
                 X = solve_dense(Z, loads, freq[lines], size=self._sizes(c))
                 return X.transpose(1, 0, 2)
 
-            return solve_lines(pencil, freq, self.system.decay, B.real, exact)
+            return solve_lines(pencil, self.system, coefficients, freq, B.real, exact)
         solver, Z = self._whole()
 
         def line(i: int) -> ComplexArray:
@@ -378,8 +378,9 @@ def split_into_blocks(n_lines: int, size: int) -> Iterator[slice]:
 
 def solve_lines(
     pencil: Pencil | None,
+    system: AffineSystem,
+    coefficients: ComplexArray,
     freq: RealArray,
-    decay: float,
     B: RealArray,
     exact: Callable[[IndexArray], ComplexArray],
 ) -> ComplexArray:
@@ -389,8 +390,8 @@ def solve_lines(
     """
     if pencil is None:
         return exact(np.arange(len(freq)))
-    s = np.asarray(2j * np.pi * freq + decay, dtype=np.complex128)
-    X, accepted = pencil.solve(s**2, B)
+    s = np.asarray(2j * np.pi * freq + system.decay, dtype=np.complex128)
+    X, accepted = pencil.solve(coefficients, s**2, B)
     rest = np.flatnonzero(~accepted)
     if len(rest):
         X[:, rest] = exact(rest)

@@ -126,7 +126,7 @@ class ReducedSolver:
             forces = np.broadcast_to(loads[:, None], (len(loads), len(lines), len(columns)))
             return self._solve_forces(coefficients[:, lines], forces, freq[lines])
 
-        return solve_lines(pencil, freq, self.system.decay, loads, exact)
+        return solve_lines(pencil, self.system, coefficients, freq, loads, exact)
 
     def solve_twice(
         self,

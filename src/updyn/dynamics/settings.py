@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class AffineSettings:
-    """Storage of the matrices of a compiled model; only time and memory depend on it."""
+    """Storage and rank of the matrices of a compiled model; only time and memory depend on them."""
 
     #: [DOFs] Largest group whose matrix is stored dense, if more than a tenth of it is filled.
     #: Effort: a sparse product saves time only for large, mostly empty matrices.
@@ -21,6 +21,9 @@ class AffineSettings:
     #: [entries] Largest number of entries whose places are found by sorted numbers. Effort: for so
     #: few, sparse arrays take longer.
     sorted_entries: int = 2**14
+    #: [1] Share of the largest eigenvalue of a term below which one is zero. Rounding: eps times
+    #: several hundred DOFs is below 1e-12.
+    zero_share: float = 1e-12
 
 
 @dataclass(frozen=True)
@@ -130,6 +133,12 @@ class PencilSettings:
     #: [1] Reciprocal condition of the eigenvectors below which they count as dependent. Rounding:
     #: half the digits of double precision are lost.
     least_condition: float = 1e-8
+    #: [1] Largest rank of what depends on the line, as a share of the equations. Effort: with a
+    #: larger one, a correction at each line takes as long as a factorisation.
+    most_rank_share: float = 0.25
+    #: [1] Frequency of viscous damping in the decomposition, as a share of the highest line.
+    #: Rounding: the correction at each line is exact for any; half the highest makes it small.
+    reference_share: float = 0.5
     #: [1] Largest accepted backward error of a line. Rounding: rounding of some thousand
     #: operations.
     backward_error: float = 1e-12

@@ -10,7 +10,7 @@ import updyn
 from updyn import sensitivity
 from updyn.dynamics.affine import AffineSystem
 from updyn.dynamics.fields import LineSolver
-from updyn.dynamics.pencil import Pencil, saves_time
+from updyn.dynamics.pencil import saves_time
 from updyn.dynamics.reduction import Reduction
 from updyn.dynamics.settings import PENCIL
 from updyn.errors import SolverError
@@ -65,9 +65,11 @@ def direct(model, freq, decay=0.0):
     s = 2j * np.pi * freq[:, None, None] + decay
     Z = 0.0
     for group in model.groups.values():
-        K, M = group.stiffness, group.mass
+        K, M, loss, table = group.stiffness, group.mass, group.loss_factor, group.loss_table
+        if table is not None:
+            loss = loss * np.interp(freq, table.freq, table.relative)[:, None, None]
         if K is not None:
-            Z = Z + (1 + 1j * group.loss_factor) * K.toarray()
+            Z = Z + (1 + 1j * loss + s * group.stiffness_damping) * K.toarray()
         if M is not None:
             Z = Z + (s**2 + s * group.mass_damping) * M.toarray()
         if group.viscous is not None:
@@ -95,7 +97,6 @@ def test_one_loss_factor_needs_real_arithmetic_and_fewer_lines(loss):
     model, few = chain([loss, loss]), np.linspace(1.0, 9.0, PENCIL.least_real_lines)
     pencil = pencil_of(model, few)
     assert np.isrealobj(pencil.V)
-    assert np.isrealobj(pencil.constant) == (loss == 0.0)
     agree(model, few)
 
 
@@ -175,25 +176,78 @@ def test_singular_line_is_told(losses):
         updyn.response(model, freq, ["1:X"], ["1:X"])
 
 
-def test_what_depends_on_the_line_is_solved_line_by_line():
-    damped = chain([0.02], mass_damping=0.5)
-    base = chain([0.02]).group("g0")
-    table = updyn.LossTable([0.1, 10.0, 100.0], [1.0, 0.5, 2.0])
-    tabled = updyn.Model.from_groups(
-        {"g": updyn.Group(base.stiffness, base.mass, loss_factor=0.02, loss_table=table)},
-        [f"{i + 1}:X" for i in range(20)],
+TABLE = updyn.LossTable([0.1, 10.0, 100.0], [1.0, 0.5, 2.0])
+
+
+@pytest.mark.parametrize("decay", [0.0, 3.0])
+@pytest.mark.parametrize(
+    "common",
+    [
+        {"loss_factor": 0.02, "stiffness_damping": 1e-4, "mass_damping": 0.5},
+        {"stiffness_damping": 1e-4},
+        {"mass_damping": 0.5},
+        {"loss_factor": 0.1, "loss_table": TABLE},
+    ],
+    ids=["all", "stiffness", "mass", "table"],
+)
+def test_proportional_damping_of_all_groups_needs_real_arithmetic(common, decay):
+    model = chain([0.0, 0.0])
+    groups = {n: updyn.Group(g.stiffness, g.mass, **common) for n, g in model.groups.items()}
+    model = updyn.Model.from_groups(groups, model.dofs)
+    assert np.isrealobj(pencil_of(model).V)
+    agree(model, decay=decay, share=1e-10)
+
+
+def with_line_terms(losses, table=TABLE, n=40):
+    """A chain with a viscous damper and a mount whose loss factor depends on frequency."""
+    groups = dict(chain(losses, n=n).groups)
+    groups["damper"] = updyn.Group(viscous=spring(n, 3, 4, 40.0))
+    groups["mount"] = updyn.Group(
+        spring(n, n - 1, -1, 2e4),
+        np.diag(np.eye(n)[7]),
+        loss_factor=0.3,
+        loss_table=table,
+        stiffness_damping=1e-3,
+        mass_damping=2.0,
     )
-    viscous = updyn.Model.from_groups(
-        {
-            "g": base,
-            "c": updyn.Group(viscous=spring(20, 3, 4, 5.0)),
-        },
-        [f"{i + 1}:X" for i in range(20)],
-    )
-    for model in (damped, tabled, viscous):
+    return updyn.Model.from_groups(groups, [f"{i + 1}:X" for i in range(n)])
+
+
+@pytest.mark.parametrize("decay", [0.0, 3.0])
+@pytest.mark.parametrize("losses", [[0.0], [0.02, 0.06]])
+def test_damping_of_small_rank_that_depends_on_the_line_is_a_correction(losses, decay):
+    model = with_line_terms(losses)
+    assert pencil_of(model) is not None
+    agree(model, decay=decay, share=1e-10)
+
+
+def test_correction_leaves_few_lines_to_separate_solutions():
+    """Also without other damping, where Z0 would be singular at natural frequencies."""
+    model, freq = with_line_terms([0.0]), np.linspace(0.5, 60.0, 400)
+    solver = solver_of(model)
+    state, s = solver.system.start, 2j * np.pi * freq
+    c = solver.system.coefficients(state, 2 * np.pi * freq)
+    _, accepted = solver.pencil(state, freq).solve(c, s**2, np.eye(40)[:, :2])
+    assert accepted.mean() > 0.95
+
+
+def test_correction_of_a_reduced_model():
+    system = AffineSystem.compile(with_line_terms([0.01, 0.05], n=80))
+    reduction = Reduction(system, READ, LOADED, (0.5, 60.0), "superlu")
+    reduction.build(system.start)
+    solver = reduction.solver()
+    assert solver.system.n < 80
+    assert_at_once_as_one_by_one(solver, FREQ)
+
+
+def test_damping_of_large_rank_that_depends_on_the_line_is_solved_line_by_line():
+    base = chain([0.02])
+    more = {"g0": base.group("g0"), "damped": updyn.Group(viscous=np.eye(20))}
+    tabled = updyn.Group(5.0 * np.eye(20), loss_factor=0.02, loss_table=TABLE)
+    for group in (updyn.Group(viscous=np.eye(20)), tabled):
+        model = updyn.Model.from_groups({**more, "damped": group}, base.dofs)
         assert pencil_of(model) is None
-    agree(damped)
-    agree(viscous)
+        agree(model)
 
 
 def test_choice_depends_on_lines_and_state():
@@ -206,9 +260,10 @@ def test_choice_depends_on_lines_and_state():
 
 
 def test_indefinite_matrix_has_no_pencil():
-    n = 4
-    K = -np.eye(n)
-    assert Pencil.decompose(K, 0 * K, 0 * K, 1.0, 0.0) is None
+    labels = [f"{i + 1}:X" for i in range(4)]
+    with pytest.warns(updyn.UpdynWarning, match="indefinite"):
+        model = updyn.Model.from_groups({"g": updyn.Group(-np.eye(4))}, labels)
+    assert pencil_of(model) is None
 
 
 def test_state_that_was_asked_for_last_is_kept():
