@@ -12,7 +12,7 @@ import scipy.sparse as sp
 from updyn.errors import FormatError
 from updyn.io import lvm, text_numbers
 from updyn.io.abaqus import matrices
-from updyn.io.nastran import op2
+from updyn.io.nastran import assembly, assembly_elements, op2
 from updyn.io.uff import functions, labels, modes
 
 PLACE = SimpleNamespace(error=lambda text: FormatError(text, "file"))
@@ -90,6 +90,27 @@ def test_structural_damping_is_a_multiple_of_the_stiffness(change, refused):
     D = sp.csr_array(np.diag([1.0, 1e-6 + change]))
     part = SimpleNamespace(name="a")
     assert is_refused(matrices._find_loss_factor, D, K, part, "file") is refused
+
+
+@pytest.mark.parametrize(("shift", "refused"), [(0.9e-3, False), (1.1e-3, True)])
+def test_start_times_of_channels_differ_by_a_thousandth_of_a_step(shift, refused):
+    tags = lvm._Tags({"X0": ["1.0", str(1.0 + 0.1 * shift)]}, (0, 1), "file", 1)
+    assert is_refused(tags.check_start, 0.1, ".") is refused
+
+
+@pytest.mark.parametrize(("change", "is_isotropic"), [(0.009, True), (0.011, False)])
+def test_a_shear_modulus_is_isotropic_within_a_hundredth(change, is_isotropic):
+    E, nu = 2e11, 0.25
+    G = E / (2 * (1 + nu)) / (1 + change)
+    assert assembly_elements._has_isotropic_shear(E, nu, G) is is_isotropic
+
+
+@pytest.mark.parametrize(("stiffness", "is_singular"), [(0.9e-8, True), (1.1e-8, False)])
+def test_a_degree_of_freedom_without_stiffness(stiffness, is_singular):
+    grid = SimpleNamespace(size=3, list_axes=lambda: np.array([[0, 1, 2]]))
+    K = sp.csr_array(np.diag([2.0, 1.0, 2.0 * stiffness]))
+    found = assembly._find_singular(K, np.zeros(3, dtype=bool), grid)
+    assert found.tolist() == [False, False, is_singular]
 
 
 def test_a_message_quotes_sixty_characters():

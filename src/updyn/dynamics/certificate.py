@@ -103,8 +103,7 @@ class ErrorEstimate:
             channels,
             H,
             level,
-            CERTIFICATE.difference_factor * np.abs(difference)
-            + CERTIFICATE.residual_factor * remaining * level,
+            _reduction_error(np.abs(difference), remaining * level),
             CERTIFICATE.entry_rounding * eps * entries * products
             + CERTIFICATE.factor_rounding * eps * factors,
         )
@@ -134,6 +133,12 @@ class ErrorEstimate:
             lines,
             factorisations,
         )
+
+
+def _reduction_error(difference: RealArray, residual: RealArray) -> RealArray:
+    """Return the stated error from the difference of two bases and the error of the larger one."""
+    of_difference = CERTIFICATE.difference_factor * difference
+    return np.asarray(of_difference + CERTIFICATE.residual_factor * residual)
 
 
 def _columns(rows: list[tuple[_T, ...]], first: int, last: int) -> list[tuple[_T, ...]]:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import updyn
-from updyn.dynamics import shifted
+from updyn.dynamics import certificate, shifted
 from updyn.dynamics.affine import AffineSystem
 from updyn.dynamics.basis import Basis
 from updyn.dynamics.fields import LineSolver
@@ -71,3 +71,9 @@ def test_lines_in_a_block_of_a_reduced_model(r, lines):
 @pytest.mark.parametrize(("n", "lines"), [(150, 164), (2000, 1), (5000, 1)])
 def test_lines_in_a_block_of_a_dense_model(n, lines):
     assert LineSolver(SimpleNamespace(n=n), "dense", "superlu").block_size(10) == lines
+
+
+def test_the_stated_error_is_twice_the_difference_and_sixteen_times_the_residual():
+    difference, residual = np.array([1.0, 0.0, 2.0]), np.array([0.0, 1.0, 1.0])
+    found = certificate._reduction_error(difference, residual)
+    np.testing.assert_array_equal(found, [2.0, 16.0, 20.0])

@@ -17,7 +17,7 @@ from updyn.frf import FRF
 from updyn.geometry import Geometry
 from updyn.matching import MatchError, Matching, match
 from updyn.model import Group, Model
-from updyn.positions import is_in_line
+from updyn.positions import CoordinateSystem, _Comparison, is_in_line
 
 #: Mesh of a wing, 1.7 m by 0.52 m, numbered across the chord first; its size is 1.778 m.
 ROWS, COLUMNS = 18, 14
@@ -233,6 +233,30 @@ def test_a_nearest_node_may_be_a_quarter_of_the_size_away(share: float, is_refus
     places[1, 1] += share * 3.0  # node 2 is still the nearest one
     check = refusal if is_refused else accepted
     check(wing(coarse), measured([1, 2, 3, 4], places))
+
+
+def compare_shifted(shift: float) -> tuple[_Comparison, float]:
+    """Return pairs that are a multiple of their rms radius apart, any distance permitted."""
+    radius = float(np.sqrt(np.mean(np.sum((PLACES - PLACES.mean(axis=0)) ** 2, axis=1))))
+    test = Geometry(AT, PLACES + shift * radius * np.array([0.0, 0.0, 1.0]))
+    return _Comparison(AT, test, wing(), SIZE, limit=1e9), radius
+
+
+@pytest.mark.parametrize(("shift", "fits"), [(0.19, True), (0.21, False)])
+def test_another_unit_brings_pairs_within_a_fifth_of_their_radius(shift: float, fits: bool) -> None:
+    pairs, _ = compare_shifted(shift)
+    assert pairs.fits_labels(CoordinateSystem()) == fits
+
+
+@pytest.mark.parametrize(
+    ("shift", "residual", "fits"),
+    [(9.0, 0.099, True), (9.0, 0.101, False), (0.2, 0.049, True), (0.2, 0.051, False)],
+)
+def test_a_motion_brings_pairs_within_a_tenth_and_to_a_quarter_of_their_distance(
+    shift: float, residual: float, fits: bool
+) -> None:
+    pairs, radius = compare_shifted(shift)
+    assert pairs.fits_rigidly(CoordinateSystem(residual=residual * radius)) == fits
 
 
 def test_without_a_geometry_on_either_side_nothing_is_compared() -> None:

@@ -289,4 +289,9 @@ def is_isotropic_solid(deck: NastranDeck, card: NastranCard) -> bool:
     solid = _read_isotropic(materials[0])
     if not (solid.E > 0 and solid.G > 0 and -1 < solid.nu < 0.5):
         return False
-    return abs(solid.E / (2 * (1 + solid.nu) * solid.G) - 1) <= DECK.shear_tolerance
+    return _has_isotropic_shear(solid.E, solid.nu, solid.G)
+
+
+def _has_isotropic_shear(E: float, nu: float, G: float) -> bool:
+    """Return whether a shear modulus is that of an isotropic material."""
+    return abs(E / (2 * (1 + nu) * G) - 1) <= DECK.shear_tolerance
