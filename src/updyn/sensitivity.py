@@ -193,10 +193,7 @@ def condensed_product(
     *,
     derivatives: bool = True,
 ) -> tuple[ComplexArray, ComplexArray | None]:
-    """Return Z_red h_X, (n_f, n, m), and derivatives T^T Z'_p (T h_X) for measured columns h_X.
-
-    Columns of the identity if model and measurement agree.
-    """
+    """Return Z_red h_X, (n_f, n, m), and T^T Z'_p (T h_X) for measured or unit columns h_X."""
     system, omega = solver.system, 2.0 * np.pi * freq
     state = unknowns.state(system, values)
     Z_red, T = solver.condense(system.coefficients(state, omega), retained, freq)

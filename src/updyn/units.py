@@ -207,10 +207,7 @@ def find_ratio(label: str) -> Unit | None:
 
 
 def split_ratio(label: str) -> tuple[Unit, Unit] | None:
-    """Return the two units of an FRF from a label such as ``g/N``, or None.
-
-    They are a motion and a force, or two motions of one kind (``g/g``).
-    """
+    """Return the units of a motion over a force or a like motion (``g/N``, ``g/g``), or None."""
     text = _normal(label)
     for at, letter in enumerate(text):
         if letter == "/":

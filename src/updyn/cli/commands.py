@@ -347,10 +347,7 @@ def _print_demo(chosen: Demo, results: Sequence[object], folder: Path, *, verbos
 def _write_inputs(
     folder: Path, write: Callable[[Path], Path | None], *, more: bool = False
 ) -> Path | None:
-    """Write inputs of a demo into its folder, and return the job.
-
-    `more` keeps earlier inputs, which `write` may need.
-    """
+    """Write inputs of a demo into its folder, with the earlier inputs `more`; return the job."""
     from updyn.outputs.manifest import Manifest, find_obstacles
     from updyn.outputs.switch import PLAN, open_folder, replace_files
 
@@ -752,10 +749,7 @@ def _join_options(
 def _select_kinds(
     kinds: tuple[str, ...], options: Mapping[str, Mapping[str, object]]
 ) -> tuple[tuple[str, ...], dict[str, dict[str, object]]]:
-    """Return the kinds (of `FILE_KINDS`) that a file may have, and the stated options by kind.
-
-    An `InputError` is raised if options of both a measurement and a model are stated.
-    """
+    """Return the kinds (of `FILE_KINDS`) that a file may have, and the stated options by kind."""
     stated: dict[str, dict[str, object]] = {}
     for kind, values in options.items():
         stated[kind] = {name: value for name, value in values.items() if value is not None}

@@ -181,10 +181,7 @@ _OF_MODES = ("scale", "quality", "phase collinearity", "std")
 
 
 def describe_modes(found: ModeSet, most: int | None = None, width: int | None = None) -> str:
-    """Return frequencies, damping and quality of measured modes, as text.
-
-    Of more than `most` modes, the first are listed; `width` limits the columns.
-    """
+    """Return frequencies, damping and quality of the first `most` measured modes, as text."""
     rows = []
     for k in range(len(found)):
         row = [

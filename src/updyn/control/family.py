@@ -151,10 +151,7 @@ class PlantFamily:
         return self.each(lambda plant: plant.channel(output, input))
 
     def each(self, change: Callable[[Plant], Plant]) -> PlantFamily:
-        """Return the family with a function applied to every plant.
-
-        Such as ``family.each(lambda p: sampled(p, 1e-3))``.
-        """
+        """Return the family with a function applied to every plant."""
         members = tuple(map(change, self.members))
         return replace(self, nominal=change(self.nominal), members=members)
 

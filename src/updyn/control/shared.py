@@ -45,10 +45,7 @@ class SharedPlantBasis:
         error: str,
         backend: str | None,
     ) -> tuple[SharedPlantBasis, BoolArray]:
-        """Return the common part, and for which states the basis is accurate.
-
-        `states` are those that enrich the basis, and those of the members.
-        """
+        """Return the common part, and for which of the `states` the basis is accurate."""
         check_error(error)
         check_tolerance(tolerance)
         limits, quantities = check_band(band), check_quantities(quantity, len(outputs))

@@ -40,10 +40,7 @@ def _name(number: int) -> str:
 
 
 def refuse_undamped(roots: list[ComplexArray]) -> None:
-    """Raise ModelError for poles on the imaginary axis, except at 0, or to the right of it.
-
-    `roots` are the poles in rad/s of the nominal plant, then of the members.
-    """
+    """Raise ModelError if a plant has undamped poles (rad/s), except at 0, or unstable ones."""
     for number, poles in enumerate(roots):
         size = np.abs(poles)
         moving = size > POLES.zero_share * max(float(size.max(initial=0.0)), np.finfo(float).tiny)

@@ -115,10 +115,7 @@ class Shifted:
             self.release()
 
     def factor_definite(self, state: State) -> Factorised:
-        """Return the factorised P of a state or a close one; SolverError if not definite.
-
-        It is valid until the next factorisation or `release`.
-        """
+        """Return the factorised P of a state or a close one, valid until the next factorisation."""
         if self._definite is None or not _are_close(state, self._definite[1]):
             definite = self.factorise(state, -self.top, error=SHIFTED.measuring_error)
             self._definite = definite, state

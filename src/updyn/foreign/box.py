@@ -32,10 +32,7 @@ def load(
     reader: str,
     extra_files: Iterable[str | Path] = (),
 ) -> Any:
-    """Return plain data from ``"module:function"`` of this package, called in a child process.
-
-    `extra_files` are read with the file.
-    """
+    """Return plain data of files from ``"module:function"``, called in a child process."""
     others = list(map(str, extra_files))
     limits = limits_of(path, others)
     request = {

@@ -102,10 +102,7 @@ def read_model(path: str | Path) -> Model:
 
 @dataclass(frozen=True, slots=True)
 class Folder:
-    """A loaded group of an HDF5 file.
-
-    `meanings` has, by name of an array, the attributes that define the meaning of its numbers.
-    """
+    """A loaded group of an HDF5 file, with attributes that define its numbers in `meanings`."""
 
     name: str
     attributes: Mapping[str, Any]

@@ -28,10 +28,7 @@ _PARTS = {"Real": ("real",), "Complex": ("real", "imaginary")}
 
 
 def isolate_rows(text: str, path: str | Path) -> str:
-    """Return the rows of an export with a line of names above, each in its line of the file.
-
-    All other lines are blank. Other texts are returned unchanged.
-    """
+    """Return the rows below a line of names, all other lines blank; other texts unchanged."""
     if not text.startswith(_START):
         return text
     lines = text.split("\n")

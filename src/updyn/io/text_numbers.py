@@ -124,10 +124,7 @@ def check_last_line(
     first_line: int = 1,
     harmless: re.Pattern[bytes] | None = None,
 ) -> None:
-    """Refuse a text whose last line does not end, because it may be truncated within a number.
-
-    `harmless` matches last lines that are complete or irrelevant without a line break.
-    """
+    """Refuse a text whose last line does not end, unless that line matches `harmless`."""
     raw = body.encode("utf-8", "replace") if isinstance(body, str) else body
     if not raw or raw.endswith((b"\n", b"\r")):
         return

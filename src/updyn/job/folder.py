@@ -283,10 +283,7 @@ def _resolve_links(path: Path) -> str | None:
 
 
 def relative_path(path: Path, folder: Path) -> str:
-    """Return a path relative to a folder, with slashes; absolute if there is no relative path.
-
-    Both may be relative to the current folder.
-    """
+    """Return a path relative to a folder, with slashes; absolute if there is no relative path."""
     whole = Path(os.path.realpath(path))
     try:
         named = Path(os.path.relpath(whole, os.path.realpath(folder))).as_posix()

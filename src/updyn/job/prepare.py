@@ -99,10 +99,7 @@ def prepare(job: Job) -> Prepared:
 
 
 def prepare_model(job: Job) -> tuple[Model, ParameterSet]:
-    """Return the model of a job, configured as in its first test, and its unknowns.
-
-    The measurement is not read.
-    """
+    """Return the model of a job, configured as in its first test, and its unknowns."""
     with job.located():
         model = apply_damping(job, _build_model(job))
         return configure_model(job, model), choose_unknowns(job, model, [])
@@ -205,10 +202,7 @@ def _check_properties(job: Job, model: Model, parameters: ParameterSet) -> None:
 
 
 def read_measurement(job: Job) -> FRF:
-    """Return the measurement of one test in its band, averaged over its repeats.
-
-    The labels are those of the file.
-    """
+    """Return the measurement of one test in its band, averaged over repeats, with file labels."""
     table = job.test
     frf = _estimate_from_records(job) if table.file is None else _read_frf(job, table.file, "file")
     if table.repeats is not None:

@@ -27,10 +27,7 @@ _LONG_LITERAL = re.compile(r"'''.*?'{3,5}(?!')", re.DOTALL)
 
 
 def read_toml(text: str) -> tuple[dict[str, object], dict[Place, int]]:
-    """Parse a TOML text; return the document and the line of every table, key and array item.
-
-    A `tomllib.TOMLDecodeError` is raised if the text is not TOML.
-    """
+    """Parse a TOML text; return the document and the line of every table, key and array item."""
     document = parse_toml(text)
     return document, toml_lines(text)
 

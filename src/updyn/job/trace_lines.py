@@ -23,10 +23,7 @@ _KEY = ("match", "lines")
 def with_trace_lines(
     matching: Matching, chains: Sequence[Sequence[int]], others: Collection[int]
 ) -> Matching:
-    """Return a matching whose data have lines along chains of nodes, in the numbers of the test.
-
-    Nodes of `others`, which only other tests have, are left out.
-    """
+    """Return a matching with lines along chains of nodes of the test, without those of `others`."""
     if not chains:
         return matching
     if not isinstance(matching.data, FRF):

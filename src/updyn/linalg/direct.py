@@ -39,10 +39,7 @@ class Direct:
 
 
 def factorise(A: Matrix) -> Direct:
-    """Return the factors of a symmetric matrix by the fastest backend that succeeds.
-
-    Raises RuntimeError if the matrix is exactly singular.
-    """
+    """Return the factors by the fastest backend that succeeds; RuntimeError if exactly singular."""
     A = sp.csc_array(A)
     A.sort_indices()
     name = check_backend(None)

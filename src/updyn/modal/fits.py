@@ -154,10 +154,7 @@ def make_mode(
     squared_error: RealArray,
     without: RealArray,
 ) -> Mode:
-    """Return a mode of a window; `std` has the shape (2,), squared residuals (p, n_f).
-
-    `squared_error` and `without` are squared residuals with and without the mode.
-    """
+    """Return a mode of a window; `std` (2,), squared residuals (p, n_f) with and `without` it."""
     window = fit.window
     at = window.near(pole)
     weight = 1.0 / (fit.weights.channel * fit.weights.line) ** 2

@@ -78,10 +78,7 @@ def search_window(
 def is_mode(
     window: LineWindow, fitted: WindowFit, more: WindowFit, weights: Weights, *, white: bool
 ) -> bool:
-    """Return whether the last pole of `more`, which `fitted` lacks, may be a mode.
-
-    With `white`, all lines are treated as independent.
-    """
+    """Return whether the last pole of `more` may be a mode; with `white`, lines are independent."""
     pole = complex(more.poles[-1])
     if (-pole.real if window.basis.mirrored else pole.imag) <= 0.0:
         return False

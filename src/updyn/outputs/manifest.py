@@ -164,10 +164,7 @@ def file_digest(path: Path) -> str:
 
 
 def find_obstacle(folder: Path, name: str, digests: Iterable[str]) -> str:
-    """Return the reason why a file must not be replaced or removed; empty if it may.
-
-    `digests` are those of the contents that may be replaced.
-    """
+    """Return why a file, unless its digest is in `digests`, must not be replaced; else empty."""
     path = folder / name
     for parent in reversed(PurePosixPath(name).parents[:-1]):
         above = folder / parent

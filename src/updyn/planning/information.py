@@ -255,10 +255,7 @@ class PairInformation:
         points: Sequence[RealArray],
         stage: Stage = nullcontext,
     ) -> PairInformation:
-        """Return the information of every pair at points in the optimiser's coordinates.
-
-        `stage` names the work at each point.
-        """
+        """Return the information of every pair at points in the optimiser's coordinates."""
         n = candidates.part.n
         shape = (len(candidates.responses), len(candidates.references), len(points))
         check_size(candidates, len(points))

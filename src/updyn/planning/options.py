@@ -110,10 +110,7 @@ def find_bands(given: Band | Sequence[Band]) -> list[Band]:
 
 
 def find_lines(given: int | ArrayLike, band: Band) -> RealArray:
-    """Return the lines of a band in Hz, ascending.
-
-    A number gives evenly spaced lines with both ends; of given lines, those in the band are used.
-    """
+    """Return ascending lines in Hz: a number of evenly spaced ones, or those given in the band."""
     low, high = band
     if isinstance(given, int | np.integer) and not isinstance(given, bool):
         if not 2 <= given <= PLANNING.most_lines:

@@ -155,10 +155,7 @@ class _Drawing:
         return np.asarray(geometry.xyz[geometry.line_ends])
 
     def draw(self, made: Canvas, turns: RealArray, periods: int) -> Iterator[None]:
-        """Draw the frames of all shapes, and yield after each.
-
-        `turns` are the times of a period, from 0 to 1.
-        """
+        """Draw the frames of all shapes at `turns` of a period, from 0 to 1; yield after each."""
         from matplotlib.collections import LineCollection, PolyCollection
 
         body, axes = self.motion.body, made.first

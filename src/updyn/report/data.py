@@ -151,10 +151,7 @@ def _compute_data(
     stopped: bool,
     known: FRF | None = None,
 ) -> ReportData:
-    """Return the data and the FRFs of the start and, if present, of the updated model.
-
-    `known` are FRFs of the start.
-    """
+    """Return the data and the FRFs of start (`known`) and, if present, of the updated model."""
     start, updated = models
     notes: list[str] = []
     used = _find_used_lines(frf, lines)

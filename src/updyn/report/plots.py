@@ -180,10 +180,7 @@ class Panel:
 def stack_panels(
     panels: Sequence[Panel], x: dict[str, Any], height: int, marks: Sequence[float] = ()
 ) -> Figure:
-    """Return a figure of panels, from top to bottom, over a common x axis.
-
-    `height` is in pixels; `marks` are positions of vertical lines through all panels.
-    """
+    """Return panels over a common x axis, `height` in pixels, with vertical lines at `marks`."""
     total = sum(p.share for p in panels)
     room = 1.0 - _GAP * (len(panels) - 1)
     traces: list[dict[str, Any]] = []
@@ -396,10 +393,7 @@ def _vertical_line(at: float) -> dict[str, object]:
 
 
 def log_bars(values: Mapping[str, float], title: str, mark: float | None = None) -> Figure | None:
-    """Return a chart of horizontal bars of the finite values, logarithmic; None without any.
-
-    `mark` is the position of a vertical line.
-    """
+    """Return logarithmic bars of the finite values with a line at `mark`; None without any."""
     known = {name: v for name, v in values.items() if math.isfinite(v)}
     if not known:
         return None

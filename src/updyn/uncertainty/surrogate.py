@@ -78,10 +78,7 @@ class Surrogate:
         return Problem.of(parts)
 
     def error(self, points: Sequence[RealArray]) -> float:
-        """Return the largest error at some points, relative to the largest receptance of its line.
-
-        It is inf if the model cannot be solved.
-        """
+        """Return the largest error at some points, relative to the peak of its line; maybe inf."""
         errors = []
         for part, reduction in zip(self.exact.parts, self._reductions, strict=True):
             try:
@@ -115,10 +112,7 @@ def run_about(
     seed: int,
     run: Callable[[Problem], RealArray],
 ) -> dict[str, Any]:
-    """Call `run` near an estimate, for a large model with a reduced one; as `Surrogate.settle_run`.
-
-    The result is empty for a small model.
-    """
+    """Call `run` near an estimate with a reduced model; return nothing for a small model."""
     surrogate = reduce_about(restored, accuracy, seed)
     if surrogate is None:
         run(restored.problem)

@@ -86,10 +86,7 @@ def _is_first(cells: IndexArray) -> BoolArray:
 
 
 def nodes_of_groups(model: Model, groups: IndexArray, most: int) -> dict[int, IndexArray]:
-    """Return the nodes of groups without lines (lumped masses, springs to the ground) by group.
-
-    Groups and nodes are positions.
-    """
+    """Return positions of nodes of groups without lines (lumped masses, springs to the ground)."""
     # Groups with more than `most` nodes are omitted.
     at = _places(model)
     out = {}

@@ -51,10 +51,7 @@ class JobDocument:
         return self._undone[-1][0] if self._undone else ""
 
     def edit(self, what: str, change: Callable[[TOMLDocument], None]) -> None:
-        """Change the content as the named edit `what`; comments and order are kept.
-
-        A `JobError` is raised if the present text is not TOML.
-        """
+        """Change the content as the named edit `what`; comments and order are kept."""
         self.replace(what, self.with_change(change))
 
     def with_change(self, change: Callable[[TOMLDocument], None]) -> str:

@@ -45,10 +45,7 @@ _EXPECTED = {
 
 
 def set_band(low: float, high: float, test: int = 0) -> Edit:
-    """Return the edit that sets the band of a test, in Hz.
-
-    Lines outside the band that ``[method]`` lists by frequency are removed from that list.
-    """
+    """Return the edit that sets the band of a test in Hz, and removes listed lines outside it."""
 
     def edit(document: TOMLDocument) -> None:
         _set_key(_find_test(document, test), "band", _format_numbers((low, high)))
@@ -58,10 +55,7 @@ def set_band(low: float, high: float, test: int = 0) -> Edit:
 
 
 def exclude(low: float, high: float, test: int = 0) -> Edit:
-    """Return the edit that excludes a band (Hz, both ends included) of a test.
-
-    Lines in it that ``[method]`` lists by frequency are removed from that list.
-    """
+    """Return the edit that excludes a band of a test (Hz, ends included) and listed lines in it."""
 
     def edit(document: TOMLDocument) -> None:
         table = _find_test(document, test)
@@ -286,10 +280,7 @@ def set_unknowns(
 
 
 def chosen_groups(text: str, groups: Mapping[str, Sequence[str]]) -> dict[str, set[str]]:
-    """Return the groups that a job chooses, by quantity.
-
-    An `InputError` is raised if the text has no tables ``[[parameter]]``.
-    """
+    """Return the groups that a job chooses, by quantity; InputError without ``[[parameter]]``."""
     chosen: dict[str, set[str]] = {quantity: set() for quantity in groups}
     for table in _get_parameter_tables(tomlkit.parse(text)):
         quantity = str(table.get("quantity", ""))

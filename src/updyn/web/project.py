@@ -163,10 +163,7 @@ class Project:
         return name
 
     def keep_upload(self, name: str, content: bytes) -> Path:
-        """Write an uploaded file under its name.
-
-        An `InputError` is raised if the name is not plain, is that of results, or exists.
-        """
+        """Write an uploaded file; InputError if its name is not plain, is in use or of results."""
         path = self.folder / self.plain_name(name)
         if name.lower() in (_RESULT, MANIFEST) or name.lower().endswith(_JOURNAL):
             raise InputError(f"{name}: commands write results under this name; rename the file")

@@ -27,10 +27,7 @@ _HOST = "127.0.0.1"
 
 
 def bind(port: int) -> socket.socket:
-    """Return a listening socket on a port of this machine (0: any free one).
-
-    An `InputError` is raised if the port is in use or cannot be used.
-    """
+    """Return a listening socket on a port (0: any free one); InputError if it is not usable."""
     found = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
     if sys.platform != "win32":  # there it would let two programs have one port
         found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -47,10 +44,7 @@ def bind(port: int) -> socket.socket:
 
 
 def serve(job: Path | None, folder: Path, *, port: int = 0, open_browser: bool = True) -> None:
-    """Serve the pages of a project until the process is asked to end; port 0: any free one.
-
-    An `InputError` is raised, and nothing served, if the port or the job cannot be used.
-    """
+    """Serve the pages of a project until the process is asked to end; InputError as `bind`."""
     workspace = Workspace(folder)
     if job is not None:
         workspace.open_job(job.resolve())

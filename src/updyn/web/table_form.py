@@ -274,10 +274,7 @@ class TableForm:
         return found
 
     def preview_options(self) -> dict[str, Any] | None:
-        """Return options for a preview; None if an item is missing.
-
-        Missing labels and a missing quantity are replaced; the preview must not show them.
-        """
+        """Return options for a preview, missing ones replaced; None without an item."""
         faults = self.faults()
         if not faults:
             return self.build_options()

@@ -93,10 +93,7 @@ def view_measurement(path: Path, options: Mapping[str, Any]) -> MeasurementView:
 
 
 def view_table(path: Path, columns: Mapping[str, Any]) -> TableView:
-    """Return the columns or variables of a file, by the separator and first row in `columns`.
-
-    An `InputError` is raised if it has none.
-    """
+    """Return the columns or variables of a file; InputError if it has none."""
     try:
         inventory = list_items(path, columns)
     except InputError as error:

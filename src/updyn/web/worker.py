@@ -77,10 +77,7 @@ class Worker:
         return self.state in ("running", "stopping")
 
     def stop(self) -> None:
-        """Request the task to stop after the active lines and to write its results so far.
-
-        A task without intermediate results is ended.
-        """
+        """Request the task to stop and write its results; end one without intermediate results."""
         if self._process is None or not self.active:
             return
         self.state = "stopping"

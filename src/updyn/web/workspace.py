@@ -252,10 +252,7 @@ class Workspace:
             raise InputError(f"saved without form entries: {'; '.join(reasons)}")
 
     def open_demo(self, name: str) -> None:
-        """Write the inputs of a demo into a new folder of the project and open its job.
-
-        An `InputError` is raised, and nothing written, if the open job has unsaved edits.
-        """
+        """Write a demo into a new folder and open its job; InputError if edits are unsaved."""
         self._check_saved()
         demo = find_demo(name)
         folder = self.project.free_name(self.project.folder / demo.name)
@@ -263,10 +260,7 @@ class Workspace:
         self.open_job(demo.write_inputs(folder))
 
     def save_as(self, name: str) -> None:
-        """Save the job in its folder under a plain name, with or without ``.toml``.
-
-        An `InputError` is raised if the name is not plain, or the file exists.
-        """
+        """Save the job under another plain name in its folder; InputError if it exists."""
         self.project.plain_name(name)  # no folder: the files that the job names are relative to it
         full_name = self.project.name_of(self.open_document.path.with_name(name))
         self.open_document.save_as(self.project.new_job(full_name))
@@ -364,10 +358,7 @@ class Workspace:
         return None if options is None else self.ask_file(preview_frf, form.file, options)
 
     def use_table(self) -> None:
-        """Set the entries of the open form in the new job, or in the test of the open job.
-
-        An `InputError` is raised, and nothing changed, if they are not complete and valid.
-        """
+        """Set the entries of the open form in the job; InputError, and no change, if not valid."""
         form, table = self._open_form, self.table
         assert table is not None
         faults = form.faults()

@@ -137,10 +137,7 @@ class Margins:
 
 @dataclass(frozen=True, slots=True)
 class Range:
-    """Range of a figure over the stable members of a family, with their indices from 0.
-
-    The values are nan and the indices None without a stable member.
-    """
+    """Range of a figure over the stable members, with their indices; nan and None without any."""
 
     smallest: float
     smallest_member: int | None

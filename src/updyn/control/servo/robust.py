@@ -98,10 +98,7 @@ def _margin(judged: JudgedLoop, feedback: grid.Loop, w: RealArray) -> tuple[floa
 def _critical_factor(
     cascade: Cascade, judged: JudgedLoop, member: Cascade, w: RealArray, known: float
 ) -> float:
-    """Return the factor on the deviation of a member at which the loop becomes unstable.
-
-    Infinity if it certainly exceeds `known`.
-    """
+    """Return the factor on a deviation at which the loop is unstable; inf if above `known`."""
     # L + t (L_k - L) = -1 at some frequency: the gain margin of (L_k - L) / (1 + L).
 
     def loop(s: NumberArray) -> ComplexArray:

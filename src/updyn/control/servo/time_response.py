@@ -41,10 +41,7 @@ _POSITION, _TORQUE, _POINTING = range(3)
 def linear_response(
     system: StateSpace, u: RealArray, dt: float, start: RealArray | None = None
 ) -> tuple[RealArray, RealArray]:
-    """Return states and outputs of a system under inputs that are linear between samples.
-
-    `u`, shape (n_t, n_u), is sampled every `dt` s.
-    """
+    """Return states and outputs for inputs `u`, (n_t, n_u), linear between samples `dt` s apart."""
     # First-order hold: exponential of the matrix augmented with the input and its slope (Van Loan
     # 1978, IEEE Trans. Autom. Control 23, p. 395).
     transition, held, sloped = interval_matrices(system.A, system.B, dt)

@@ -261,10 +261,7 @@ def run(
 
 
 def _execute(program: MystranProgram, deck: Path, links: int) -> tuple[bool, bool, int]:
-    """Run until the last required link has ended, without the solution that follows.
-
-    Returns whether that link ended, whether the time limit was reached, and the exit status.
-    """
+    """Run to the last required link; return whether it ended, timed out, and the exit status."""
     # Without this, libgfortran does not flush its output to a pipe line by line.
     environment = {**os.environ, "GFORTRAN_UNBUFFERED_PRECONNECTED": "1"}
     wanted = re.compile(rb"LINK\s+%d END" % links)

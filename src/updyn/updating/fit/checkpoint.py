@@ -176,10 +176,7 @@ def checkpoint_session(
     *,
     resume: bool,
 ) -> Iterator[None]:
-    """Store the evaluations of a session in a checkpoint; do nothing without a path.
-
-    `head` returns the `fingerprint` of the run.
-    """
+    """Store the evaluations of a session in a checkpoint, if any, under its `head`."""
     if path is None:
         if resume:
             raise OptionError("resume: expected the path of a checkpoint", key=("resume",))

@@ -106,10 +106,7 @@ class Monitor:
 
     @contextmanager
     def stage(self, name: str, problem: Problem | None = None) -> Iterator[None]:
-        """Assign the steps made inside to a stage, and time them.
-
-        `problem` is the problem fitted inside, if it is not the whole one.
-        """
+        """Assign the steps made inside (on `problem`, or the whole one) to a stage; time them."""
         before, start = (self._stage, self._n_lines), time.perf_counter()
         self._stage, self._n_lines = name, (problem or self.problem).n_lines
         try:

@@ -281,10 +281,7 @@ class Search:
         points: Iterable[RealArray],
         evaluated_first: Problem,
     ) -> _Points:
-        """Yield starts; with several workers, the attempts from them are evaluated ahead.
-
-        `evaluated_first` is the problem that an attempt evaluates first.
-        """
+        """Yield starts; with several workers, first problems of attempts are evaluated ahead."""
         session = problem.session
         if session.engine.workers == 1 or session.cache is None or problem.is_distributed:
             yield from points

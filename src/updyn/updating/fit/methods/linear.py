@@ -255,10 +255,7 @@ def linearise(problem: Problem, residual: LineResidual | ResidualSet[Any], x: Re
 
 
 def check_unknowns(problem: Problem, method: Method, *, priors: bool = False) -> None:
-    """Refuse unknowns that a method cannot update, and priors unless `priors`.
-
-    Raises ParameterError for an unknown, and OptionError for a prior.
-    """
+    """Refuse unknowns that a method cannot update, and priors unless `priors`."""
     for p in problem.coordinates.parameters:
         for d in p.acts_on:
             if d.quantity in method.cannot:

@@ -15,10 +15,7 @@ __all__ = ["compare_band_halves"]
 
 
 def compare_band_halves(evidence: Evidence, fault: Fault, correlation: float) -> float:
-    """Return the difference between the sizes of a fault in lower and upper lines.
-
-    In standard deviations; 0 if a half does not determine the size.
-    """
+    """Return the difference between sizes in lower and upper lines in stds; 0 if undetermined."""
     # Both sizes and all unknowns are fitted, to first order. The residual counts as at least
     # `PERFECT_FIT`, because the last steps of a fit are arbitrary.
     slope = replace(fault, value=0.0).slope(evidence)
