@@ -216,22 +216,10 @@ def _fields(text: str, separator: str, path: str | Path, first: int) -> Mapping[
 
 @dataclass(frozen=True, slots=True)
 class _LVMAxis:
-    """The header of a record: its channels, and the times of their samples.
+    """The header of a record, from `line` on: its channels, and the times of their samples.
 
-    Attributes
-    ----------
-    line : int
-        Its first line.
-    kept : tuple of int
-        Channels with samples, from 0.
-    n_channels : int
-        Number of all channels.
-    count : int
-        Samples of each kept channel.
-    step, digit : float
-        Delta_X in s, and its largest rounding error.
-    units : tuple of str
-        Units of the kept channels.
+    `kept` are the channels with samples, from 0, of `n_channels`; each has `count` samples and one
+    of `units`. `step` is Delta_X in s, `digit` its largest rounding error.
     """
 
     line: int

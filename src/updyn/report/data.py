@@ -28,48 +28,14 @@ __all__ = ["ReportData", "compute_frfs", "fine_grid", "gather", "gather_start", 
 class ReportData:
     """Measured and computed FRFs and their agreement.
 
-    Attributes
-    ----------
-    freq : ndarray of float, shape (n_f,)
-        Lines at which measured and computed FRFs are compared, in Hz, without 0 Hz.
-    measured : ndarray of complex, shape (n_f, n_responses, n_references)
-        The data, in the unit of `quantity`.
-    before, after : ndarray of complex, same shape, or None
-        FRFs of the start and the updated model; None if not computable (see `notes`).
-    grid : ndarray of float, shape (n_g,)
-        Lines of the model curves, in Hz: `freq`, and additional lines that resolve the resonances.
-    before_curve, after_curve : ndarray of complex, shape (n_g, n_responses, n_references), or None
-        FRFs of the start and the updated model on `grid`.
-    coherence : ndarray of float, same shape, or None
-        Ordinary coherence of the data.
-    responses, references : tuple of str
-        DOF labels.
-    held_out : tuple of bool
-        Whether each response was held out of the fit.
-    quantity : str
-        Receptance, mobility or accelerance.
-    used : ndarray of bool, shape (n_f,)
-        Lines used in the fit.
-    compared : ndarray of bool, shape (n_f,)
-        Lines over which FRAC and level differences are computed: all lines outside the validation
-        band.
-    frac_before, frac_after : ndarray of float, shape (n_responses, n_references), or None
-        Frequency response assurance criterion of each channel over the lines `compared`.
-    correlation_before, correlation_after : ndarray of float, same shape, or None
-        Signed FRF correlation of each channel over the same lines.
-    residual_before, residual_after : ndarray of float, same shape, or None
-        Relative residual of each channel over the same lines.
-    csac_before, csac_after : ndarray of float, shape (n_f,), or None
-        Cross signature assurance criterion at each line; None also for a single channel, for which
-        it is always 1.
-    notes : tuple of str
-        Sentences on omitted models and thinned lines.
-    fit_band, validation_band : (float, float) or None
-        First and last line of the fit, and the band held out of it, in Hz.
-    n_lines : int
-        Number of lines used in the fit.
-    fitted : bool
-        Whether there was a fit; otherwise there is only a start model.
+    `freq`, shape (n_f,), are the lines in Hz, without 0 Hz, at which `measured` and the FRFs
+    `before` and `after` the update are compared, each (n_f, n_responses, n_references), in the unit
+    of `quantity`. The curves are on `grid`, shape (n_g,), with additional lines that resolve
+    resonances. `used` are the lines of the fit, `n_lines` of them; `compared` those outside the
+    validation band, over which each channel has its FRAC, signed correlation and relative residual,
+    shape (n_responses, n_references). CSAC has the shape (n_f,). Values that cannot be computed are
+    None (see `notes`), as is CSAC of a single channel, which is always 1. Bands are in Hz; without
+    `fitted` there is only a start model.
     """
 
     freq: RealArray

@@ -29,18 +29,9 @@ _TIME_NAME = re.compile(r"(?:.*?)(?:\[([^\[\]]+)\]|\(([^()]+)\)|(?:^|(?<=[\s/_-]
 class Records:
     """Records of the same channels, all of equal length.
 
-    Attributes
-    ----------
-    values : ndarray of float, shape (n_records, n_channels, n_samples)
-        In the units of the channels.
-    step : float
-        Time between two samples, in s.
-    channels : tuple of str
-        Unique names.
-    units : tuple of str
-        Units of the channels as in the file; empty if unknown.
-    source : str
-        Source of the records.
+    `values`, shape (n_records, n_channels, n_samples), are in the `units` of the channels as in the
+    file, empty if unknown; `step` is the time between two samples in s. Names of channels are
+    unique.
     """
 
     values: RealArray

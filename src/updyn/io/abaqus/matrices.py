@@ -62,16 +62,8 @@ _OTHER_DOFS = {"7": "warping", "8": "pressure", "9": "electric potential"}
 class AbaqusEntries:
     """The rows of a matrix file.
 
-    Parameters
-    ----------
-    path : Path
-        The file.
-    labels : ndarray of int, shape (n, 4) or (n, 2)
-        Node and dof (1 to 6) of row and of column; or row and column, counted from 1.
-    values : ndarray of float, shape (n,)
-        The entries.
-    elements : ndarray of int, shape (n,), optional
-        Element of each entry; None for the matrix of the whole model.
+    `labels` are node and dof (1 to 6) of row and of column, shape (n, 4), or row and column from 1,
+    shape (n, 2). `elements`, shape (n,), is None for the matrix of the whole model.
     """
 
     path: Path

@@ -51,26 +51,10 @@ _FIRST_NODE = 10  # in an element's row, after ten attributes
 class Attributes:
     """Elements and nodes of a model.
 
-    Parameters
-    ----------
-    path : Path
-        The source file.
-    elements : ndarray of int, shape (n,)
-        Element numbers.
-    numbers : mapping of str to ndarray of int, shape (n,)
-        For "material", "type", "real" and "section": the attribute number of each element.
-    routine : ndarray of int, shape (n,)
-        Element routine, 186 for SOLID186.
-    nodes_of : sequence of ndarray of int
-        Node numbers of each element.
-    components : mapping of str to ndarray of int
-        Element numbers of each component.
-    nodes : ndarray of int, shape (m,)
-        Node numbers.
-    xyz : ndarray of float, shape (m, 3)
-        Positions in units of the deck.
-    angles : ndarray of float, shape (m, 3)
-        Rotations THXY, THYZ, THZX of the nodal systems in degrees.
+    `numbers` has the attribute number of each element, shape (n,), by "material", "type", "real"
+    and "section"; `routine` is 186 for SOLID186. `nodes_of` are the node numbers of each element,
+    `components` element numbers by name. `xyz` (m, 3) is in units of the deck; `angles` (m, 3) are
+    the rotations THXY, THYZ, THZX of the nodal systems in degrees.
     """
 
     path: Path

@@ -297,24 +297,11 @@ class Doubt:
 class AnsysDeck:
     """The properties and elements of a deck.
 
-    Parameters
-    ----------
-    path : Path
-        The deck.
-    materials : dict of int to dict of str to AnsysProperty
-        By material number and label (EX, DENS, BETD).
-    reals : dict of int to RealSet
-        By number.
-    tables : dict of int to int
-        Line of a TB command of elasticity or damping, by material number.
-    types : dict of int to int
-        Element routine by type number.
-    users : dict of int to set of int
-        Type numbers of the elements (EBLOCK) of each real constant set.
-    release : float or None
-        Release of the program that wrote the deck, 19.4 or 2019.2; None if unknown.
-    doubts : list of Doubt
-        Uninterpreted commands.
+    `materials` is by material number and label (EX, DENS, BETD), `reals` by number; `tables` has
+    the line of a TB command of elasticity or damping by material, `types` the element routine by
+    type number, `users` the types of the elements (EBLOCK) of each real constant set. `release` is
+    that of the program that wrote the deck, 19.4 or 2019.2, None if unknown; `doubts` are
+    uninterpreted commands.
     """
 
     path: Path

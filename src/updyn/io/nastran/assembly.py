@@ -57,18 +57,9 @@ _PER_GRID = 6
 class DeckMatrices:
     """Matrices of the groups of a deck, before supports and ties, in the units of the deck.
 
-    Parameters
-    ----------
-    dofs : DofSet
-        The n degrees of freedom, in the displacement systems of the grids.
-    groups : dict of str to GroupMatrices
-        Matrices by name of the group.
-    held : ndarray of int, shape (s,)
-        Positions of the fixed degrees of freedom.
-    ties : scipy.sparse.csr_array, shape (m, n), optional
-        Ties: ties u = 0.
-    tied : ndarray of int, shape (m,), optional
-        Positions of the dependent degrees of freedom, in the order of the rows of `ties`.
+    The n `dofs` are in the displacement systems of the grids. `held` are positions of the fixed
+    ones, shape (s,), `tied` of the dependent ones, shape (m,), in the order of the rows of `ties`,
+    (m, n): ties u = 0.
     """
 
     dofs: DofSet

@@ -166,19 +166,11 @@ class MystranProgram:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MystranMatrices:
-    """The matrices of a deck, in the units of the deck.
+    """The matrices KGG and MGG of a deck, (n, n), before constraints, in the units of the deck.
 
-    Parameters
-    ----------
-    stiffness, mass : scipy.sparse.csr_array, shape (n, n)
-        KGG and MGG of all degrees of freedom, before constraints.
-    dofs : DofSet
-        The n degrees of freedom, in the displacement systems of the grids.
-    ties : scipy.sparse.csr_array, shape (m, n)
-        RMG: ties u = 0.
-    tied, held : ndarray of int, shapes (m,) and (s,)
-        Positions of the dependent degrees of freedom, in the order of the rows of `ties`, and of
-        the fixed ones.
+    The n `dofs` are in the displacement systems of the grids. `tied` are positions of the dependent
+    ones, shape (m,), in the order of the rows of `ties` (RMG), (m, n): ties u = 0; `held` are those
+    of the fixed ones.
     """
 
     stiffness: sp.csr_array

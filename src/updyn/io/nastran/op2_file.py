@@ -55,18 +55,10 @@ MAGIC: dict[bytes, tuple[str, int]] = {
 
 @dataclass(frozen=True, slots=True)
 class OP2Block:
-    """A data block.
+    """A data block; of a matrix, one record per column.
 
-    Parameters
-    ----------
-    name : str
-        Its name, upper case.
-    trailer : tuple of int
-        Seven words; for a matrix, words 1 to 4 are the numbers of columns and rows, form and type.
-    is_matrix : bool
-        Whether it is a matrix, with one record per column.
-    records : tuple of tuple of (int, int)
-        Parts of each record: first byte and number of bytes in the file.
+    Words 1 to 4 of the `trailer` of a matrix are the numbers of columns and rows, form and type.
+    Each of `records` has parts: first byte and number of bytes in the file.
     """
 
     name: str

@@ -66,28 +66,11 @@ class Record8:
 class Function:
     """One dataset 58. Abscissa and ordinate of a binary one are read from the file at each access.
 
-    Attributes
-    ----------
-    line : int
-        Line of the file with its number.
-    kind : int
-        Function type, see `FUNCTIONS`.
-    title : str
-        First line of its identification.
-    response, reference : (int, int)
-        Node and direction code, -6 to 6, 0 for a scalar.
-    points : int
-        Number of points.
-    even : (float, float) or None
-        Abscissa minimum and increment of even spacing.
-    is_complex : bool
-        Whether the ordinate is complex.
-    abscissa, numerator, denominator : Record8
-        The axes.
-    data : ndarray of float, shape (points, columns), or Payload
-        The numbers of a text dataset, or their place in a binary one.
-    unit_of_x : float
-        Factor that converts the abscissa to Hz or s.
+    `line` is that of its number, `kind` the function type (`FUNCTIONS`), `title` the first line of
+    its identification. `response` and `reference` are node and direction code, -6 to 6, 0 for a
+    scalar. `even` is minimum and increment of an even abscissa of `points` values, else None;
+    `unit_of_x` converts it to Hz or s. `data` are the numbers, shape (points, columns), or their
+    place in the file.
     """
 
     line: int

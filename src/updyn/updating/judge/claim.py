@@ -12,17 +12,10 @@ PARTS = ("resembles", "converged", "determined", "validated", "plausible")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Claim:
-    """One part of the verdict, which compares equal to True, False or None.
+    """One part of the verdict, which compares equal to True, False or None (unknown).
 
-    Attributes
-    ----------
-    holds : bool or None
-        Whether the claim holds; None if unknown.
-    why : str
-        A sentence with the decisive figure.
-    asked : bool
-        Whether the data were intended to answer it; a claim that was not asked does not affect the
-        verdict.
+    `why` is a sentence with the decisive figure. A claim that was not `asked`, because the data
+    were not intended to answer it, does not affect the verdict.
     """
 
     holds: bool | None

@@ -48,34 +48,14 @@ class Pair:
 class Counterparts:
     """Measured modes with a counterpart in the model.
 
-    Attributes
-    ----------
-    n_measured : int
-        Number of modes of the test; 0 if unknown.
-    n_paired : int
-        Number of modes with a counterpart: MAC at least one half at the sensors (more if the
-        frequencies differ), and frequencies within a factor of 1.5.
-    pairs : tuple of Pair
-        Pairs by ascending measured frequency.
-    statement : str
-        The outcome in one or two sentences.
-    known : bool
-        False if nothing was compared, if shapes at so few sensors would pair as often by chance, or
-        if one or two sensors hide the counterparts.
-    n_sensors : int
-        Number of sensors at which shapes were compared; 0 if they were not.
-    by_chance : float
-        Expected number of pairs for a test of another structure.
-    source : str
-        ``"given"``, ``"identified"`` or ``"peaks"``; empty without modes.
-    doubtful : tuple of str
-        Sensors without which most modes have a counterpart.
-    factor : float
-        Frequencies of the model over those of the test, if most modes have a counterpart by shape
-        but none within a factor of 1.5; otherwise 1.
-    mistake, remedy : str
-        A mistake in the definition of the model without which most modes have a counterpart, and
-        its correction; empty if none is known.
+    A counterpart has a MAC of at least one half at the sensors (more if the frequencies differ),
+    and a frequency within a factor of 1.5. Numbers are 0 if unknown; `by_chance` is the expected
+    number of pairs for a test of another structure. `known` is False if nothing was compared, if
+    shapes at so few sensors would pair as often by chance, or if one or two sensors (`doubtful`)
+    hide the counterparts. `source` is ``"given"``, ``"identified"`` or ``"peaks"``. `factor` is the
+    frequencies of the model over those of the test if most modes agree by shape but none in
+    frequency, otherwise 1. `mistake` is one of the model without which most modes have a
+    counterpart, `remedy` its correction.
     """
 
     n_measured: int
