@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import updyn
-from updyn.cli import describe, frf, sections, written
+from updyn.cli import describe, frf, outcome, sections, written
 from updyn.dofs import DofSet
 from updyn.model import Group, Model
 
@@ -59,3 +59,22 @@ def test_a_file_is_identified_by_its_start(tmp_path):
     path = tmp_path / "file"
     path.write_text("x" * 5000)
     assert len(written._read_start(path)) == 4096
+
+
+@pytest.mark.parametrize(("count", "hint"), [(30, False), (31, True)])
+def test_more_than_thirty_groups_may_be_merged(count, hint):
+    groups = {f"part{k}": Group(np.eye(1), np.eye(1)) for k in range(count)}
+    lines = describe._describe_merging(Model.from_groups(groups, ["1:X"]))
+    assert any("merge them" in line for line in lines) is hint
+
+
+@pytest.mark.parametrize(("closing", "lines", "changes"), [(12, 20, 5), (13, 20, 4), (1, 9, 5)])
+def test_an_outcome_has_twenty_lines_and_five_changes(monkeypatch, closing, lines, changes):
+    """A verdict, changes and closing lines in three blocks."""
+    monkeypatch.setattr(outcome, "_describe_verdict", lambda *_: ["verdict"])
+    monkeypatch.setattr(outcome, "describe_agreement", lambda *_: [])
+    monkeypatch.setattr(outcome, "_format_next_step", lambda *_: [])
+    monkeypatch.setattr(outcome, "_format_changes", lambda _, rows, width: "\n".join("c" * rows))
+    text = outcome.describe_outcome(None, ["closing"] * closing, None)
+    assert len(text.splitlines()) == lines
+    assert text.splitlines().count("c") == changes
