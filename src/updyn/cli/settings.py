@@ -39,23 +39,23 @@ class LayoutSettings:
     outcome_lines: int = 20
     #: [rows] Rows of a table of an outcome, the largest or worst first. Why: chosen for one glance.
     outcome_rows: int = 5
-    #: [rows] Rows of a table that is the outcome: modes, methods. Why: the outcome of such a
+    #: [rows] Rows of a table that is the outcome: modes, methods. Drawing: the outcome of such a
     #: command is at most 25 lines.
     table_rows: int = 15
-    #: [combinations] Undetermined combinations that are printed before a fit. Why: each has as many
-    #: terms as there are unknowns, and takes several lines.
+    #: [combinations] Undetermined combinations that are printed before a fit. Drawing: each has as
+    #: many terms as there are unknowns, and takes several lines.
     combinations: int = 2
-    #: [lines] Notes on a further result such as a plant, and lines on one before a fit. Why: chosen
-    #: for one glance.
+    #: [lines] Notes on a further result such as a plant, and lines on one before a fit. Drawing:
+    #: chosen for one glance.
     notes: int = 3
     #: [dB] Level differences below this are printed as a limit. Why: those of exact fits are
     #: rounding; no measurement is as accurate.
     least_level: float = 1e-4
-    #: [columns] Least width that is assumed of a terminal. Why: numbers need three columns next to
-    #: a name; narrower terminals break lines themselves.
+    #: [columns] Least width that is assumed of a terminal. Drawing: numbers need three columns next
+    #: to a name; narrower terminals break lines themselves.
     least_width: int = 40
-    #: [columns] Least width to which sentences in a table are wrapped. Why: a few words a line; a
-    #: rule of thumb.
+    #: [columns] Least width to which sentences in a table are wrapped. Drawing: a few words a line;
+    #: a rule of thumb.
     least_text_width: int = 24
 
 

@@ -16,13 +16,7 @@ __all__ = ["mode_axes"]
 
 #: Heights of the axes of test and model, and the length of a tick towards the middle.
 _TEST, _MODEL, _TICK = 1.0, 0.0, 0.18
-#: Look of the lines between paired modes, by least MAC: name, colour, width in pixels.
-_JOINS = (
-    (REPORT_LIST.high_mac, f"MAC {REPORT_LIST.high_mac:g} or more", "@seq-7", 2.5),
-    (REPORT_LIST.fair_mac, f"MAC {REPORT_LIST.fair_mac:g} or more", "@seq-4", 2.0),
-    (-np.inf, f"MAC below {REPORT_LIST.fair_mac:g}", "@seq-2", 1.5),
-)
-#: The same for modes without shapes.
+#: Look of the lines between paired modes without shapes: name, colour, width in pixels.
 _BY_ORDER = "paired by frequency", "@muted", 1.5
 
 
@@ -88,7 +82,13 @@ def _draw_ticks(
 def _join_pairs(found: ModeCorrelation) -> Iterator[dict[str, object]]:
     """Yield the lines between paired modes, by class of their MAC."""
     left = np.ones(len(found.pairs.mac), dtype=np.bool_)
-    for least, name, colour, width in _JOINS:
+    high, fair = REPORT_LIST.high_mac, REPORT_LIST.fair_mac
+    looks = (
+        (high, f"MAC {high:g} or more", "@seq-7", 2.5),
+        (fair, f"MAC {fair:g} or more", "@seq-4", 2.0),
+        (-np.inf, f"MAC below {fair:g}", "@seq-2", 1.5),
+    )
+    for least, name, colour, width in looks:
         inside = left & (found.pairs.mac >= least)
         left &= ~inside
         if inside.any():

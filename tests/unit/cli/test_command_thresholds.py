@@ -78,3 +78,8 @@ def test_an_outcome_has_twenty_lines_and_five_changes(monkeypatch, closing, line
     text = outcome.describe_outcome(None, ["closing"] * closing, None)
     assert len(text.splitlines()) == lines
     assert text.splitlines().count("c") == changes
+
+
+@pytest.mark.parametrize(("level", "text"), [(0.9e-4, "<0.0001"), (1.1e-4, "0.00011")])
+def test_a_level_difference_of_rounding_is_a_limit(level, text):
+    assert outcome._format_figure("db_p95", level).startswith(text)

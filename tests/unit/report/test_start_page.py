@@ -283,8 +283,8 @@ def test_the_next_step_before_a_fit(start):
 
 
 def test_pairs_are_drawn_by_their_mac():
-    """Shapes at angles whose squared cosines are 0.96, 0.8 and 0.6."""
-    angles = np.arccos(np.sqrt([0.96, 0.8, 0.6]))
+    """Shapes at angles whose squared cosines are 0.91, 0.89 and 0.69."""
+    angles = np.arccos(np.sqrt([0.91, 0.89, 0.69]))
     shapes = np.zeros((6, 3))
     for k, angle in enumerate(angles):
         shapes[2 * k : 2 * k + 2, k] = np.cos(angle), np.sin(angle)
@@ -292,7 +292,7 @@ def test_pairs_are_drawn_by_their_mac():
     computed = updyn.ModeSet([10.0, 20.0, 30.0], np.eye(6)[:, ::2], dofs)
     test = updyn.ModeSet([10.1, 20.1, 30.1], shapes, dofs)
     found = correlate_modes(computed, test)
-    np.testing.assert_allclose(found.pairs.mac, [0.96, 0.8, 0.6])
+    np.testing.assert_allclose(found.pairs.mac, [0.91, 0.89, 0.69])
     drawn = {trace["name"]: trace["x"][:2] for trace in mode_axes(found, "start")["data"]}
     assert drawn["MAC 0.9 or more"] == [10.1, 10.0]
     assert drawn["MAC 0.7 or more"] == [20.1, 20.0]
