@@ -61,8 +61,8 @@ class PositionSettings:
     #: [1] Rms distance over that of the given pairs, below which another system is accepted. Why: a
     #: rule of thumb; a right system reduces the distances by far more.
     better_share: float = 0.25
-    #: [1] Width of a set of points over its length, up to which they are in a line. Rounding:
-    #: positions are given with six digits.
+    #: [1] Width of a set of points over its length, up to which they are in a line. Why: a
+    #: unit of the sixth digit, with which positions are given.
     line_width: float = 1e-6
     #: [deg] Rotation of the test from which its directions may be along other axes. Why: rounding
     #: of the positions turns a structure by less.

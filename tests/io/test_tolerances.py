@@ -10,10 +10,11 @@ import pytest
 import scipy.sparse as sp
 
 from updyn.errors import FormatError
+from updyn.geometry import Geometry
 from updyn.io import lvm, text_numbers
 from updyn.io.abaqus import matrices
-from updyn.io.nastran import assembly, assembly_elements, op2
-from updyn.io.uff import functions, labels, modes
+from updyn.io.nastran import assembly, assembly_elements, dmig, op2
+from updyn.io.uff import frf, functions, labels, modes
 
 PLACE = SimpleNamespace(error=lambda text: FormatError(text, "file"))
 
@@ -111,6 +112,32 @@ def test_a_degree_of_freedom_without_stiffness(stiffness, is_singular):
     K = sp.csr_array(np.diag([2.0, 1.0, 2.0 * stiffness]))
     found = assembly._find_singular(K, np.zeros(3, dtype=bool), grid)
     assert found.tolist() == [False, False, is_singular]
+
+
+@pytest.mark.parametrize(("change", "contradicts"), [(1.9e-3, False), (2.1e-3, True)])
+def test_modal_b_is_that_of_modal_a_within_two_thousandths(change, contradicts):
+    place = SimpleNamespace(error=PLACE.error, stated=())
+    s, a = 2.0 * np.pi * complex(-0.01, 10.0), 3.0
+    b = -s * a / (1.0 - change)
+    numbers = np.array([s.real, s.imag, a, 0.0, b.real, b.imag])
+    assert modes._complex_mode_properties(numbers, place).is_contradictory is contradicts
+
+
+@pytest.mark.parametrize(("angle", "refused"), [(0.9e-6, False), (1.1e-6, True)])
+def test_directions_of_nodes_are_parallel_to_an_axis_to_a_millionth(angle, refused):
+    cos, sin = np.cos(angle), np.sin(angle)
+    axes = np.array([[[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]]])
+    places = frf.Directions("file", None, Geometry([1], np.zeros((1, 3)), axes=axes))
+    assert is_refused(places.dof, "response", 1, 1, 1) is refused
+
+
+@pytest.mark.parametrize(("mirrored", "refused"), [("99999.91", False), ("99999.89", True)])
+def test_mirrored_entries_are_equal_to_a_millionth(tmp_path, mirrored, refused):
+    path = tmp_path / "k.pch"
+    path.write_text(
+        f"DMIG,K,0,6,2,0\nDMIG,K,1,1,,1,2,100000.\nDMIG,K,1,2,,1,1,{mirrored}\n", encoding="utf-8"
+    )
+    assert is_refused(dmig.read_dmig, path) is refused
 
 
 def test_a_message_quotes_sixty_characters():

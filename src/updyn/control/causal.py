@@ -128,7 +128,7 @@ class ChannelDifference:
     """Difference of a structure from a plant in one channel, a function of lines in Hz of the band.
 
     `reference` is the denominator of the error. Outside the band a stable system differs from the
-    plant by at most `above`, or below it `below` |1 + low / (i f)|^growth.
+    plant by at most `above` at higher, and `below` |1 + low / (i f)|^growth at lower frequencies.
     """
 
     difference: Callable[[RealArray], ComplexArray]

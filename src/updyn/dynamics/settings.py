@@ -188,8 +188,8 @@ class ReductionSettings:
     lines_per_state: int = 12
     #: [lines] Largest number of such lines of all states. Effort: a rule of thumb.
     lines_of_states: int = 250
-    #: [1] Share of the permitted error below which a direction is not added. Rounding: twenty such
-    #: directions together reach the permitted error.
+    #: [1] Share of the permitted error below which a direction is not added. Effort: twenty such
+    #: directions together reach the permitted error, and the certificate states the error.
     negligible_share: float = 0.05
     #: [lines] Lines that are checked in a pass. Effort: each costs a solution of the full model.
     lines_per_pass: int = 12

@@ -19,8 +19,8 @@ class MatrixFileSettings:
     #: [1] Deviation of structural damping from a multiple of the stiffness, relative to the largest
     #: entry. Why: far above the rounding of 15 printed digits, far below a second loss factor.
     damping_tolerance: float = 1e-8
-    #: [1] Relative difference of mirrored entries of a matrix that is declared symmetric. Rounding:
-    #: a punch file in small fields has six digits or more.
+    #: [1] Relative difference of mirrored entries of a matrix that is declared symmetric. Why: a
+    #: unit of the sixth digit; a punch file in small fields has six digits or more.
     mirror_tolerance: float = 1e-6
     #: [rows] Rows by which the number of columns of a file is found. Effort: a few damaged lines do
     #: not hide it.
@@ -108,13 +108,13 @@ class MeasuredFileSettings:
     #: many steps.
     time_tolerance: float = 1e-9
     #: [1] Largest difference of a component between a unit vector and an axis that counts as
-    #: parallel. Rounding: axes are written with six digits or more.
+    #: parallel. Why: a unit of the sixth digit; axes are written with six digits or more.
     parallel_tolerance: float = 1e-6
     #: [1] Relative difference of numbers of a mode in one dataset. Rounding: numbers with six
     #: digits.
     mode_tolerance: float = 1e-4
-    #: [1] Relative difference between a mode and the numbers in its identification lines. Rounding:
-    #: such lines have few digits.
+    #: [1] Relative difference between a mode and the numbers in its identification lines, and
+    #: between its modal A and B. Why: such lines have few digits.
     stated_tolerance: float = 2e-3
     #: [1] Relative difference between the frequency of a dataset 2414 and its eigenvalue; twice as
     #: much for their squares and for damping ratios. Why: above rounding to three digits, below a

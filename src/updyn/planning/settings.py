@@ -86,8 +86,8 @@ class CandidateReductionSettings:
     #: [DOFs] Number of DOFs above which models are reduced. Effort: smaller ones are solved
     #: quickly.
     most_exact_dofs: int = 600
-    #: [1] Largest error, relative to the largest receptance of a line. Rounding: below the noise of
-    #: a test; the expected results are computed with the model itself.
+    #: [1] Largest error, relative to the largest receptance of a line. Effort: above it, the
+    #: model itself is solved; it is below the noise of a test.
     most_error: float = 1e-2
     #: [states] Least number of states of a basis, each solved at another shift. Effort: a rule of
     #: thumb.

@@ -41,7 +41,6 @@ def cut_hits(
         Time of each record before the hit, in s; by default a twentieth of the length.
     level : float
         Share of the largest force that starts a hit, above 0 and below 1.
-        Share of the largest force that a hit exceeds, above 0 and below 1.
 
     Returns
     -------

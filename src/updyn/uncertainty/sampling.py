@@ -432,10 +432,9 @@ def _with_floor(shares: RealArray) -> RealArray:
 def compute_diagnostics(chains: RealArray, ensembles: int) -> dict[str, RealArray]:
     """Return R-hat, effective sizes and errors, shape (n,), by their name in `Draws.diagnostics`.
 
-    R-hat compares the `ensembles`, all draws of one counted as one chain, because walkers of one
-    depend on each other; for the others each walker is a chain. Those of an ensemble must be
-    together. Rank-normalised split R-hat and effective sizes: Vehtari et al., Bayesian Anal. 16
-    (2021) 667.
+    For R-hat all draws of one of the `ensembles` are one chain, because its walkers depend on each
+    other; for the other figures each walker is a chain. Walkers of an ensemble must be adjacent.
+    Rank-normalised split R-hat and effective sizes: Vehtari et al., Bayesian Anal. 16 (2021) 667.
     """
     from arviz_stats.base import array_stats
 

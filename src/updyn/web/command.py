@@ -36,7 +36,7 @@ def serve(
     job
         A job file to open; its folder is the project. Without it the current folder is.
     port
-        To listen on, at 127.0.0.1; by default any that is free.
+        Port of 127.0.0.1; by default any free one.
     open_
         Whether a browser is asked to show the page.
     """

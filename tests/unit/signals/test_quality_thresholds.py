@@ -367,9 +367,9 @@ def test_the_lines_of_a_peak():
     size[47:54] = 0.2, 0.34, 0.36, 1.0, 0.36, 0.34, 0.2
     ((_, lines),) = together._peaks(size, np.ones(100, dtype=bool))
     assert (lines.start, lines.stop) == (49, 52)
-    wide = np.maximum(1.0 - np.abs(np.arange(2001) - 1000) / 900.0, 0.0)
+    wide = np.maximum(1.0 - np.abs(np.arange(2001) - 1000) / 901.0, 0.0)
     ((_, lines),) = together._peaks(wide, np.ones(2001, dtype=bool))
-    assert (lines.start, lines.stop) == (800, 1201)
+    assert (lines.start, lines.stop) == (415, 1586)
 
 
 @pytest.mark.parametrize(

@@ -490,8 +490,8 @@ def rigid_inertia(plant: Plant, torque: str, velocity: str) -> float | None:
     """Return the rigid-body inertia between a torque and a velocity, in kg m2 (kg).
 
     Negative if a positive torque turns the output in the negative direction, None without free
-    rotation. Its reciprocal is the sum of the residues of the mobility at the slow poles (0, with
-    bearing friction c at -c / J), by an integral on a circle around them.
+    rotation. Its reciprocal is the sum of the residues of the mobility at the slow poles, computed
+    by an integral on a circle around them: at 0, or with bearing friction c at -c / J.
     """
     require_continuous(plant)
     channel = plant.channel(velocity, torque)

@@ -105,13 +105,12 @@ class PulseSettings:
 class RecordPeakSettings:
     """Numbers of the peaks that are compared between records."""
 
-    #: [peaks] Number of peaks evaluated, the largest. Effort: a rule of thumb.
+    #: [peaks] Number of peaks evaluated, the largest. Why: a rule of thumb; each further one may be
+    #: noise.
     most_peaks: int = 5
     #: [1] The lines of a peak are those above this share of it. Why: a little more than the
     #: half-power band; a rule of thumb.
     flank_share: float = 0.35
-    #: [lines] Largest number of lines on a side of a peak. Effort: a rule of thumb.
-    most_flank_lines: int = 200
 
 
 @dataclass(frozen=True)

@@ -85,15 +85,12 @@ def _peaks(size: RealArray, lines: BoolArray) -> Iterator[tuple[int, slice]]:
     high = known["prominences"] > 0.5 * size[places]
     places = places[high]
     for peak in places[np.argsort(-size[places])][: RECORD_PEAK.most_peaks].tolist():
-        low = high_end = peak
         of_peak = lines & (size > RECORD_PEAK.flank_share * size[peak])
-        most = RECORD_PEAK.most_flank_lines
-        while peak - low < most and of_peak[low - 1]:
-            low -= 1
-        while high_end - peak < most and high_end + 1 < len(size) and of_peak[high_end + 1]:
-            high_end += 1
-        if high_end - low >= 2:
-            yield peak, slice(low, high_end + 1)
+        others = np.concatenate([[-1], np.flatnonzero(~of_peak), [len(size)]])
+        after = int(np.searchsorted(others, peak))
+        low, high = int(others[after - 1]) + 1, int(others[after])
+        if high - low > 2:
+            yield peak, slice(low, high)
 
 
 def _shape_change(H: ComplexArray, levels: RealArray) -> tuple[float, float]:

@@ -50,7 +50,7 @@ class Regularisation:
     weight : ndarray of float, shape (n,)
         1 / standard deviation of an equivalent prior, in addition to the unknowns' priors; or 0.
     within : ndarray of float, shape (n, k), or None
-        Orthonormal directions, if the unknowns moved along these only.
+        Orthonormal directions to which changes of the unknowns were restricted; None for all.
     note : str
         Description in a sentence.
     record : mapping

@@ -342,7 +342,7 @@ def complete_parts(
     responses, references, quantity
         As for `updyn.FRF`.
     coherence, variance : array_like of float, shape of `values`, optional
-        As for `updyn.FRF`. They are required at all existing values, and ignored elsewhere.
+        As for `updyn.FRF`. They are required for all measured values, and ignored elsewhere.
     averages, geometry, source
         As for `updyn.FRF`.
 

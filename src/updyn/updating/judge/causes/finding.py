@@ -106,8 +106,8 @@ class Finding:
     def overruling(self) -> bool:
         """Whether it is grave and explains all of the misfit, so that the search can end.
 
-        A cause that only brings unknowns back to their start does not explain the misfit; another
-        answer may.
+        A cause that only brings unknowns back to their start does not explain the misfit, because
+        another answer may explain it.
         """
         return self.grave and self.of_misfit > 1.0 - CAUSE_ODDS.negligible_share
 

@@ -125,8 +125,8 @@ def run_trial(
 ) -> Trial | None:
     """Return the best of short fits to data corrected for a fault; None if none can be solved.
 
-    A fit with a much larger misfit at its best size than `rival`, which leaves only noise, ends
-    early.
+    A fit ends early if its misfit at the best size is much larger than that of `rival`, whose
+    residual is noise.
     """
     rounds = CAUSE_TRIAL.short_rounds if is_short else CAUSE_TRIAL.rounds
     steps = CAUSE_TRIAL.short_steps if is_short else CAUSE_TRIAL.steps
