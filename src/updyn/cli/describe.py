@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -279,19 +278,10 @@ def describe_identifiability(found: Identifiability) -> str:
         f"The data determine {found.rank} of {found.n_parameters} unknowns (condition"
         f" {found.condition:.3g}, collinearity index {found.collinearity:.3g})."
     ]
-    for number, direction in enumerate(found.null_directions, 1):
-        texts.append(f"  undetermined combination {number}: {_format_combination(direction)}")
-    for number, direction in enumerate(found.determined_directions, 1):
-        texts.append(f"  of these, determined {number}: {_format_combination(direction)}")
+    texts += found.describe_combinations()
     if found.advice:
         texts.append(found.advice)
     return "\n".join(texts)
-
-
-def _format_combination(direction: Mapping[str, float]) -> str:
-    """Return weights of unknowns as text, the largest first."""
-    ordered = sorted(direction.items(), key=lambda item: -abs(item[1]))
-    return ", ".join(f"{weight:+.3g} {name}" for name, weight in ordered)
 
 
 def _format_dofs(dofs: DofSet) -> str:

@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike
 
 from updyn.arrays import ComplexArray, NumberArray, RealArray
 from updyn.control.antiresonances import ZeroShift
-from updyn.control.ports import Port
-from updyn.errors import DataError, ModelError, OptionError, suggest
+from updyn.control.ports import Port, find_index
+from updyn.errors import DataError, ModelError
 from updyn.frf import FRF, check_force_quantity, check_lines
 from updyn.notebook import PlotCurve, card, curves, table
 
@@ -309,8 +309,8 @@ class Plant:
         OptionError
             If a name is unknown; the nearest is named.
         """
-        i = _position(output, self.outputs, "output")
-        j = _position(input, self.inputs, "input")
+        i = find_index(output, self.outputs, "output")
+        j = find_index(input, self.inputs, "input")
         return replace(
             self,
             B=self.B[:, [j]],
@@ -321,9 +321,3 @@ class Plant:
             quantities=(self.quantities[i],),
             zero_shift=tuple(z for z in self.zero_shift if (z.output, z.input) == (output, input)),
         )
-
-
-def _position(name: str, names: tuple[str, ...], what: str) -> int:
-    if name not in names:
-        raise OptionError(f"the plant has no {what} {name!r}; {suggest(str(name), names)}")
-    return names.index(name)

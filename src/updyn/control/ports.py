@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 
@@ -11,11 +11,11 @@ import numpy as np
 
 from updyn.arrays import IndexArray, RealArray
 from updyn.dofs import Dof, DofSet
-from updyn.errors import DofError, OptionError
+from updyn.errors import DofError, OptionError, suggest
 from updyn.group import is_number
 from updyn.model import Model
 
-__all__ = ["Port", "as_ports", "port_matrix"]
+__all__ = ["Port", "as_ports", "find_index", "port_matrix"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -186,3 +186,10 @@ def port_matrix(ports: tuple[Port, ...], model: Model, what: str) -> tuple[Index
             list(port.weights.values())
         )
     return index, weights
+
+
+def find_index(name: object, names: Sequence[str], what: str, owner: str = "plant") -> int:
+    """Return the position of a port by its name; OptionError with the nearest name if unknown."""
+    if name not in names:
+        raise OptionError(f"the {owner} has no {what} {name!r}; {suggest(str(name), names)}")
+    return names.index(str(name))

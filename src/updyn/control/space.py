@@ -219,12 +219,10 @@ def modal_space(
     inputs: tuple[Port, ...],
     outputs: tuple[Port, ...],
     band: tuple[float, float],
-    *,
-    backend: str | None = None,
 ) -> ModalSpace:
     """Return the relevant modes of a model between some ports in a band."""
     structure = CompiledStructure.of(model)
-    found = projection(structure, inputs, outputs, band, backend=backend)
+    found = projection(structure, inputs, outputs, band)
     return found.space(structure.system.start)
 
 

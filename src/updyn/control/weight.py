@@ -12,6 +12,7 @@ from updyn.arrays import ComplexArray, RealArray
 from updyn.control.family import PlantFamily
 from updyn.control.lines import channel_zeros, dense_lines, sweep
 from updyn.control.plant import Plant
+from updyn.control.ports import find_index
 from updyn.control.settings import POLES, UNCERTAINTY_WEIGHT
 from updyn.control.weight_fit import Bound, Weight, bound_roots, fit_above
 from updyn.errors import ModelError, OptionError, suggest
@@ -195,10 +196,8 @@ class UncertaintyWeight:
 
     def channel(self, output: str, input: str) -> Weight:
         """Return the weight between two named ports; raises OptionError for an unknown name."""
-        for name, names, what in ((output, self.outputs, "output"), (input, self.inputs, "input")):
-            if name not in names:
-                raise OptionError(f"the weight has no {what} {name!r}; {suggest(str(name), names)}")
-        return self.weights[self.outputs.index(output)][self.inputs.index(input)]
+        i = find_index(output, self.outputs, "output", "weight")
+        return self.weights[i][find_index(input, self.inputs, "input", "weight")]
 
     def summary(self) -> str:
         """Return order, closeness and notes of each channel's weight as text."""

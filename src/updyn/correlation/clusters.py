@@ -202,18 +202,12 @@ def pair_frequencies(frequency: tuple[Array, Array], gate: float) -> ModePairs:
     The pairs have the least sum of the squared logarithms of their frequency ratios, which keeps
     the order. A measured mode without a computed one within the gate has no pair.
     """
-    from scipy.optimize import linear_sum_assignment
-
     difference, limit = _differences(frequency, gate)
     both = (frequency[0][:, None] > 0) & (frequency[1] > 0)
     ratio = np.divide(frequency[0][:, None], frequency[1], out=np.ones(both.shape), where=both)
     score = 1.0 - np.log(ratio) ** 2 / (4.0 * np.log1p(gate) ** 2)
-    is_allowed = difference <= limit
-    first, second = linear_sum_assignment(np.where(is_allowed, score, 0.0), maximize=True)
-    keep = is_allowed[first, second]
-    first, second = first[keep], second[keep]
-    order = np.argsort(second, kind="stable")
-    return ModePairs(first[order], second[order], np.full(len(order), np.nan))
+    first, second = _assign(score, difference <= limit)
+    return ModePairs(first, second, np.full(len(first), np.nan))
 
 
 def _differences(frequency: tuple[Array, Array], gate: float) -> tuple[Array, Array]:
@@ -239,11 +233,15 @@ def _assign_pairs(
     similarity: Array, difference: Array, limit: Array, rule: PairingRule
 ) -> tuple[IndexArray, IndexArray]:
     """Return the pairs with the largest total score, by ascending measured frequency."""
-    from scipy.optimize import linear_sum_assignment
-
     share = np.divide(difference, limit, out=np.zeros_like(difference), where=limit > 0)
     score = similarity - MODE_PAIRING.frequency_weight * share**2
-    is_allowed = (difference <= limit) & (score >= rule.least_mac)
+    return _assign(score, (difference <= limit) & (score >= rule.least_mac))
+
+
+def _assign(score: Array, is_allowed: BoolArray) -> tuple[IndexArray, IndexArray]:
+    """Return the allowed pairs with the largest total score, by the second of each."""
+    from scipy.optimize import linear_sum_assignment
+
     first, second = linear_sum_assignment(np.where(is_allowed, score, 0.0), maximize=True)
     keep = is_allowed[first, second]
     first, second = first[keep], second[keep]

@@ -232,13 +232,13 @@ def _metres(distance: float) -> str:
     return "0" if distance < 1e-12 else f"{distance:.3g}"
 
 
-def format_list(items: Sequence[str], indent: str = "\n  ") -> str:
+def format_list(items: Sequence[str]) -> str:
     """Return the first items, each on a line, and the number of others."""
     most = SENSOR_PLACEMENT.listed_items
     lines = list(items[:most])
     if len(items) > most:
         lines.append(f"... and {len(items) - most} more")
-    return indent + indent.join(lines)
+    return "".join(f"\n  {line}" for line in lines)
 
 
 def vector_text(vector: Sequence[float] | RealArray) -> str:

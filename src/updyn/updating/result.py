@@ -369,10 +369,7 @@ class UpdateResult:
         if self.trust is not None and self.trust.determined:  # stated by that part of the verdict
             determined = ""
         lines += ["", f"{determined} {advice}".strip()]
-        for number, direction in enumerate(ident.null_directions, 1):
-            lines.append(f"  undetermined combination {number}: {_format_combination(direction)}")
-        for number, direction in enumerate(ident.determined_directions, 1):
-            lines.append(f"  of these, determined {number}: {_format_combination(direction)}")
+        lines += ident.describe_combinations()
         for number, other in enumerate(self.alternatives, 2):
             lines.append(f"  answer {number} fits as well: {_describe_alternative(other, self)}")
         if self.options.get("tier") == "reduced" and "basis" in self.options:
@@ -612,12 +609,6 @@ def interval(
         spread = math.exp(min(wide * std / value, 50.0))
         return value / spread, value * spread
     return max(value - wide * std, 0.0), value + wide * std
-
-
-def _format_combination(direction: Mapping[str, float]) -> str:
-    """Return a combination of unknowns as text, the largest weight first."""
-    largest_first = sorted(direction.items(), key=lambda item: -abs(item[1]))
-    return ", ".join(f"{weight:+.3g} {name}" for name, weight in largest_first)
 
 
 def _describe_reduction_error(options: Mapping[str, object]) -> str:

@@ -12,6 +12,7 @@ from updyn.arrays import ComplexArray, RealArray
 from updyn.control.nonlinear.nonlinearity import Nonlinearity
 from updyn.control.nonlinear.settings import MESH
 from updyn.control.plant import Plant
+from updyn.control.ports import find_index
 from updyn.control.servo.controller import Controller
 from updyn.control.servo.state_space import StateSpace, connect
 from updyn.errors import ModelError, OptionError, suggest
@@ -120,7 +121,7 @@ def linear_loop(
             f"at={at!r}: expected the name of an output and an input, or (output, input)"
         )
     output, entry = ends
-    i, j = _find_index(output, plant.outputs, "output"), _find_index(entry, plant.inputs, "input")
+    i, j = find_index(output, plant.outputs, "output"), find_index(entry, plant.inputs, "input")
     if plant.quantities[i] != nonlinearity.quantity:
         kind = "twists" if isinstance(nonlinearity, Backlash) else "velocities"
         raise OptionError(
@@ -292,7 +293,7 @@ def _linear(plant: Plant, given: Any, measured: Any) -> tuple[StateSpace, list[i
             f" {suggest('', plant.outputs)}"
         )
     wanted: Sequence[str] = [measured] if isinstance(measured, str) else list(measured)
-    rows = [_find_index(name, plant.outputs, "output") for name in wanted]
+    rows = [find_index(name, plant.outputs, "output") for name in wanted]
     if block.B.shape[1] != len(rows) or block.C.shape[0] != 1:
         raise OptionError(
             f"controller (A, B, C, D): {block.B.shape[1]} inputs and {block.C.shape[0]} outputs;"
@@ -303,7 +304,7 @@ def _linear(plant: Plant, given: Any, measured: Any) -> tuple[StateSpace, list[i
 
 def _torque(plant: Plant, skip: str, name: object) -> str:
     if name is not None:
-        return plant.inputs[_find_index(name, plant.inputs, "input")]
+        return plant.inputs[find_index(name, plant.inputs, "input")]
     inputs = [n for n in plant.inputs if n != skip]
     if len(inputs) != 1:
         raise OptionError(
@@ -314,7 +315,7 @@ def _torque(plant: Plant, skip: str, name: object) -> str:
 
 def _select_output(plant: Plant, name: object, what: str, quantity: str, skip: str) -> str:
     if name is not None:
-        return plant.outputs[_find_index(name, plant.outputs, "output")]
+        return plant.outputs[find_index(name, plant.outputs, "output")]
     of_kind: list[str] = []
     for name, kind in zip(plant.outputs, plant.quantities, strict=True):
         if kind == quantity and name != skip:
@@ -325,12 +326,6 @@ def _select_output(plant: Plant, name: object, what: str, quantity: str, skip: s
             f" {suggest('', plant.outputs)}"
         )
     return of_kind[0]
-
-
-def _find_index(name: object, names: tuple[str, ...], what: str) -> int:
-    if name not in names:
-        raise OptionError(f"the plant has no {what} {name!r}; {suggest(str(name), names)}")
-    return names.index(name)
 
 
 def _refuse_options(names: Mapping[str, object], which: tuple[str, ...], why: str) -> None:

@@ -9,9 +9,10 @@ from numpy.typing import ArrayLike
 
 from updyn.arrays import ComplexArray, RealArray
 from updyn.control.plant import Plant
+from updyn.control.ports import find_index
 from updyn.control.servo.controller import Controller, require_continuous, to_velocity
 from updyn.control.servo.state_space import StateSpace, Transfer, channel_zeros, connect
-from updyn.errors import OptionError, suggest
+from updyn.errors import OptionError
 
 __all__ = ["Cascade", "Wiring"]
 
@@ -50,8 +51,8 @@ class Wiring:
             (position, plant.outputs, "output"),
             (pointing, plant.outputs, "output"),
         ):
-            if name is not None and name not in names:
-                raise OptionError(f"the plant has no {what} {name!r}; {suggest(str(name), names)}")
+            if name is not None:
+                find_index(name, names, what)
         if position is not None and controller.kv is None:
             raise OptionError(
                 f"position {position!r} without a position loop; give kv to the controller"

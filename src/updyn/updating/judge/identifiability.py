@@ -42,7 +42,6 @@ def analyse_identifiability(
     names: list[str],
     *,
     inflation: float = 1.0,
-    advice: str = "",
     equal_rows: RealArray | None = None,
 ) -> Analysis:
     """Analyse a reduced Jacobian (k, n) by the optimiser's coordinates, for unit variance.
@@ -66,7 +65,6 @@ def analyse_identifiability(
             found.null_space, found.involved, names
         ),
         collinearity=float(1.0 / s[-1]) if found.full_rank else np.inf,
-        advice=advice,
     )
     return Analysis(report, found.null_space, found.covariance, found.involved)
 
@@ -150,7 +148,7 @@ class Identifiability:
     null_directions: list[dict[str, float]]
     determined_directions: list[dict[str, float]]
     collinearity: float
-    advice: str
+    advice: str = ""
 
     def __repr__(self) -> str:
         head = (
@@ -175,6 +173,20 @@ class Identifiability:
         if self.advice:
             parts.append(printable(self.advice))
         return "\n".join(parts)
+
+    def describe_combinations(self) -> list[str]:
+        """Return a line of text for each combination, the largest weight first."""
+        kinds = (
+            ("undetermined combination", self.null_directions),
+            ("of these, determined", self.determined_directions),
+        )
+        lines = []
+        for kind, directions in kinds:
+            for number, direction in enumerate(directions, 1):
+                largest_first = sorted(direction.items(), key=lambda item: -abs(item[1]))
+                weights = ", ".join(f"{weight:+.3g} {name}" for name, weight in largest_first)
+                lines.append(f"  {kind} {number}: {weights}")
+        return lines
 
     @property
     def complete(self) -> bool:
