@@ -179,9 +179,10 @@ def test_the_numbers_of_large_models_are_those_of_the_code() -> None:
     words = " ".join(section.split())
     assert "in rounds of at most 12 steps" in words
     assert "in a new basis where the one before ended, 12 at most" in words
-    assert "within a fiftieth of a factor of the point of the basis" in words
+    assert "within a fiftieth of a factor of that of the basis" in words
     assert pytest.approx(0.02) == REDUCED_FIT.enriched_share * REDUCED_FIT.radius
-    assert f"(a fifth, the trust radius, above {REDUCED_FIT.heavy_dofs:,} DOFs" in words
+    assert f"Above {REDUCED_FIT.heavy_dofs:,} DOFs, where three factorisations" in words
+    assert "a fifth (the trust radius) is sufficient" in words
     assert pytest.approx(0.2) == REDUCED_FIT.enriched_share_if_heavy * REDUCED_FIT.radius
     assert "more than a tenth off that of the last one" in words
     assert SHIFTED.close_share == 0.1
@@ -192,10 +193,10 @@ def test_the_numbers_of_large_models_are_those_of_the_code() -> None:
     assert (BASIS.new_norm, SHIFTED.measuring_error) == (1e-9, 1e-5)
     assert "by 0.003 and then 0.01 of omega_max^2" in words
     assert SHIFTED.moves_in_single == (0.0, 3e-3, 1e-2)
-    assert "too large above a fifth of what is allowed" in words
+    assert "too large above a fifth of the permitted error" in words
     assert REDUCTION.enriched_share == 0.2
     assert (REDUCED_FIT.steps_per_round, REDUCED_FIT.most_rounds) == (12, 12)
-    assert "leaves more than 0.8 of the log error of the one before" in section
+    assert "leaves more than 0.8 of the log error of the round before" in words
     assert REDUCED_FIT.slow_decrease == 0.8
     assert "fields of 40 other points" in section
     assert SEARCH_BASIS.samples == 40
