@@ -14,15 +14,18 @@ import statistics
 import sys
 import tempfile
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+from playwright.sync_api import sync_playwright
 
 import updyn
 from updyn.elements.structure.build import structure
 from updyn.elements.structure.solids import Solid
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
+from programs import program
 from window import browsing, serving
 
 CHANNELS, LINES = 100, 2000
@@ -92,17 +95,22 @@ def main() -> None:
     folder = Path(tempfile.mkdtemp())
     try:
         project(folder, options.nodes)
-        measure(folder)
+        with sync_playwright() as playwright:
+            chromium = playwright.chromium.launch(
+                executable_path=program("browser"), args=["--no-sandbox"]
+            )
+            measure(folder, chromium)
+            chromium.close()
     finally:
         shutil.rmtree(folder)
 
 
-def measure(folder: Path) -> None:
-    with serving(folder, "job.toml") as server, browsing(server) as (page, heard):
-        canvas = lambda: page.wait_for_selector("canvas")  # noqa: E731
+def measure(folder: Path, chromium: object) -> None:
+    with serving(folder, "job.toml") as server, browsing(chromium, server) as (page, heard):
 
         def go(place: str) -> float:
-            return seconds(lambda: (page.goto(f"{server.base}{place}"), canvas()))
+            drawn = ".js-plotly-plot .main-svg"
+            return seconds(lambda: (page.goto(f"{server.base}{place}"), page.wait_for_selector(drawn)))
 
         size = (folder / "cube.h5").stat().st_size / 2**20
         print(f"{CHANNELS} channels of {LINES} lines, a model of {size:.0f} MB")
@@ -110,21 +118,21 @@ def measure(folder: Path) -> None:
         report("Measurement, first picture", go("/measurement"), FIRST, "s")
         page.wait_for_timeout(2000)
 
+        def redraw(click: Callable[[], None]) -> float:
+            page.evaluate(
+                "() => { window.drawn = new Promise((done) =>"
+                " document.querySelector('.js-plotly-plot').once('plotly_afterplot', done)); }"
+            )
+            start = time.perf_counter()
+            click()
+            page.evaluate("() => window.drawn")
+            return 1e3 * (time.perf_counter() - start)
+
         def choose(what: str, name: str) -> float:
             page.get_by_label(what, exact=True).click()
             option = page.get_by_role("option", name=name, exact=True)
             option.wait_for()
-            page.evaluate(
-                "() => { window.drawn = new Promise((done) => {"
-                " const place = document.querySelector('canvas').closest('[id^=c]');"
-                " const chart = getElement(place.id.slice(1)).chart;"
-                " const hear = () => { chart.off('finished', hear); done(); };"
-                " chart.on('finished', hear); }); }"
-            )
-            start = time.perf_counter()
-            option.click()
-            page.evaluate("() => window.drawn")
-            return 1e3 * (time.perf_counter() - start)
+            return redraw(option.click)
 
         names = updyn.read_frf(folder / "cube.npz").responses.labels
         times = [choose("response", name) for name in names[1:8]]

@@ -698,10 +698,11 @@ def _run_job(
 ) -> JobRun:
     """Run a job with a display of its progress."""
     from updyn.job import check_out, prepare, run_job
+    from updyn.job.run import list_stages
 
     folder = check_out(job, out)
     ready = prepare(job)
-    with show_progress(stderr(), _list_stages(job)) as display:
+    with show_progress(stderr(), list_stages(job)) as display:
         return run_job(job, folder, display, prepared=ready, engine=engine, resume=resume)
 
 
@@ -710,23 +711,6 @@ def _print_run(job: Job, done: JobRun, *, verbose: bool) -> None:
     ran, result = FinishedRun(job, done), done.result
     outcome = describe_outcome(result, describe_results(ran), output_width())
     print_outcome(join_sections(RUN, ran), outcome, verbose=verbose, badge=result.first.badge)
-
-
-def _list_stages(job: Job) -> list[RunStage]:
-    from updyn.job.job_table import JOB_TABLES
-    from updyn.updating.fit.methods import make_method
-    from updyn.updating.fit.monitor import JUDGE
-
-    stages = [RunStage("start")]
-    for name, most_steps in make_method(job.method.name, job.method.options).stages:
-        stages.append(RunStage(name, most_steps))
-    stages.append(RunStage(JUDGE))
-    for name, table in job.tables.items():
-        # Progress of a table counts its pieces of work as lines of one step.
-        stages += [RunStage(begin, 1) for begin in JOB_TABLES[name].stages(table)]
-    if job.output.report:
-        stages.append(RunStage("report"))
-    return stages
 
 
 def _find_exit_code(done: JobRun) -> int:

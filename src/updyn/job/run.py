@@ -28,11 +28,11 @@ from updyn.job.prepared import Prepared
 from updyn.job.schema import Job
 from updyn.modal import ModeSet
 from updyn.outputs.switch import open_folder, replace_files
-from updyn.progress import asks_to_stop
+from updyn.progress import RunStage, asks_to_stop
 from updyn.store.netcdf import load_libraries
 from updyn.store.result import write_result, write_result_json
-from updyn.updating.fit.methods import options_of
-from updyn.updating.fit.monitor import Progress
+from updyn.updating.fit.methods import make_method, options_of
+from updyn.updating.fit.monitor import JUDGE, Progress
 from updyn.updating.judge.selection import cluster_jointly, select_jointly
 from updyn.updating.judge.settings import SEPARATION
 from updyn.updating.problem.data import Test
@@ -51,6 +51,7 @@ __all__ = [
     "job_analysis",
     "job_identifiability",
     "job_selection",
+    "list_stages",
     "locate_update_errors",
     "make_tests",
     "run_job",
@@ -92,6 +93,20 @@ class JobRun:
         texts = [self.result.summary(), *modal_texts(self.result)]
         texts += [JOB_TABLES[name].summary(found) for name, found in self.further.items()]
         return "\n\n".join(text for text in texts if text)
+
+
+def list_stages(job: Job) -> list[RunStage]:
+    """Return the stages of a run of a job in order, as its progress names them."""
+    stages = [RunStage("start")]
+    for name, most_steps in make_method(job.method.name, job.method.options).stages:
+        stages.append(RunStage(name, most_steps))
+    stages.append(RunStage(JUDGE))
+    for name, table in job.tables.items():
+        # Progress of a table counts its pieces of work as lines of one step.
+        stages += [RunStage(begin, 1) for begin in JOB_TABLES[name].stages(table)]
+    if job.output.report:
+        stages.append(RunStage("report"))
+    return stages
 
 
 @dataclass(slots=True)

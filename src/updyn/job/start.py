@@ -35,6 +35,7 @@ if TYPE_CHECKING:
 __all__ = [
     "StartAgreement",
     "agreements_at_start",
+    "choose_tier",
     "counterparts_at_start",
     "start_correlation",
     "start_folder",
@@ -53,10 +54,10 @@ def start_correlation(test: PreparedTest, unknowns: ParameterSet | Selection) ->
     """Correlate a model at the start values of its unknowns with all FRFs of a test."""
     frf, model = test.frf, start_model(test, unknowns)
     backend = test.job.method.backend
-    return correlate(response_like(model, frf, tier=_choose_tier(test), backend=backend), frf)
+    return correlate(response_like(model, frf, tier=choose_tier(test), backend=backend), frf)
 
 
-def _choose_tier(test: PreparedTest) -> str | None:
+def choose_tier(test: PreparedTest) -> str | None:
     """Return how the model of a test with FRFs is solved: as an update would."""
     method = test.job.method
     if is_reduced(method.tier, test.model.n_dofs, len(test.frf.freq), method.name):
@@ -220,7 +221,7 @@ def _make_start(
         validation_responses=responses,
         validation_band=band,
         modes=test.modes,
-        options={"tier": _choose_tier(test) if isinstance(test.data, FRF) else job.method.tier},
+        options={"tier": choose_tier(test) if isinstance(test.data, FRF) else job.method.tier},
         figures=agreement.figures if agreement else {},
         job=shlex.quote(ready.job.path.name),
         computed=agreement.computed if agreement else None,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import nan
 
@@ -21,10 +21,20 @@ from updyn.report.plots import (
 )
 from updyn.report.section import PageContent, ReportSection
 from updyn.report.settings import REPORT_LIST
+from updyn.style import CATEGORIES
 from updyn.updating.problem.parameters import Parameter
 from updyn.updating.result import UpdateResult
 
-__all__ = ["CHANGES", "changes_figure", "is_significant", "largest_changes", "order_by_change"]
+__all__ = [
+    "CHANGES",
+    "Change",
+    "changes_figure",
+    "changes_of_fits",
+    "is_significant",
+    "judge_change",
+    "largest_changes",
+    "order_by_change",
+]
 
 #: Limits of the axis, as ratios to the start; longer bars are clipped.
 _LEAST, _MOST = 0.02, 50.0
@@ -36,8 +46,8 @@ _TICKS = (
 )
 #: Smallest distance between ticks, as a fraction of the axis length.
 _MIN_TICK_GAP = 0.07
-#: The same for the small figure of the largest changes.
-_SMALL_TICK_GAP = 0.3
+#: The same for a figure of half the width, and for the small figure of the largest changes.
+_HALF_TICK_GAP, _SMALL_TICK_GAP = 0.12, 0.3
 #: Order of the quantities; other quantities follow.
 _ORDER = ("stiffness", "mass", "viscous", "loss_factor")
 #: Legend entry, colour and symbol by outcome of an unknown.
@@ -50,20 +60,51 @@ _STYLES = {
     ),
     "bound": ("ended at a bound", "@before", "diamond"),
     "undetermined": ("not determined by the data", "@muted", "x-thin-open"),
+    "preliminary": ("at this step", "@after", "circle"),
 }
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """The value of an unknown that starts above zero, its 95 % interval, and its outcome.
+
+    `span` is None without an interval; `outcome` is a key of `_STYLES`.
+    """
+
+    parameter: Parameter
+    value: float
+    span: tuple[float, float] | None
+    outcome: str
+
+
+def judge_change(
+    p: Parameter, value: float, std: float, freedom: int | None, *, at_bound: bool
+) -> Change:
+    """Return the change of an unknown with its outcome; `freedom` as in `formats.interval`."""
+    span = interval(p, value, std, freedom)
+    outcome = "insignificant"
+    if at_bound:
+        outcome = "bound"
+    elif span is None:
+        outcome = "undetermined"
+    elif _excludes_start(p, span):
+        outcome = "changed"
+    return Change(p, value, span, outcome)
+
+
+def _excludes_start(p: Parameter, span: tuple[float, float] | None) -> bool:
+    return span is not None and not span[0] <= p.start <= span[1]
 
 
 def is_significant(result: UpdateResult, parameter: Parameter) -> bool:
     """Whether the 95 % interval of an unknown excludes its start; False without an interval."""
-    span = _interval(result, parameter)
-    if span is None:
-        return False
-    return not span[0] <= parameter.start <= span[1]
+    return _excludes_start(parameter, _change_of(result, parameter).span)
 
 
-def _interval(result: UpdateResult, p: Parameter) -> tuple[float, float] | None:
+def _change_of(result: UpdateResult, p: Parameter) -> Change:
     freedom = result.noise.get("degrees_of_freedom")
-    return interval(p, result.values[p.name], result.std[p.name], freedom)
+    value, std = result.values[p.name], result.std[p.name]
+    return judge_change(p, value, std, freedom, at_bound=p.name in result.at_bound)
 
 
 class ChangesSection(ReportSection):
@@ -91,7 +132,7 @@ class ChangesSection(ReportSection):
         grown, still = [], []
         for p in from_zero:
             if is_significant(result, p):
-                grown.append(f"{unknown_words(p.name)} now {_value_words(result, p)}")
+                grown.append(f"{unknown_words(p.name)} now {_value_words(_change_of(result, p))}")
             else:
                 still.append(unknown_words(p.name))
         left_out = max(len(percents) - REPORT_LIST.changed_unknowns, 0)
@@ -101,14 +142,14 @@ class ChangesSection(ReportSection):
 CHANGES = ChangesSection()
 
 
-def _value_words(result: UpdateResult, p: Parameter) -> str:
-    value, span = result.values[p.name], _interval(result, p)
-    if span is None:
-        return f"{number(value)} (not determined)"
-    low, high = map(number, span)
+def _value_words(found: Change) -> str:
+    value = number(found.value)
+    if found.span is None:
+        return value if found.outcome == "preliminary" else f"{value} (not determined)"
+    low, high = map(number, found.span)
     if low == high:
-        return number(value)
-    return f"{number(value)} (95 % interval {low} to {high})"
+        return value
+    return f"{value} (95 % interval {low} to {high})"
 
 
 def _has_percent(result: UpdateResult, p: Parameter) -> bool:
@@ -117,18 +158,35 @@ def _has_percent(result: UpdateResult, p: Parameter) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class _ChangeRow:
-    """A row of the figure: place from the top, unknown, outcome, and ratios to the start."""
+    """A row of the figure: place from the top, change, and ratios to the start."""
 
-    place: int
-    parameter: Parameter
-    outcome: str
+    place: float
+    change: Change
     ratio: float
     low: float
     high: float
 
+    @classmethod
+    def of(cls, found: Change, place: float) -> _ChangeRow:
+        low, high = found.span or (nan, nan)
+        ratios = np.array([found.value, low, high]) / found.parameter.start
+        return cls(place, found, *ratios.tolist())
+
+    @property
+    def parameter(self) -> Parameter:
+        return self.change.parameter
+
+    @property
+    def outcome(self) -> str:
+        return self.change.outcome
+
     @property
     def name(self) -> str:
         return escape_label(f"{self.parameter.group}: {quantity_words(self.parameter.quantity)}")
+
+    @property
+    def text(self) -> str:
+        return change(self.parameter, self.change.value)
 
 
 def order_by_change(result: UpdateResult) -> list[Parameter]:
@@ -147,14 +205,6 @@ def _select_parameters(result: UpdateResult) -> list[Parameter]:
     return [p for p in result.parameters if p.name in kept]
 
 
-def _classify_change(result: UpdateResult, p: Parameter) -> str:
-    if p.name in result.at_bound:
-        return "bound"
-    if not math.isfinite(result.std[p.name]):
-        return "undetermined"
-    return "changed" if is_significant(result, p) else "insignificant"
-
-
 def _arrange_rows(result: UpdateResult) -> tuple[list[_ChangeRow], dict[int, str]]:
     """Return the rows ordered by quantity, and the headings between them by place."""
     by_quantity: dict[str, list[Parameter]] = {quantity: [] for quantity in _ORDER}
@@ -169,15 +219,9 @@ def _arrange_rows(result: UpdateResult) -> tuple[list[_ChangeRow], dict[int, str
         headings[place] = quantity_words(quantity)
         place += 1
         for p in members:
-            rows.append(_make_row(result, p, place))
+            rows.append(_ChangeRow.of(_change_of(result, p), place))
             place += 1
     return rows, headings
-
-
-def _make_row(result: UpdateResult, p: Parameter, place: int) -> _ChangeRow:
-    low, high = _interval(result, p) or (math.nan, math.nan)
-    ratios = np.array([result.values[p.name], low, high]) / p.start
-    return _ChangeRow(place, p, _classify_change(result, p), *ratios.tolist())
 
 
 def changes_figure(result: UpdateResult) -> Figure | None:
@@ -192,28 +236,31 @@ def changes_figure(result: UpdateResult) -> Figure | None:
     for outcome, (name, colour, symbol) in _STYLES.items():
         chosen = [row for row in rows if row.outcome == outcome]
         if chosen:
-            traces.append(_estimates_trace(result, chosen, view, name, colour, symbol))
-    ticks = [*headings, *(row.place for row in rows)]
+            traces.append(_estimates_trace(chosen, view, name, colour, symbol))
+    ticks: list[float] = [*headings, *(row.place for row in rows)]
     names = [f"<b>{escape_label(text)}</b>" for text in headings.values()]
     names += escape_labels(row.parameter.group for row in rows)
     height = 22 if len(rows) > 8 else 26
-    right = [change(row.parameter, result.values[row.parameter.name]) for row in rows]
     traces.append(_invisible_trace(rows))
-    figure = _lay_out(rows, view, (ticks, names), right)
+    right = [(row.place, row.text) for row in rows]
+    figure = _lay_out(rows[-1].place, view, (ticks, names), right)
     figure["layout"] |= {"showlegend": True}
     figure["layout"]["xaxis"]["title"] = {"text": "change from the start"}
-    return {"data": traces, "height": 110 + height * (rows[-1].place + 1)} | figure
+    return {"data": traces, "height": 110 + height * int(rows[-1].place + 1)} | figure
 
 
 def _lay_out(
-    rows: Sequence[_ChangeRow],
+    last: float,
     view: tuple[float, float],
-    left: tuple[list[int], list[str]],
-    right: Sequence[str],
+    left: tuple[list[float], list[str]],
+    right: Sequence[tuple[float, str]],
     gap: float = _MIN_TICK_GAP,
 ) -> Figure:
-    """Return the layout: an axis in percent, names at `left` places, and text `right` of rows."""
-    last, marks = rows[-1].place, _choose_ticks(view, gap)
+    """Return the layout: an axis in percent, names and texts at `left` and `right` places.
+
+    `last` is the last place.
+    """
+    marks = _choose_ticks(view, gap)
     common = {"range": [last + 0.7, -0.7], "zeroline": False, "showgrid": False}
     font = names_font(left[1])
     return {
@@ -232,8 +279,8 @@ def _lay_out(
             "yaxis2": {
                 "overlaying": "y",
                 "side": "right",
-                "tickvals": [row.place for row in rows],
-                "ticktext": escape_labels(right),
+                "tickvals": [place for place, _ in right],
+                "ticktext": escape_labels(text for _, text in right),
                 "tickfont": font,
                 **common,
             },
@@ -246,7 +293,7 @@ def largest_changes(result: UpdateResult) -> Figure | None:
     """Return bars of the largest changes with their 95 % intervals; None without any."""
     # The axis contains all estimates and the intervals of the significant ones; others are cut off.
     chosen = order_by_change(result)[: REPORT_LIST.largest_changes]
-    rows = [_make_row(result, p, place) for place, p in enumerate(chosen)]
+    rows = [_ChangeRow.of(_change_of(result, p), place) for place, p in enumerate(chosen)]
     if not rows:
         return None
     short = [row if row.outcome == "changed" else replace(row, low=nan, high=nan) for row in rows]
@@ -259,13 +306,75 @@ def largest_changes(result: UpdateResult) -> Figure | None:
         alike = [row for row in rows if row.outcome == outcome]
         if alike:
             traces.append(_bars_trace(alike, view, colour))
-            traces.append(_estimates_trace(result, alike, beyond, name, colour, symbol))
+            traces.append(_estimates_trace(alike, beyond, name, colour, symbol))
     traces.append(_invisible_trace(rows))
-    left = list(range(len(rows))), [row.name for row in rows]
-    right = [_describe_outcome(row, result) for row in rows]
-    figure = _lay_out(rows, view, left, right, gap=_SMALL_TICK_GAP)
+    left = [row.place for row in rows], [row.name for row in rows]
+    right = [(row.place, _describe_outcome(row, result)) for row in rows]
+    figure = _lay_out(rows[-1].place, view, left, right, gap=_SMALL_TICK_GAP)
     figure["layout"] |= {"showlegend": False, "margin": {"l": 60, "r": 8, "t": 4, "b": 26}}
     return {"data": traces, "height": 40 + 26 * len(rows)} | figure
+
+
+def changes_of_fits(fits: Mapping[str, Sequence[Change]]) -> Figure | None:
+    """Return bars of the changes of the unknowns in fits, by name of the fit; None without any.
+
+    The bars of one fit are coloured by outcome, those of several by fit. Of too many unknowns,
+    those that changed most in any fit are shown.
+    """
+    places = _order_unknowns([one for found in fits.values() for one in found])
+    rows: list[tuple[str, _ChangeRow]] = []
+    share = 0.8 / max(len(fits), 1)
+    for fit, (name, found) in enumerate(fits.items()):
+        offset = (fit - 0.5 * (len(fits) - 1)) * share
+        for one in found:
+            if one.parameter.name in places:
+                rows.append((name, _ChangeRow.of(one, places[one.parameter.name] + offset)))
+    if not rows:
+        return None
+    view = _find_range([row for _, row in rows])
+    traces: list[dict[str, object]] = [_bounds_trace([row for _, row in rows], view)]
+    width = max(int(12 * share / 0.8), 4)
+    for label, colour, symbol, chosen in _divide_rows(rows, list(fits)):
+        traces.append(_bars_trace(chosen, view, colour, width))
+        traces.append(_estimates_trace(chosen, view, label, colour, symbol))
+    names = {places[row.parameter.name]: row.name for _, row in rows}
+    left: tuple[list[float], list[str]] = [*names], [*names.values()]
+    right: list[tuple[float, str]] = []
+    if len(fits) == 1:
+        right = [(row.place, row.text) for _, row in rows]
+        traces.append(_invisible_trace([row for _, row in rows]))
+    figure = _lay_out(len(places) - 1, view, left, right, gap=_HALF_TICK_GAP)
+    figure["layout"] |= {"showlegend": True}
+    figure["layout"]["xaxis"]["title"] = {"text": "change from the start"}
+    each = max(24, 12 * len(fits))
+    return {"data": traces, "height": 110 + each * len(places)} | figure
+
+
+def _order_unknowns(changes: Iterable[Change]) -> dict[str, int]:
+    """Return the rows of the unknowns by name, in order; of too many, those that changed most."""
+    sizes: dict[str, float] = {}
+    for one in changes:
+        if one.parameter.start > 0.0 and math.isfinite(one.value):
+            size = abs(math.log(max(one.value / one.parameter.start, _LEAST)))
+            sizes[one.parameter.name] = max(size, sizes.get(one.parameter.name, 0.0))
+    most = sorted(sizes, key=lambda name: -sizes[name])[: REPORT_LIST.changed_unknowns]
+    return {name: place for place, name in enumerate(name for name in sizes if name in most)}
+
+
+def _divide_rows(
+    rows: Sequence[tuple[str, _ChangeRow]], fits: Sequence[str]
+) -> Iterator[tuple[str, str, str, list[_ChangeRow]]]:
+    """Yield label, colour, symbol and rows: by outcome for one fit, by fit for several."""
+    if len(fits) == 1:
+        for outcome, (label, colour, symbol) in _STYLES.items():
+            chosen = [row for _, row in rows if row.outcome == outcome]
+            if chosen:
+                yield label, colour, symbol, chosen
+        return
+    for place, fit in enumerate(fits):
+        chosen = [row for name, row in rows if name == fit]
+        if chosen:
+            yield escape_label(fit), f"@{CATEGORIES[place % len(CATEGORIES)]}", "circle", chosen
 
 
 def _describe_outcome(row: _ChangeRow, result: UpdateResult) -> str:
@@ -273,16 +382,15 @@ def _describe_outcome(row: _ChangeRow, result: UpdateResult) -> str:
     p = row.parameter
     if row.outcome == "undetermined":
         return result.why_open(p.name).partition(":")[0].removesuffix(" by the data")
-    shown = change(p, result.values[p.name])
-    return f"{shown}, bound" if row.outcome == "bound" else shown
+    return f"{row.text}, bound" if row.outcome == "bound" else row.text
 
 
 def _bars_trace(
-    rows: Sequence[_ChangeRow], view: tuple[float, float], colour: str
+    rows: Sequence[_ChangeRow], view: tuple[float, float], colour: str, width: int = 12
 ) -> dict[str, object]:
-    """Return bars from no change to the estimates."""
+    """Return bars from no change to the estimates, with a width in pixels."""
     x: list[float | None] = []
-    y: list[int | None] = []
+    y: list[float | None] = []
     for row in rows:
         x += [1.0, float(np.clip(row.ratio, *view)), None]
         y += [row.place, row.place, None]
@@ -291,8 +399,9 @@ def _bars_trace(
         "mode": "lines",
         "x": x,
         "y": y,
-        "line": {"color": colour, "width": 12},
+        "line": {"color": colour, "width": width},
         "opacity": 0.35,
+        "showlegend": False,
         "hoverinfo": "skip",
     }
 
@@ -327,7 +436,6 @@ def _roundness(mark: float) -> tuple[bool, int]:
 
 
 def _estimates_trace(
-    result: UpdateResult,
     rows: Sequence[_ChangeRow],
     view: tuple[float, float],
     name: str,
@@ -336,11 +444,10 @@ def _estimates_trace(
 ) -> dict[str, object]:
     """Return estimates with their intervals, clipped at the ends of the axis."""
     x = np.clip([row.ratio for row in rows], *view)
-    texts = []
-    for row in rows:
-        p = row.parameter
-        shown = change(p, result.values[p.name])
-        texts.append(f"{row.name} {escape_label(shown)}, {escape_label(_value_words(result, p))}")
+    texts = [
+        f"{row.name} {escape_label(row.text)}, {escape_label(_value_words(row.change))}"
+        for row in rows
+    ]
     trace: dict[str, object] = {
         "type": "scatter",
         "mode": "markers",
@@ -368,7 +475,7 @@ def _estimates_trace(
 def _bounds_trace(rows: Sequence[_ChangeRow], view: tuple[float, float]) -> dict[str, object]:
     """Return the bounds inside the axis range."""
     x: list[float] = []
-    y: list[int] = []
+    y: list[float] = []
     for row in rows:
         p = row.parameter
         for ratio in (p.lower / p.start, p.upper / p.start):
@@ -401,7 +508,7 @@ def _invisible_trace(rows: Sequence[_ChangeRow]) -> dict[str, object]:
     }
 
 
-def _start_line(last: int) -> dict[str, object]:
+def _start_line(last: float) -> dict[str, object]:
     return {
         "type": "line",
         "xref": "x",

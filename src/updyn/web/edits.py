@@ -10,6 +10,7 @@ import tomlkit
 from tomlkit import TOMLDocument
 from tomlkit.items import AoT, Array, Comment, Item, Table, Whitespace
 
+from updyn.dofs import Dof
 from updyn.errors import InputError
 from updyn.grouping import match_names
 from updyn.io.toml_text import format_mapping
@@ -22,6 +23,7 @@ __all__ = [
     "exclude",
     "hold_out",
     "include_all",
+    "leave_out",
     "listed_lines",
     "match_sensor",
     "set_band",
@@ -150,6 +152,20 @@ def set_reading(values: Mapping[str, Any], test: int = 0) -> Edit:
             _set_key(table, key, value)
 
     return edit
+
+
+def leave_out(
+    omissible: Mapping[str, Sequence[str]], known: Mapping[str, Sequence[str]], test: int = 0
+) -> Edit:
+    """Return the edit that leaves sensors out of a test, by key of ``[test]``.
+
+    `omissible` has their labels without sign, `known` all labels in the file.
+    """
+    kept: dict[str, list[str]] = {}
+    for key, sensors in omissible.items():
+        faulty = {abs(Dof.parse(sensor)) for sensor in sensors}
+        kept[key] = [label for label in known[key] if abs(Dof.parse(label)) not in faulty]
+    return set_reading(kept, test)
 
 
 def match_sensor(sensor: str, dof: str) -> Edit:

@@ -1,6 +1,6 @@
 // A figure in the format of the report, in the colours of the page. It emits "pick" with the ends of a dragged band, or
-// with a clicked frequency twice. It has a smallest width, because plotly cannot place titles in the few px that a page
-// without its styles gives it.
+// with a clicked frequency twice, and "row" with the number of a clicked row of a map. It has a smallest width, because
+// plotly cannot place titles in the few px that a page without its styles gives it.
 export default {
   template: "<div style='min-width: 240px'><div ref='place'></div></div>",
   props: { figure: Object },
@@ -18,13 +18,29 @@ export default {
   },
   watch: { figure: "draw" },
   methods: {
-    draw() {
+    // Draws one figure after the other: plotly misplaces the legend if it is asked again before it has ended.
+    async draw() {
+      this.isOutdated = true;
+      if (this.isDrawing) return;
+      this.isDrawing = true;
+      try {
+        while (this.isOutdated) {
+          this.isOutdated = false;
+          await this.drawOnce();
+        }
+      } finally { this.isDrawing = false; }
+    },
+    async drawOnce() {
       const place = this.$refs.place, isFirst = !this.width;
-      this.width = place.clientWidth;
+      this.width = place?.clientWidth;
       if (!this.width) return; // hidden
-      updynReport.show(place, this.figure);
+      await updynReport.show(place, this.figure);
       if (!isFirst) return;
-      place.on("plotly_click", ({ xvals }) => this.$emit("pick", [xvals[0], xvals[0]]));
+      place.on("plotly_click", ({ points, xvals }) => {
+        const row = points?.[0]?.data.type === "heatmap" ? points[0].pointIndex[0] : null;
+        if (row === null) this.$emit("pick", [xvals[0], xvals[0]]);
+        else this.$emit("row", row);
+      });
       place.on("plotly_selected", (event) => {
         if (!event?.range) return;
         this.draw(); // without the frame of the selection

@@ -11,38 +11,47 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.arrays import BoolArray, ComplexArray, RealArray
+from updyn.arrays import BoolArray, IndexArray, RealArray
+from updyn.correlation import correlate, relative_residual
 from updyn.dofs import Dof
+from updyn.dynamics.excitation import fix_base
 from updyn.dynamics.modes import modes
-from updyn.dynamics.response import response as model_response
+from updyn.dynamics.response import response_like
 from updyn.errors import InputError, UpdynError
 from updyn.frf import FRF
+from updyn.io import read_model
 from updyn.job import Job, Prepared, job_findings, job_identifiability, load_job, prepare
 from updyn.job.prepare import read_measurement
 from updyn.job.prepared import PreparedTest
 from updyn.job.proposal import job_text, read_inputs
-from updyn.job.start import counterparts_at_start
+from updyn.job.start import choose_tier, counterparts_at_start
 from updyn.modal import ModeSet
 from updyn.model import Model
-from updyn.updating.problem.parameters import ParameterSet
+from updyn.report.data import fine_grid, keep_lines
+from updyn.updating.judge.causes.catalogue import read_fault
+from updyn.updating.judge.causes.fault import FORCE
+from updyn.updating.judge.causes.finding import Finding
+from updyn.updating.problem.parameters import Parameter, ParameterSet
 from updyn.viewer import model_scene, page
 from updyn.web.settings import WEB_PAGE
 
 __all__ = [
     "CHOICES",
     "FORWARD",
-    "ChannelCurve",
     "FindingRow",
     "IdentifiabilityView",
     "JobView",
     "ModalView",
+    "ModelView",
+    "RepairView",
     "TestView",
-    "UnknownRow",
     "assess_identifiability",
-    "compute_curve",
+    "compute_model",
+    "compute_run_model",
     "count_counterparts",
     "find_faults",
     "propose_job",
+    "read_run",
     "read_view",
     "render_structure",
 ]
@@ -89,25 +98,13 @@ class ModalView:
     matches: list[dict[str, str]]
 
 
-@dataclass(frozen=True, slots=True)
-class UnknownRow:
-    """An unknown of a job, with start and bounds in its unit."""
-
-    name: str
-    group: str
-    quantity: str
-    start: float
-    lower: float
-    upper: float
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class JobView:
     """A job as far as it can be read.
 
     `groups_by_quantity` has the quantities of `CHOICES` as keys. `errors` has the errors of reading
     and matching by part: ``"job"``, ``"test"``, ``"all"``. `has_picture` states whether the model
-    has a geometry.
+    has a geometry, `is_large` whether a response of the model takes long.
     """
 
     title: str
@@ -116,9 +113,10 @@ class JobView:
     groups_by_quantity: Mapping[str, list[str]]
     tests: list[TestView]
     modal: list[ModalView]
-    unknowns: list[UnknownRow]
+    unknowns: list[Parameter]
     errors: Mapping[str, str]
     has_picture: bool = False
+    is_large: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,11 +133,46 @@ class IdentifiabilityView:
     advice: str
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class ModelView:
+    """The model of a test at values of the unknowns, and the data that the fit uses.
+
+    Both have the channels of `TestView`, nan where the fit has none: `values` on the lines `freq`
+    in Hz, which resolve the resonances, and `repaired` on `repaired_freq` if the job repairs the
+    data, else None. `level_error` is the median level difference from the fitted data, in dB.
+    """
+
+    freq: RealArray
+    values: NDArray[np.complex64]
+    level_error: float
+    repaired_freq: RealArray
+    repaired: NDArray[np.complex64] | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RepairView:
+    """The channel that a repair changes most: data before and after, and the model at the start.
+
+    `freq` is in Hz; values are in the quantity of the test, in SI. `residual_before` and
+    `residual_after` are the relative residuals of the channel.
+    """
+
+    channel: str
+    freq: RealArray
+    before: NDArray[np.complex64]
+    after: NDArray[np.complex64]
+    model: NDArray[np.complex64]
+    residual_before: float
+    residual_after: float
+
+
 @dataclass(frozen=True, slots=True)
 class FindingRow:
     """A suspected fault of the data or the model of a test.
 
-    `repair` is the entry of ``repair`` in the job that corrects it; empty if none can.
+    `repair` is the entry of ``repair`` in the job that corrects it; empty if none can. `omissible`
+    has the faulty sensors without sign, as the file labels them, by the key of ``[test]`` that can
+    leave them out. `view` is None if no model can be compared.
     """
 
     statement: str
@@ -147,17 +180,11 @@ class FindingRow:
     repair: str
     odds: float
     test: int
+    omissible: Mapping[str, list[str]]
+    view: RepairView | None = None
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ChannelCurve:
-    """One channel of the model: lines in Hz, and values in the quantity of the test, in SI."""
-
-    freq: RealArray
-    values: ComplexArray
-
-
-@lru_cache(maxsize=2)
+@lru_cache(maxsize=4)
 def _load_and_prepare(path: Path, text: str) -> Prepared:
     return prepare(load_job(path, text=text))
 
@@ -182,9 +209,6 @@ def read_view(path: Path, text: str) -> JobView:
         return JobView(job.title or path.stem, "", [], {}, tests, [], [], errors)
     model = ready.model
     about = f"{model.n_dofs:,} DOFs in {len(model.groups)} groups"
-    unknowns = [
-        UnknownRow(p.name, p.group, p.quantity, p.start, p.lower, p.upper) for p in ready.parameters
-    ]
     groups = list(model.groups)
     title = job.title or path.stem
     modal = [
@@ -192,9 +216,17 @@ def read_view(path: Path, text: str) -> JobView:
         for number, test in enumerate(ready.tests)
         if isinstance(test.data, ModeSet)
     ]
-    drawn = model.geometry is not None
     return JobView(
-        title, about, groups, _find_groups_by_quantity(model), tests, modal, unknowns, errors, drawn
+        title,
+        about,
+        groups,
+        _find_groups_by_quantity(model),
+        tests,
+        modal,
+        list(ready.parameters),
+        errors,
+        has_picture=model.geometry is not None,
+        is_large=model.n_dofs > WEB_PAGE.quick_dofs,
     )
 
 
@@ -322,9 +354,70 @@ def find_faults(path: Path, text: str) -> list[FindingRow]:
     found = []
     for number, test in enumerate(ready.tests):
         for each in job_findings(test, ready.parameters):
-            row = FindingRow(each.statement, each.remedy, each.written, each.odds, number)
+            row = FindingRow(
+                each.statement,
+                each.remedy,
+                each.written,
+                each.odds,
+                number,
+                _find_omissible(test, each),
+                _view_repair(ready, test, each),
+            )
             found.append(row)
     return sorted(found, key=lambda row: -row.odds)
+
+
+def _find_omissible(test: PreparedTest, finding: Finding) -> dict[str, list[str]]:
+    """Return the faulty sensors by key of ``[test]``; empty if no channel would be left."""
+    if finding.concerns_model:
+        return {}
+    found = {}
+    for key, role in (("responses", "response"), ("references", "reference")):
+        faulty = {
+            abs(Dof.parse(channel.removeprefix(FORCE)))
+            for channel in finding.channels
+            if channel.startswith(FORCE) == (role == "reference")
+        }
+        rows = [row for row in test.matching.table if role in row.role]
+        sensors = [row.sensor for row in rows if abs(Dof.parse(row.dof)) in faulty]
+        if len(sensors) == len(rows):
+            return {}
+        if sensors:
+            found[key] = sensors
+    return found
+
+
+def _view_repair(ready: Prepared, test: PreparedTest, finding: Finding) -> RepairView | None:
+    """Return the effect of a repair at the start; None if it keeps no values to compare."""
+    if not finding.written or test.model.n_dofs > WEB_PAGE.quick_dofs:
+        return None
+    data = test.frf
+    before = data.select(lines=data.freq[_choose_lines(data)])
+    try:
+        after = read_fault(finding.written).repair(before)
+        model = response_like(_apply_values(ready, test.model, {}), before)
+    except UpdynError:
+        return None
+    if after.values.shape != before.values.shape or after.quantity != before.quantity:
+        return None
+    change = np.sum(np.abs(after.values - before.values) ** 2, axis=0)
+    level = np.sum(np.abs(before.values) ** 2, axis=0)
+    ratio = np.divide(change, level, out=np.zeros_like(change), where=level > 0.0)
+    if not ratio.any():
+        return None
+    i, j = np.unravel_index(np.argmax(ratio), ratio.shape)
+    old, new, computed = (
+        one.values[:, i, j].astype(np.complex64) for one in (before, after, model)
+    )
+    return RepairView(
+        f"{data.responses.labels[i]} / {data.references.labels[j]}",
+        before.freq,
+        old,
+        new,
+        computed,
+        float(relative_residual(before.values, model.values)[i, j]),
+        float(relative_residual(after.values, model.values)[i, j]),
+    )
 
 
 def count_counterparts(path: Path, text: str) -> list[str]:
@@ -334,23 +427,96 @@ def count_counterparts(path: Path, text: str) -> list[str]:
     return [f"{name}: {one.statement}".removeprefix(": ") for name, one in found.items()]
 
 
-def compute_curve(
-    path: Path, text: str, values: Mapping[str, float], test: int, response: int, reference: int
-) -> ChannelCurve:
-    """Return a channel of the model at values of the unknowns; the others are at their start."""
+def compute_model(
+    path: Path,
+    text: str,
+    values: Mapping[str, float],
+    number: int,
+    responses: Sequence[str],
+    references: Sequence[str],
+) -> ModelView:
+    """Return the model of a test at values of the unknowns; the others are at their start.
+
+    `responses` and `references` are the labels in the file, as in `TestView`.
+    """
     ready = _load_and_prepare(path, text)
-    prepared_test = ready.tests[test]
-    data: FRF = prepared_test.frf
-    freq = data.freq[:: max(1, len(data.freq) // WEB_PAGE.model_lines)]
-    model = _apply_values(ready, prepared_test.model, values)
-    shown = model_response(
-        model,
-        freq,
-        responses=[data.responses.labels[response]],
-        references=[data.references.labels[reference]],
-        quantity=data.quantity,
+    test = ready.tests[number]
+    return _view_model(test, _apply_values(ready, test.model, values), responses, references)
+
+
+def read_run(job: Path) -> JobView:
+    """Read the job file of a folder of results, with its measurement."""
+    return read_view(job, _read_text(job))
+
+
+def compute_run_model(
+    job: Path, number: int, responses: Sequence[str], references: Sequence[str]
+) -> ModelView:
+    """Return the updated model of a folder of results, for a test of its job file."""
+    test = _load_and_prepare(job, _read_text(job)).tests[number]
+    model = read_model(job.parent / test.name / "model.h5")
+    return _view_model(test, model, responses, references)
+
+
+def _read_text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: cannot be read") from error
+
+
+def _view_model(
+    test: PreparedTest, model: Model, responses: Sequence[str], references: Sequence[str]
+) -> ModelView:
+    data = test.frf
+    # A reduced model costs more than exact solutions at few lines, unless the model is large.
+    tier = choose_tier(test) if model.n_dofs > WEB_PAGE.quick_dofs else None
+    lines = data.freq[_choose_lines(data)]
+    grid = fine_grid([fix_base(model, data)], lines, reduced=tier == "reduced")
+    computed = response_like(model, data, grid, tier=tier, backend=test.job.method.backend)
+    rows = _find_channels(test, responses, "response", data.responses.labels)
+    columns = _find_channels(test, references, "reference", data.references.labels)
+    repaired = None
+    if test.job.test.repair:
+        repaired = _arrange(data, rows, columns)
+    fitted = test.fitted
+    assert isinstance(fitted, FRF)
+    fitted = fitted.select(lines=np.intersect1d(fitted.freq, lines))
+    at_fitted = computed.select(lines=fitted.freq, responses=fitted.responses)
+    return ModelView(
+        grid,
+        _arrange(computed, rows, columns),
+        correlate(at_fitted, fitted).figures()["db_error_median"],
+        data.freq,
+        repaired,
     )
-    return ChannelCurve(shown.freq, shown.values[:, 0, 0])
+
+
+def _choose_lines(data: FRF) -> IndexArray:
+    """Return the lines at which a model is compared with data, their peaks included."""
+    return keep_lines(data.values, np.zeros(len(data.freq), dtype=bool), WEB_PAGE.model_lines)
+
+
+def _find_channels(
+    test: PreparedTest, labels: Sequence[str], role: str, known: Sequence[str]
+) -> IndexArray:
+    """Return the place of sensors among the known DOFs of the model; -1 if they are not there."""
+    places = {abs(Dof.parse(label)): place for place, label in enumerate(known)}
+    dofs = {
+        abs(Dof.parse(row.sensor)): abs(Dof.parse(row.dof))
+        for row in test.matching.table
+        if role in row.role
+    }
+    found = [places.get(dofs.get(abs(Dof.parse(label))), -1) for label in labels]  # type: ignore[arg-type]
+    return np.array(found, dtype=np.intp)
+
+
+def _arrange(data: FRF, rows: IndexArray, columns: IndexArray) -> NDArray[np.complex64]:
+    """Return values with the given channels; nan for those at -1."""
+    values = np.pad(data.values.astype(np.complex64), ((0, 0), (0, 1), (0, 1)))
+    values[:, -1] = np.nan
+    values[:, :, -1] = np.nan
+    return np.asarray(values[:, rows][:, :, columns])
 
 
 def _apply_values(ready: Prepared, model: Model, values: Mapping[str, float]) -> Model:

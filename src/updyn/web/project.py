@@ -98,18 +98,13 @@ class Project:
 
     def runs(self) -> list[RunFolder]:
         """Return the folders of results, the latest first; damaged records are left out."""
-        found = []
-        for folder, names in self._walk_folders():
-            if _RESULT not in names:
-                continue
-            path = folder / _RESULT
-            try:
-                record = json.loads(path.read_text(encoding="utf-8"))
-            except (OSError, ValueError, RecursionError):
-                continue
-            if isinstance(record, dict) and isinstance(record.get("status"), str):
-                found.append(RunFolder(folder, record, _modified_time(path)))
+        folders = [folder for folder, names in self._walk_folders() if _RESULT in names]
+        found = [run for run in map(_read_run, folders) if run is not None]
         return sorted(found, key=lambda run: run.modified, reverse=True)
+
+    def run(self, folder: Path) -> RunFolder | None:
+        """Return the results in a folder; None if there are none."""
+        return _read_run(self.inside(folder))
 
     def runs_of(self, job: Path) -> list[Path]:
         """Return the folders of the runs whose job file names `job`, the latest first."""
@@ -202,6 +197,17 @@ def _find_results(folder: Path, names: list[str]) -> set[Path]:
                 if entry.command != _OF_INPUTS and is_output(name)
             }
     return {folder / name for name in names} if _RESULT in names else set()
+
+
+def _read_run(folder: Path) -> RunFolder | None:
+    path = folder / _RESULT
+    try:
+        record = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return None
+    if not isinstance(record, dict) or not isinstance(record.get("status"), str):
+        return None
+    return RunFolder(folder, record, _modified_time(path))
 
 
 def _find_job(folder: Path) -> Path | None:

@@ -11,11 +11,24 @@ class WebPageSettings:
 
     #: [points] Points of a curve; of more, peaks are kept. Drawing: more than a screen has pixels.
     curve_points: int = 4000
-    #: [points] Points of each of several curves. Drawing: a rule of thumb; the largest number of
-    #: channels then has 120,000 points.
-    shared_points: int = 600
-    #: [channels] Channels that are drawn at once. Drawing: the time of the browser.
+    #: [points] Points of a curve in a small figure. Drawing: about two for each pixel of its width.
+    small_points: int = 600
+    #: [channels] Channels of a table that its preview reads. Drawing: the time of the browser.
     most_channels: int = 200
+    #: [channels] Small figures on a page. Drawing: three columns fill a screen.
+    page_channels: int = 12
+    #: [lines] Lines of the map of all channels. Drawing: about three pixels each.
+    map_lines: int = 400
+    #: [px] Largest height of that map. Drawing: it fits a screen.
+    map_height: int = 720
+    #: [channels] Names along the axis of that map. Drawing: more would overlap.
+    map_names: int = 40
+    #: [dB] Range of levels in that map. Drawing: resonances and antiresonances of most tests.
+    map_range: float = 80.0
+    #: [dB] Largest difference of a model from the data in that map. Drawing: a factor of ten.
+    map_difference: float = 20.0
+    #: [px] Size of the text in small figures. Drawing: the smallest that is easily read.
+    small_text: int = 10
     #: [channels] Channels of a table whose entries are shown at once. Drawing: a page of readable
     #: length.
     shown_channels: int = 20
@@ -23,14 +36,22 @@ class WebPageSettings:
     preview_rows: int = 5
     #: [px] Height of the figure in the preview of a table. Drawing: form and preview fit a screen.
     preview_height: int = 260
-    #: [lines] About the number of lines at which the model is computed while unknowns are moved.
-    #: Effort: each line takes time at each move; a rule of thumb.
+    #: [lines] Measured lines at which the model is computed. Effort: each line takes time at each
+    #: step of a run; a rule of thumb.
     model_lines: int = 400
+    #: [steps] Steps of an ended run at which its level error is computed. Effort: each takes a
+    #: response of the model; they show the course of a fit.
+    level_steps: int = 30
+    #: [DOFs] Size of a model up to which its responses are computed without being asked for.
+    #: Effort: seconds.
+    quick_dofs: int = 2000
     #: [modes] Modes of the start that are shown on request. Effort: a limit of time; a rule of
     #: thumb.
     shown_modes: int = 12
     #: [modes] Modes that the address of a structure may request. Effort: a rule of thumb.
     most_modes: int = 100
+    #: [runs] Runs on a page of their table. Drawing: the selected run is on the same screen.
+    listed_runs: int = 6
     #: [files] Files in the list of the start page. Drawing: a page of readable length.
     listed_files: int = 200
     #: [characters] Part of a wrong entry that a message quotes. Drawing: the message stays in one

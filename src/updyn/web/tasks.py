@@ -8,14 +8,32 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 from updyn.job import load_job, run_job
+from updyn.job.comparison import compare_job
 from updyn.job.identification import modes_job
 from updyn.job.planning import plan_job
+from updyn.job.run import list_stages
+from updyn.job.start_pages import StartPages, write_start
+from updyn.progress import RunStage
 from updyn.registry import Registry
+from updyn.text_table import format_count
+from updyn.updating.fit.methods import METHODS
 
 if TYPE_CHECKING:
     from updyn.updating.fit.monitor import Progress
 
-__all__ = ["MODES", "PLAN", "RUN", "TASKS", "Field", "JobTask", "Reporter", "TaskResult"]
+__all__ = [
+    "CHECK",
+    "COMPARE",
+    "CORRELATE",
+    "MODES",
+    "PLAN",
+    "RUN",
+    "TASKS",
+    "Field",
+    "JobTask",
+    "Reporter",
+    "TaskResult",
+]
 
 
 class Reporter(Protocol):
@@ -23,6 +41,10 @@ class Reporter(Protocol):
 
     def __call__(self, progress: Progress) -> bool:
         """Hear of a step; True asks the task to stop."""
+        ...
+
+    def announce(self, stages: Sequence[RunStage]) -> None:
+        """Hear of the stages of the task, before the first."""
         ...
 
     def say(self, text: str) -> None:
@@ -110,7 +132,9 @@ class JobTask:
 
 
 def _run_job(job: Path, out: Path, reporter: Reporter, resume: bool) -> TaskResult:
-    run = run_job(load_job(job), out, reporter, resume=resume)
+    loaded = load_job(job)
+    reporter.announce(list_stages(loaded))
+    run = run_job(loaded, out, reporter, resume=resume)
     return TaskResult(run.result.status, run.summary(), run.result.values)
 
 
@@ -129,6 +153,28 @@ def _plan_test(job: Path, out: Path, reporter: Reporter, resume: bool) -> TaskRe
 
     made = plan_job(load_job(job, before_test=True), out, show, resume=resume)
     return TaskResult("planned", made.summary())
+
+
+def _compare_methods(job: Path, out: Path, reporter: Reporter, _resume: bool) -> TaskResult:
+    reporter.announce([RunStage(name) for name in METHODS])
+    found = compare_job(load_job(job), out, reporter)
+    n_converged = sum(row.status == "converged" for row in found)
+    return TaskResult(f"{n_converged} of {len(found)} methods converged", found.summary())
+
+
+def _check(job: Path, out: Path, _reporter: Reporter, _resume: bool) -> TaskResult:
+    return _describe_start(write_start(load_job(job), "check", out))
+
+
+def _correlate(job: Path, out: Path, _reporter: Reporter, _resume: bool) -> TaskResult:
+    return _describe_start(write_start(load_job(job), "correlate", out))
+
+
+def _describe_start(found: StartPages) -> TaskResult:
+    known = found.identifiability
+    faults = format_count(found.n_findings, "suspected fault")
+    status = f"{known.rank} of {known.n_parameters} unknowns could be determined, {faults}"
+    return TaskResult(status, "")
 
 
 RUN = JobTask(_run_job, "report.html", "-run", stops=True, resumes=True)
@@ -158,10 +204,39 @@ PLAN = JobTask(
     " best.",
     resumes=True,
 )
+COMPARE = JobTask(
+    _compare_methods,
+    "compare.html",
+    "-compare",
+    about="Runs every method on the inputs of the job and compares their answers.",
+    stops=True,
+)
+CHECK = JobTask(
+    _check,
+    "check.html",
+    "-check",
+    about="Checks model, data and unknowns of the job before a run: agreement at the start,"
+    " suspected faults, and which unknowns the data could determine.",
+)
+CORRELATE = JobTask(
+    _correlate,
+    "correlate.html",
+    "-correlate",
+    about="Compares the model of the job at its start with the measurement: FRFs, modes and their"
+    " agreement.",
+)
 #: The tasks by name. A room or another package adds one by a line here, a call of `TASKS.register`,
 #: or an entry point of the group ``updyn.tasks``.
 TASKS: Registry[Any] = Registry(
     "task",
     "updyn.tasks",
-    {"run": RUN, "modes": MODES, "plan": PLAN, "plant": "updyn.control.job.task:PLANT"},
+    {
+        "run": RUN,
+        "compare": COMPARE,
+        "check": CHECK,
+        "correlate": CORRELATE,
+        "modes": MODES,
+        "plan": PLAN,
+        "plant": "updyn.control.job.task:PLANT",
+    },
 )

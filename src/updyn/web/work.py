@@ -13,12 +13,14 @@ import sys
 import threading
 import time
 import warnings
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from updyn.errors import UpdynError, UpdynWarning
 from updyn.foreign.confinement import confine
+from updyn.progress import RunStage, StageClock
 from updyn.web.settings import WEB_TASK
 from updyn.web.tasks import TASKS
 
@@ -48,11 +50,12 @@ class _Reporter:
 
     def __init__(self, flag: _StopFlag) -> None:
         self._flag = flag
+        self._clock = StageClock()
         self._last = ("", -1, -math.inf)
 
     def __call__(self, progress: Progress) -> bool:
         stage, step, at = self._last
-        now = time.monotonic()
+        now, where = time.monotonic(), self._clock.locate(progress)
         is_new = (progress.stage, progress.iteration) != (stage, step)
         if is_new or now - at >= WEB_TASK.message_interval:
             self._last = progress.stage, progress.iteration, now
@@ -61,19 +64,30 @@ class _Reporter:
                 stage=progress.stage,
                 iteration=progress.iteration,
                 accepted=progress.accepted,
-                cost=None if math.isnan(progress.cost) else progress.cost,
+                cost=_finite(progress.cost),
                 lines_done=progress.lines_done,
                 n_lines=progress.n_lines,
                 values=dict(progress.values),
+                position=where.number,
+                share=_finite(where.share),
+                remaining=_finite(where.remaining),
             )
         return self._flag.stop
+
+    def announce(self, stages: Sequence[RunStage]) -> None:
+        self._clock = StageClock(stages)
+        write("plan", stages=[stage.name for stage in stages])
 
     def say(self, text: str) -> None:
         write("stage", text=text)
 
 
+def _finite(value: float) -> float | None:
+    return None if math.isnan(value) else value
+
+
 def write(kind: str, **content: Any) -> None:
-    """Write a line with plain data; `kind` is progress, stage, note, error or done."""
+    """Write a line with plain data; `kind` is plan, progress, stage, note, error or done."""
     with suppress(BrokenPipeError):  # the server has ended; the results are written all the same
         sys.stdout.write(json.dumps({"kind": kind, **content}) + "\n")
         sys.stdout.flush()

@@ -27,10 +27,13 @@ _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 class Worker:
     """A task in a process: begun by `start`, ended by itself or by `stop`.
 
-    `steps` have ``stage``, ``iteration``, ``cost`` and ``values``; `now` is the present one.
-    `values` are the present unknowns, in the end the estimates. `stages` describe the work, `notes`
-    are warnings. `state` is "running", "stopping", "done", "stopped" or "failed", `message` the
-    summary or the error, `status` that of the result. `version` counts all changes.
+    `plan` has the names of all stages. `steps` have ``stage``, ``iteration``, ``cost``, ``values``
+    and the ``position`` in the plan (from 1) with the completed ``share`` of the stage and its
+    ``remaining`` seconds, None if not known; `now` is the present one. `levels` has level errors
+    of the model in dB by iteration, computed by pages. `values` are the present unknowns, in the
+    end the estimates. `stages` describe the work, `notes` are warnings. `state` is "running",
+    "stopping", "done", "stopped" or "failed", `message` the summary or the error, `status` that of
+    the result. `version` counts all changes.
     """
 
     def __init__(
@@ -38,6 +41,8 @@ class Worker:
     ) -> None:
         self.task, self.job, self.out = task, job, out
         self._folder, self._resume = folder, resume
+        self.plan: list[str] = []
+        self.levels: dict[int, float] = {}
         self.steps: deque[Mapping[str, Any]] = deque(maxlen=WEB_TASK.kept_steps)
         self.now: Mapping[str, Any] = {}
         self.values: Mapping[str, float] = {}
@@ -135,6 +140,8 @@ class Worker:
             if is_step or not self.steps:
                 self.steps.append(event)
             self.now = event
+        elif kind == "plan":
+            self.plan = event["stages"]
         elif kind == "stage":
             self.stages.append(text)
         elif kind == "note":

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 
 import numpy as np
 import pytest
 
 from updyn.style import CATEGORIES
-from updyn.web.charts import SCALES, cost_chart, frf_chart, parameter_chart, unused_bands
+from updyn.web.charts import SCALES, channel_map, frf_chart, level_chart, unused_bands
+from updyn.web.settings import WEB_PAGE
 
 FREQ = np.array([1.0, 2.0, 3.0, 4.0])
 H = np.array([1.0, 10.0j, 0.0, np.nan])
@@ -46,15 +48,61 @@ def test_quantities_without_a_unit_have_none():
     )
 
 
-def test_few_curves_have_names_and_many_do_not():
-    few = frf_chart("receptance", {str(n): (FREQ, H) for n in range(1 + len(CATEGORIES))})
-    many = frf_chart("receptance", {str(n): (FREQ, H) for n in range(2 + len(CATEGORIES))})
-    assert {trace["showlegend"] for trace in few["data"]} == {True}
-    assert {trace["showlegend"] for trace in many["data"]} == {False}
-    assert [trace["name"] for trace in few["data"]] == [str(n) for n in range(1 + len(CATEGORIES))]
-    colours = [trace["line"]["color"] for trace in few["data"]]
-    assert colours == ["@measured", *(f"@{role}" for role in CATEGORIES)]
+def test_curves_have_names_and_colours_by_role_and_order():
+    names = ["measured", "start", "first", "repaired", "second"]
+    chart = frf_chart("receptance", dict.fromkeys(names, (FREQ, H)))
+    assert [trace["name"] for trace in chart["data"]] == names
+    assert [trace["line"]["color"] for trace in chart["data"]] == [
+        "@measured", "@before", f"@{CATEGORIES[1]}", "@third", f"@{CATEGORIES[3]}",
+    ]  # fmt: skip
+    assert {trace["showlegend"] for trace in chart["data"]} == {True}
     assert frf_chart("receptance", {})["data"] == []
+
+
+def test_the_phase_is_a_panel_with_gaps_at_wraps():
+    turning = np.exp(1j * np.radians([90.0, 170.0, -170.0, -90.0]))
+    chart = frf_chart("receptance", {"measured": (FREQ, turning)}, phase=True)
+    level, phase = chart["data"]
+    assert (level["yaxis"], phase["yaxis"]) == ("y", "y2")
+    assert phase["x"] == [1.0, 2.0, 3.0, 3.0, 4.0]
+    assert phase["y"] == pytest.approx([90.0, 170.0, None, -170.0, -90.0])
+
+
+def test_a_small_figure_has_neither_titles_nor_legend_and_fewer_points():
+    freq = np.linspace(1.0, 100.0, 5 * WEB_PAGE.small_points)
+    values = 1.0 / (1.0 - (freq / 50.0) ** 2 + 1e-3j)
+    coherence = np.ones(len(freq))
+    chart = frf_chart("receptance", {"a": (freq, values)}, small=True, coherence=coherence)
+    layout = chart["layout"]
+    assert {layout[axis]["title"]["text"] for axis in ("xaxis", "yaxis", "yaxis2")} == {""}
+    assert not layout["showlegend"]
+    assert len(chart["data"][0]["x"]["bdata"]) <= 4 * WEB_PAGE.small_points * 4 / 3 + 4
+    assert chart["height"] < frf_chart("receptance", {"a": (freq, values)})["height"]
+
+
+# -- maps
+def test_a_map_has_the_highest_level_of_each_bin_of_each_channel(monkeypatch):
+    freq = np.arange(1.0, 9.0)
+    values = np.ones((8, 2), dtype=complex)
+    values[3, 0], values[6, 1], values[:, 1] = 10.0, 100.0, np.where(freq == 7, 100j, 0.1)
+    monkeypatch.setattr("updyn.web.charts.WEB_PAGE", dataclasses.replace(WEB_PAGE, map_lines=4))
+    (found,) = channel_map(freq, values, ["a / b", "<c>"])["data"]
+    assert found["x"] == [1.0, 3.0, 5.0, 7.0]
+    assert found["y"] == ["a / b", "&lt;c&gt;"]
+    assert np.array(found["z"]) == pytest.approx(
+        np.array([[-40.0, -20.0, -40.0, -40.0], [-60.0, -60.0, -60.0, 0.0]])
+    )
+
+
+def test_a_map_of_a_model_has_its_differences_from_the_data(monkeypatch):
+    freq = np.arange(1.0, 9.0)
+    monkeypatch.setattr("updyn.web.charts.WEB_PAGE", dataclasses.replace(WEB_PAGE, map_lines=4))
+    model = np.linspace(1.0, 8.0, 50), np.full((50, 1), 0.1)
+    (found,) = channel_map(freq, np.ones((8, 1)), ["a"], model)["data"]
+    assert np.array(found["z"]) == pytest.approx(np.full((1, 4), -20.0))
+    assert (found["zmin"], found["zmax"]) == (-WEB_PAGE.map_difference, WEB_PAGE.map_difference)
+    zero = channel_map(freq, np.zeros((8, 1)), ["a"])["data"][0]
+    assert zero["z"] == [[None] * 4]
 
 
 def test_bands_are_shaded():
@@ -72,10 +120,13 @@ def test_a_band_is_dragged_only_where_it_can_be_picked():
     assert "dragmode" not in frf_chart("receptance", {"a": (FREQ, H)})["layout"]
 
 
-def test_the_peak_of_a_long_curve_is_drawn():
+def test_the_peak_of_a_long_curve_is_drawn(monkeypatch):
+    monkeypatch.setattr(
+        "updyn.web.charts.WEB_PAGE", dataclasses.replace(WEB_PAGE, curve_points=200)
+    )
     freq = np.linspace(1.0, 100.0, 20_001)
     values = 1.0 / (1.0 - (freq / 50.0) ** 2 + 1e-3j)
-    (trace,) = frf_chart("receptance", {"a": (freq, values)}, points=200)["data"]
+    (trace,) = frf_chart("receptance", {"a": (freq, values)})["data"]
     assert len(trace["x"]) == len(trace["y"]) <= 200
     assert max(trace["y"]) == pytest.approx(1e3, rel=1e-4)
 
@@ -110,27 +161,10 @@ def test_bands_of_lines_that_are_not_used(used, bands):
     assert unused_bands(freq, np.array([c == "1" for c in used])) == bands
 
 
-# -- steps and values
-def test_steps_of_each_stage_are_a_curve_at_their_place_among_all():
-    steps = [
-        {"stage": "rough", "cost": 9.0}, {"stage": "rough", "cost": 4.0}, {"stage": "fine", "cost": 3.0},
-        {"stage": "fine", "cost": None}, {"stage": "fine", "cost": 0.0}, {"stage": "fine", "cost": 1.0},
-    ]  # fmt: skip
-    chart = cost_chart(steps)
-    assert [(trace["name"], trace["x"], trace["y"]) for trace in chart["data"]] == [
-        ("rough", [0, 1], [9.0, 4.0]), ("fine", [2, 5], [3.0, 1.0]),
-    ]  # fmt: skip
-    assert y_axis(chart)["type"] == "log"
-    assert cost_chart([])["data"] == []
-    many = cost_chart([{"stage": str(n), "cost": 1.0} for n in range(3 * len(CATEGORIES))])
-    assert len(many["data"]) == 3 * len(CATEGORIES)
-    assert {trace["mode"] for trace in many["data"]} == {"lines+markers"}
-
-
-def test_values_beside_their_start():
-    chart = parameter_chart(
-        {"a": 2.0, "b": 0.0, "c": -4.0, "d": 1.0}, {"a": 3.0, "b": 1.0, "c": -1.0}
-    )
-    assert y_axis(chart)["ticktext"] == ["a", "c"]
-    (bars,) = chart["data"]
-    assert (bars["x"], bars["y"]) == ([1.5, 0.25], [0, 1])
+# -- steps
+def test_the_best_level_so_far_never_rises():
+    points, best = level_chart({0: 6.0, 9: 0.5, 4: 9.0, 7: 2.0, 12: 0.8})["data"]
+    assert (points["x"], points["y"]) == ([0, 4, 7, 9, 12], [6.0, 9.0, 2.0, 0.5, 0.8])
+    assert best["y"] == [6.0, 6.0, 2.0, 0.5, 0.5]
+    assert best["line"]["shape"] == "hv"
+    json.dumps(level_chart({}), allow_nan=False)

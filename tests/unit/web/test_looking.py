@@ -22,7 +22,7 @@ from updyn.job import load_job, prepare
 from updyn.modal import ModeSet
 from updyn.model import Model
 from updyn.web import looking
-from updyn.web.edits import hold_out, set_band
+from updyn.web.edits import hold_out, leave_out, set_band
 from viewer_case import block
 
 JOB = """\
@@ -147,14 +147,62 @@ def test_what_is_held_out_is_offered_as_the_job_writes_it(path: Path, numbered: 
     assert len(test.holdable) == 5
 
 
-def test_a_curve_is_the_response_of_the_model_at_the_values(path: Path) -> None:
+LABELS = ["2:X", "5:X", "7:X", "10:X", "12:X"]
+
+
+def test_the_model_is_its_response_at_the_values(path: Path) -> None:
     values = {"part1.stiffness": 0.8, "part3.stiffness": 1.5}
-    found = looking.compute_curve(path, JOB, values, 0, 1, 0)
+    found = looking.compute_model(path, JOB, values, 0, ["9:X", *LABELS], ["2:X", "12:X"])
     model = chain.build().scaled({"part1": {"stiffness": 0.8}, "part3": {"stiffness": 1.5}})
-    expected = response(model, found.freq, ["5:X"], ["2:X"], quantity="accelerance")
-    np.testing.assert_allclose(found.values, expected.values[:, 0, 0], rtol=1e-9)
+    expected = response(model, found.freq, LABELS, ["2:X", "12:X"], quantity="accelerance")
+    np.testing.assert_allclose(found.values[:, 1:], expected.values, rtol=1e-6)
+    assert np.isnan(found.values[:, 0]).all()  # a sensor that the data lack
     f = looking.read_view(path, JOB).tests[0]
-    np.testing.assert_array_equal(found.freq, f.freq[f.used])
+    assert set(f.freq[f.used]) < set(found.freq)
+    assert found.repaired is None
+
+
+def test_the_level_error_is_that_of_the_fitted_data(path: Path) -> None:
+    found = looking.compute_model(path, JOB, {}, 0, LABELS, ["2:X"])
+    data = prepare(load_job(path, text=JOB)).tests[0].fitted
+    assert len(data.responses) == 4
+    computed = response(chain.build(), data.freq, data.responses, data.references, "accelerance")
+    error = np.abs(20.0 * np.log10(np.abs(computed.values / data.values)))
+    assert found.level_error == pytest.approx(np.median(error), rel=1e-6)
+
+
+def test_the_model_has_the_channels_of_the_file_and_the_data_their_repairs(
+    path: Path, numbered: str
+) -> None:
+    """Of sensors that the file numbers otherwise, one of them with the opposite sign."""
+    repaired = numbered.replace("band =", 'repair = ["dead-channel:5:X", "sign:7:X"]\nband =')
+    (test,) = looking.read_view(path, repaired).tests
+    found = looking.compute_model(path, repaired, {}, 0, test.responses, test.references)
+    expected = response(chain.build(), found.freq, LABELS, ["2:X", "12:X"], "accelerance").values
+    np.testing.assert_allclose(found.values[:, [0, 2, 4]], expected[:, [0, 2, 4]], rtol=1e-6)
+    np.testing.assert_allclose(found.values[:, 3], -expected[:, 3], rtol=1e-6)
+    assert np.isnan(found.values[:, 1]).all()
+    assert found.repaired is not None
+    used = np.isin(test.freq, found.repaired_freq)
+    np.testing.assert_allclose(found.repaired[:, 0], test.values[used, 0], rtol=1e-6)
+    np.testing.assert_allclose(found.repaired[:, 2], -test.values[used, 2], rtol=1e-6)
+    assert np.isnan(found.repaired[:, 1]).all()
+
+
+def test_the_model_of_a_run_is_the_updated_one(path: Path) -> None:
+    folder = path.with_name("run")
+    folder.mkdir()
+    job = folder / "job.toml"
+    job.write_text(JOB.replace('"chain.', '"../chain.'), encoding="utf-8")
+    updated = chain.build().scaled({"part2": {"mass": 1.3}})
+    write_model(updated, folder / "model.h5")
+    (test,) = looking.read_run(job).tests
+    assert test.responses == LABELS
+    found = looking.compute_run_model(job, 0, ["5:X"], ["2:X"])
+    expected = response(updated, found.freq, ["5:X"], ["2:X"], quantity="accelerance")
+    np.testing.assert_allclose(found.values, expected.values, rtol=1e-6)
+    with pytest.raises(InputError, match=r"none\.toml: cannot be read"):
+        looking.read_run(folder / "none.toml")
 
 
 def test_what_the_data_could_determine(path: Path) -> None:
@@ -215,8 +263,8 @@ def test_tests_with_modes_and_tests_with_frfs_keep_their_numbers(path: Path) -> 
     set_band(3.0, 9.0, view.tests[0].number)(edited)
     assert "band" not in edited["test"][0]
     assert list(edited["test"][1]["band"]) == [3.0, 9.0]
-    found = looking.compute_curve(path, MIXED, {}, view.tests[0].number, 0, 0)
-    np.testing.assert_array_equal(found.freq, view.tests[0].freq[view.tests[0].used])
+    found = looking.compute_model(path, MIXED, {}, view.tests[0].number, ["5:X"], ["2:X"])
+    assert set(view.tests[0].freq[view.tests[0].used]) < set(found.freq)
 
 
 @pytest.fixture(scope="module")
@@ -271,6 +319,17 @@ def test_a_sensor_with_the_wrong_sign_is_found_and_undone(path: Path) -> None:
     found = looking.find_faults(path, text)
     assert found[0].repair == "sign:5:X"
     assert "5:X" in found[0].statement
+    assert found[0].omissible == {"responses": ["5:X"]}
+    view = found[0].view
+    assert view is not None
+    assert view.channel in ("5:X / 2:X", "5:X / 12:X")
+    np.testing.assert_allclose(view.after, -view.before)
+    assert view.residual_after < 1.0 < view.residual_before
+    edited = parse(text)
+    leave_out(found[0].omissible, {"responses": LABELS})(edited)
+    left = looking.read_view(path, edited.as_string())
+    assert left.tests[0].responses == ["2:X", "7:X", "10:X", "12:X"]
+    assert left.errors == {}
     assert [row.odds for row in found] == sorted((row.odds for row in found), reverse=True)
     repaired = text.replace("band =", 'repair = ["sign:5:X"]\nband =')
     assert all(row.repair != "sign:5:X" for row in looking.find_faults(path, repaired))

@@ -37,7 +37,12 @@ PAGES: Mapping[str, tuple[str, Callable[[Workspace], Any]]] = {
     "/plant": ("Plant", task_page("plant")),
 }
 #: Pages that another page opens, which the navigation does not list.
-_OPENED: Mapping[str, tuple[str, Callable[[Workspace], Any]]] = {"/table": ("Table", table.show)}
+_OPENED: Mapping[str, tuple[str, Callable[[Workspace], Any]]] = {
+    "/table": ("Table", table.show),
+    "/check": ("Check", task_page("check")),
+    "/correlate": ("Correlation", task_page("correlate")),
+    "/compare": ("Methods", task_page("compare")),
+}
 #: A written page may run its own script only, and cannot send requests to this server.
 _SANDBOX = "sandbox allow-scripts allow-downloads allow-popups allow-modals"
 

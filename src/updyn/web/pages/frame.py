@@ -181,14 +181,17 @@ async def navigate_after(place: str, function: Callable[..., Any], *arguments: A
     ui.navigate.to(place)
 
 
-async def run_slow(function: Callable[..., T], *arguments: Any) -> T | None:
+async def run_slow(
+    function: Callable[..., T], *arguments: Any, note: str = "Reading …"
+) -> T | None:
     """Return the result of a slow function without blocking the page; show its error instead.
 
-    None if it raised an `UpdynError`, or the page was rebuilt in the meantime.
+    None if it raised an `UpdynError`, or the page was rebuilt in the meantime. `note` is shown
+    while it works.
     """
     with ui.row().classes("items-center") as waiting:
         ui.spinner()
-        ui.label("Reading …")
+        ui.label(note)
     message = ""
     try:
         found = await run.io_bound(function, *arguments)

@@ -1,63 +1,80 @@
-"""The page Results: the runs of the project, side by side, and their reports."""
+"""The page Results: the runs of the project, one with its report, or several side by side."""
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping
 from typing import Any
 from urllib.parse import quote
 
-from nicegui import ui
+from nicegui import events, ui
 
-from updyn.web.pages.frame import embed_page, watch
+from updyn.arrays import NumberArray, RealArray
+from updyn.report.changes import changes_of_fits
+from updyn.web.charts import SCALES, frf_chart
+from updyn.web.figure import FigureView
+from updyn.web.looking import JobView, ModelView, TestView, compute_run_model, read_run
+from updyn.web.pages.frame import embed_page, run_slow, watch
 from updyn.web.project import RunFolder
+from updyn.web.runs import compare_runs, find_level_error, read_changes
+from updyn.web.settings import WEB_PAGE
 from updyn.web.tasks import RUN
 from updyn.web.workspace import Workspace
 
-__all__ = ["compare_runs", "show"]
+__all__ = ["show"]
 
-#: Figures of agreement to compare, by their key in the record.
-_FIGURES = {
-    "frac_median": "FRAC after, median",
-    "correlation_median": "FRF correlation after, median",
-    "residual_median": "relative residual after, median",
-    "db_error_median": "level error after, median (dB)",
-}
-_ANSWERS = {True: "yes", False: "no", None: "not known"}
+_RUN_COLUMNS: list[dict[str, Any]] = [
+    {"name": "name", "label": "run", "field": "name", "align": "left", "sortable": True},
+    {"name": "time", "label": "written", "field": "time", "align": "left", "sortable": True},
+    {"name": "status", "label": "status", "field": "status", "align": "left"},
+    {"name": "level", "label": "level error (dB)", "field": "level", "align": "left"},
+    {"name": "method", "label": "method", "field": "method", "align": "left"},
+]
+#: Marks the cells of a row in which the runs differ.
+_MARK = """<q-td :props="props" :style="props.row.differs && props.col.name !== 'section'
+  ? 'background: var(--warn-ground); color: var(--warn)' : ''">{{ props.value }}</q-td>"""
 
 
 def show(workspace: Workspace) -> None:
     """Fill the page."""
+    with ui.row().classes("gap-x-4"):
+        ui.link("Methods compared", "/compare")
+        ui.link("Checks before a run", "/check")
+        ui.link("Correlations at the start", "/correlate")
 
     @ui.refreshable
     def page() -> None:
-        runs = workspace.project.runs()
+        runs = {workspace.project.name_of(run.path): run for run in workspace.project.runs()}
         if not runs:
-            ui.label("No results in this folder yet.")
+            ui.label("No results in this folder yet: start one on the page Run.")
             return
-        names = {workspace.project.name_of(run.path): run for run in runs}
-        chosen = ui.select(
-            list(names), value=[next(iter(names))], multiple=True, label="Runs to compare"
+        chosen = [next(iter(runs))]
+        table = ui.table(
+            rows=[_describe_run(name, run) for name, run in runs.items()],
+            columns=_RUN_COLUMNS,
+            row_key="name",
+            selection="multiple",
+            pagination=WEB_PAGE.listed_runs,
+            title="Runs, the latest first: select several to compare them",
         )
-        chosen.classes("min-w-96").props("use-chips")
+        table.props("flat dense wrap-cells").classes("w-full").mark("runs")
+        table.selected = [row for row in table.rows if row["name"] in chosen]
 
         @ui.refreshable
-        def content() -> None:
-            picked = {name: names[name] for name in chosen.value}
+        async def content() -> None:
+            picked = {name: runs[name] for name in chosen if name in runs}
             if not picked:
-                ui.label("No run is chosen.")
+                ui.label("No run is selected.")
                 return
-            columns, rows = compare_runs(picked)
-            table = ui.table(rows=rows, columns=columns, row_key="what", pagination=50)
-            table.props("flat dense wrap-cells").classes("max-w-full").mark("compared")
-            for name, run in picked.items():
-                if (run.path / RUN.page).is_file():
-                    place = f"/embedded/page/{quote(name)}/{RUN.page}"
-                    ui.link(f"Report of {name} in a separate tab", place, new_tab=True)
-                    if len(picked) == 1:
-                        embed_page(f"{place}?{run.modified:g}", "Report", "85vh")
+            await _show_runs(workspace, picked)
 
-        chosen.on_value_change(content.refresh)
-        content()
+        def select(event: events.TableSelectionEventArguments) -> None:
+            del event
+            chosen[:] = [row["name"] for row in table.selected]
+            content.refresh()
+
+        table.on_select(select)
+        ui.timer(0.0, content, once=True)
 
     page()
     watch(lambda: _run_version(workspace), page.refresh)
@@ -69,50 +86,136 @@ def _run_version(workspace: Workspace) -> object:
     return None if run is None else (id(run), run.active)
 
 
-def compare_runs(
-    runs: Mapping[str, RunFolder],
-) -> tuple[list[dict[str, Any]], list[dict[str, str]]]:
-    """Return columns and rows of a table of runs: status, trust, agreement, unknowns."""
-    keys = {name: f"run{number}" for number, name in enumerate(runs)}  # no dots in keys
+def _describe_run(name: str, run: RunFolder) -> dict[str, str]:
+    before, after = (find_level_error(run.record, when) for when in ("before", "after"))
+    return {
+        "name": name,
+        "time": time.strftime("%Y-%m-%d %H:%M", time.localtime(run.modified)),
+        "status": str(run.record["status"]),
+        "level": "" if after != after else f"{before:.2g} → {after:.2g}",
+        "method": str(run.record.get("method") or ""),
+    }
+
+
+async def _show_runs(workspace: Workspace, runs: Mapping[str, RunFolder]) -> None:
+    """Show one run with its report, or several side by side."""
+    if len(runs) == 1:
+        (run,) = runs.values()
+        with ui.column().classes("gap-0"):
+            ui.label(f"{run.record['status']}: {run.record.get('message') or ''}").classes(
+                "text-lg"
+            ).mark("outcome")
+            remedy = str(run.record.get("remedy") or "")
+            if remedy:
+                ui.label(remedy).classes("whitespace-pre-wrap opacity-80")
+    else:
+        _show_comparison(runs)
+    with ui.element("div").classes("w-full grid gap-4 grid-cols-1 lg:grid-cols-2"):
+        changes = changes_of_fits({name: read_changes(run.record) for name, run in runs.items()})
+        with ui.column().classes("min-w-0 gap-0"):
+            if changes is not None:
+                ui.label("Changes of the unknowns, with 95 % intervals and bounds")
+                FigureView(changes).classes("w-full")
+        curves = ui.column().classes("min-w-0 gap-0")
+    for name, run in runs.items():
+        if (run.path / RUN.page).is_file():
+            place = f"/embedded/page/{quote(name)}/{RUN.page}"
+            ui.link(f"Report of {name} in a separate tab", place, new_tab=True)
+            if len(runs) == 1:
+                embed_page(f"{place}?{run.modified:g}", "Report", "85vh")
+    with curves:
+        await _show_curves(workspace, runs)
+
+
+def _show_comparison(runs: Mapping[str, RunFolder]) -> None:
+    """Show the rows of the comparison, with differences marked."""
     columns: list[dict[str, Any]] = [
+        {"name": "section", "label": "", "field": "section", "align": "left"},
         {"name": "what", "label": "", "field": "what", "align": "left"},
         *(
-            {"name": key, "label": name, "field": key, "align": "left"}
-            for name, key in keys.items()
+            {"name": f"run{place}", "label": name, "field": f"run{place}", "align": "left"}
+            for place, name in enumerate(runs)
         ),
     ]
-    rows: dict[str, dict[str, str]] = {}
+    rows = []
+    for number, row in enumerate(compare_runs(list(runs.values()))):
+        cells = {f"run{place}": cell for place, cell in enumerate(row.cells)}
+        rows.append(
+            {
+                "id": number,
+                "section": row.section,
+                "what": f"≠ {row.name}" if row.differs else row.name,
+                "differs": row.differs,
+                **cells,
+            }
+        )
+    differing = [row for row in rows if row["differs"]]
+    only = ui.switch("only differences", value=True)
+    table = ui.table(rows=differing, columns=columns, row_key="id", pagination=0)
+    table.props("flat dense wrap-cells hide-pagination").classes("max-w-full").mark("compared")
+    table.add_slot("body-cell", _MARK)
 
-    def add_cell(what: str, name: str, text: object) -> None:
-        rows.setdefault(what, {"what": what})[keys[name]] = str(text)
+    def filter_rows() -> None:
+        table.rows = differing if only.value else rows
 
-    for name, run in runs.items():
-        record = run.record
-        add_cell("status", name, record.get("status", ""))
-        add_cell("message", name, record.get("message", ""))
-        add_cell("steps", name, record.get("iterations", ""))
-        for part, verdict in _as_mapping(record.get("trust")).items():
-            add_cell(part, name, _ANSWERS.get(_as_mapping(verdict).get("holds"), ""))
-        after = _as_mapping(_as_mapping(record.get("correlation")).get("after"))
-        for figure, label in _FIGURES.items():
-            if isinstance(after.get(figure), int | float):
-                add_cell(label, name, f"{after[figure]:.4g}")
-        for unknown in _as_records(record.get("parameters")):
-            add_cell(str(unknown.get("name", "")), name, _format_value(unknown))
-    return columns, list(rows.values())
-
-
-def _format_value(unknown: Mapping[str, Any]) -> str:
-    """Return the value of an unknown with its standard deviation, if known."""
-    value, std = unknown.get("value"), unknown.get("std")
-    if not isinstance(value, int | float):
-        return "not known"
-    return f"{value:.5g} ± {std:.2g}" if isinstance(std, int | float) else f"{value:.5g}"
+    only.on_value_change(filter_rows)
 
 
-def _as_records(given: Any) -> list[Mapping[str, Any]]:
-    return [_as_mapping(item) for item in given] if isinstance(given, list) else []
+async def _show_curves(workspace: Workspace, runs: Mapping[str, RunFolder]) -> None:
+    """Show the updated models of runs over the measured FRFs of the first."""
+    files = {name: workspace.project.name_of(run.path / "job.toml") for name, run in runs.items()}
+    first = next(iter(files.values()))
+    view = await run_slow(workspace.ask_file, read_run, first, note="Reading the measurement …")
+    if view is None or not view.tests:
+        return
+    if view.is_large:
+        place = ui.column()
+
+        async def draw() -> None:
+            button.delete()
+            with place:
+                await _draw_curves(workspace, files, view)
+
+        button = ui.button("Draw the FRFs of the models", on_click=draw)
+        button.props("outline no-caps")
+        return
+    await _draw_curves(workspace, files, view)
 
 
-def _as_mapping(given: Any) -> Mapping[str, Any]:
-    return given if isinstance(given, Mapping) else {}
+async def _draw_curves(workspace: Workspace, files: Mapping[str, str], view: JobView) -> None:
+    test = view.tests[0]
+    where = test.number, test.responses, test.references
+    models: dict[str, ModelView] = {}
+    for name, file in files.items():
+        note = f"Computing the model of {name} …"
+        found = await run_slow(workspace.ask_file, compute_run_model, file, *where, note=note)
+        if found is not None:
+            models[name] = found
+    if models:
+        _show_overlay(test, models)
+
+
+def _show_overlay(test: TestView, models: Mapping[str, ModelView]) -> None:
+    """Show one channel of the measurement with the models."""
+    shown: dict[str, Any] = {"response": 0, "reference": 0, "scale": "log"}
+
+    def make() -> dict[str, Any]:
+        row, column = shown["response"], shown["reference"]
+        curves: dict[str, tuple[RealArray, NumberArray]] = {
+            "measured": (test.freq[test.used], test.values[test.used, row, column])
+        }
+        for name, model in models.items():
+            curves[name] = model.freq, model.values[:, row, column]
+        return frf_chart(test.quantity, curves, scale=shown["scale"])
+
+    choices = ui.row().classes("items-center")
+    figure = FigureView(make()).classes("w-full")
+    with choices:
+        for what, options in (
+            ("response", dict(enumerate(test.responses))),
+            ("reference", dict(enumerate(test.references))),
+            ("scale", SCALES),
+        ):
+            label = "magnitude" if what == "scale" else what
+            select = ui.select(options, label=label).bind_value(shown, what)
+            select.on_value_change(lambda: figure.draw(make())).classes("min-w-28")

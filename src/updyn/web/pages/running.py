@@ -2,18 +2,26 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
-from nicegui import background_tasks, ui
+from nicegui import background_tasks, run, ui
 
-from updyn.arrays import ComplexArray, RealArray
-from updyn.web.charts import SCALES, cost_chart, frf_chart, parameter_chart
+from updyn.arrays import NumberArray, RealArray
+from updyn.errors import UpdynError
+from updyn.progress import format_clock
+from updyn.report.changes import Change, changes_of_fits
+from updyn.web.charts import SCALES, frf_chart, level_chart
 from updyn.web.figure import FigureView
-from updyn.web.looking import ChannelCurve, TestView, compute_curve
+from updyn.web.looking import JobView, ModelView, compute_model
 from updyn.web.pages.frame import run_slow, watch
 from updyn.web.pages.job import has_no_job, show_view_errors
 from updyn.web.pages.task import show_controls, show_worker
+from updyn.web.project import RunFolder
+from updyn.web.runs import read_changes
+from updyn.web.settings import WEB_PAGE
+from updyn.web.worker import Worker
 from updyn.web.workspace import Workspace
 
 __all__ = ["show"]
@@ -24,105 +32,274 @@ async def show(workspace: Workspace) -> None:
     if has_no_job(workspace):
         return
     show_controls(workspace, "run", begin="Save and run")
+    with ui.row().classes("gap-x-4"):
+        ui.link("Check the job first", "/check")
+        ui.link("Compare model and measurement", "/correlate")
+        ui.link("Compare all methods", "/compare")
     _show_state(workspace)
     view = await run_slow(workspace.view)
     if view is None:
         return
     show_view_errors(view)
-    if view.tests and not view.errors:
-        start = {unknown.name: unknown.start for unknown in view.unknowns}
-        await _overlay(workspace, view.tests[0], start)
+    if not view.errors:
+        pictures = _Pictures(workspace, view)
+        pictures.show()
+        await pictures.follow()
 
 
 def _show_state(workspace: Workspace) -> None:
     @ui.refreshable
     def show_state() -> None:
-        run = workspace.run
-        if run is None:
-            ui.label("This job has not run since the window was opened.").mark("state")
-            if workspace.project.runs():
-                ui.link("Results of earlier runs", "/results")
+        worker = workspace.run
+        if worker is None:
+            latest = _find_latest(workspace)
+            text = "This job has not run yet."
+            if latest is not None:
+                text = f"Latest run: {workspace.project.name_of(latest.path)}, "
+                text += str(latest.record["status"])
+            with ui.row().classes("items-center"):
+                ui.label(text).classes("text-lg").mark("state")
+                if latest is not None:
+                    ui.link("Results", "/results")
             return
-        show_worker(run, workspace)
-        if run.state == "done":
-            ui.link("Results", "/results")
+        _show_stages(worker)
+        show_worker(worker, workspace, "/results")
 
     show_state()
-    chart = FigureView(cost_chart(())).classes("w-full")
-
-    def draw() -> None:
-        steps = [] if workspace.run is None else list(workspace.run.steps)
-        chart.set_visibility(len(steps) > 1)
-        chart.draw(cost_chart(steps))
-
-    def refresh() -> None:
-        show_state.refresh()
-        draw()
-
-    draw()
     watch(
         lambda: None if workspace.run is None else (id(workspace.run), workspace.run.version),
-        refresh,
+        show_state.refresh,
     )
 
 
-async def _overlay(workspace: Workspace, test: TestView, start: Mapping[str, float]) -> None:
-    """Show the measured FRF, the start model and the current model."""
-    shown: dict[str, Any] = {"response": 0, "reference": 0, "scale": "log"}
-    start_curves: dict[tuple[int, int], ChannelCurve] = {}
-    n_started = 0
+def _find_latest(workspace: Workspace) -> RunFolder | None:
+    """Return the latest results of the open job."""
+    folders = workspace.project.runs_of(workspace.open_document.path)
+    return workspace.project.run(folders[0]) if folders else None
 
-    async def draw() -> None:
-        nonlocal n_started
-        n_started += 1
-        number = n_started
-        place.clear()
+
+def _show_stages(worker: Worker) -> None:
+    """Show the stages of a run: ended, active with its remaining time, and to come."""
+    if not worker.plan:
+        return
+    position = worker.now.get("position", 1)
+    with ui.row().classes("items-center gap-x-2 gap-y-1").props('role=list aria-label="Stages"'):
+        for number, name in enumerate(worker.plan, 1):
+            is_done = worker.state == "done" or number < position
+            is_active = worker.active and number == position
+            icon = "radio_button_unchecked"
+            if is_done:
+                icon = "check_circle"
+            elif is_active:
+                icon = "pending"
+            item = ui.row().classes("items-center gap-1 no-wrap").props("role=listitem")
+            if is_active:
+                item.props("aria-current=step").classes("font-bold")
+            with item:
+                ui.icon(icon, color="primary" if is_done or is_active else None)
+                ui.label(name + _format_remaining(worker.now) * is_active)
+            if number < len(worker.plan):
+                ui.icon("chevron_right").classes("opacity-50")
+    share = worker.now.get("share")
+    if worker.active and share is not None:
+        ui.linear_progress(share, show_value=False).classes("w-full max-w-screen-md")
+
+
+def _format_remaining(now: Mapping[str, Any]) -> str:
+    remaining = now.get("remaining")
+    return "" if remaining is None else f", at most {format_clock(remaining)} left"
+
+
+class _Pictures:
+    """Level error, changes of the unknowns, and FRFs of the present model over the measured ones.
+
+    Without a run since the window was opened, the latest results are shown.
+    """
+
+    def __init__(self, workspace: Workspace, view: JobView) -> None:
+        self._workspace, self._view = workspace, view
+        self._shown: dict[str, Any] = {"test": 0, "response": 0, "reference": 0, "scale": "log"}
+        self._latest = _find_latest(workspace)
+        self._start: dict[int, ModelView] = {}
+        self._present: tuple[object, ModelView] | None = None
+        self._is_drawing, self._is_outdated = False, False
+
+    def show(self) -> None:
+        """Build this part of the page."""
+        self._about = ui.label().classes("text-lg").mark("level")
+        with ui.element("div").classes("w-full grid gap-4 grid-cols-1 lg:grid-cols-2"):
+            self._levels = FigureView(level_chart({})).classes("w-full min-w-0")
+            self._bars = FigureView(level_chart({})).classes("w-full min-w-0")
+        if self._view.tests:
+            self._show_choices()
+            self._curves = FigureView(frf_chart("", {})).classes("w-full")
+        self._draw_changes()
+        self._draw_levels()
+        watch(lambda: _find_step(self._workspace), lambda: background_tasks.create(self.follow()))
+
+    def _show_choices(self) -> None:
+        tests = self._view.tests
+        with ui.row().classes("items-center"):
+            if len(tests) > 1:
+                names = {place: test.name for place, test in enumerate(tests)}
+                self._show_select("test", names)
+            self._selects = [self._show_select(what, {}) for what in ("response", "reference")]
+            self._show_select("scale", SCALES, "magnitude")
+        self._set_channels()
+
+    def _show_select(self, what: str, options: Mapping[Any, str], label: str = "") -> ui.select:
+        async def change() -> None:
+            if what == "test":
+                self._set_channels()
+                self._present = None
+            await self.follow()
+
+        options = dict(options) or {0: ""}
+        select = ui.select(options, label=label or what).bind_value(self._shown, what)
+        return select.on_value_change(change).classes("min-w-32")
+
+    def _set_channels(self) -> None:
+        test = self._view.tests[self._shown["test"]]
+        self._shown["response"] = self._shown["reference"] = 0
+        for select, names in zip(self._selects, (test.responses, test.references), strict=True):
+            select.set_options(dict(enumerate(names)), value=0)
+
+    async def follow(self) -> None:
+        """Draw the present step; steps that come meanwhile are drawn together afterwards."""
+        self._is_outdated = True
+        if self._is_drawing:
+            return
+        self._is_drawing = True
+        try:
+            while self._is_outdated and not self._about.is_deleted:
+                self._is_outdated = False
+                self._draw_changes()
+                if self._view.tests and not self._view.is_large:
+                    await self._compute_models()
+                self._draw_curves()
+                self._draw_levels()
+                if self._view.tests and not self._view.is_large:
+                    await self._compute_levels()
+        finally:
+            self._is_drawing = False
+
+    async def _compute_models(self) -> None:
+        """Compute the model at the start and at the present step, unless they are known."""
+        place = self._shown["test"]
+        worker, values = self._find_values()
+        if place not in self._start:
+            found = await self._ask({})
+            if found is None:
+                return
+            self._start[place] = found
+        step = None if worker is None else (id(worker), worker.now.get("iteration", 0))
+        if not values:
+            self._present = None
+        elif self._present is None or self._present[0] != step:
+            found = await self._ask(values)
+            if found is not None:
+                self._present = step, found
+                self._store_level(worker, found)
+
+    def _store_level(
+        self, worker: Worker | None, found: ModelView, step: Mapping[str, Any] | None = None
+    ) -> None:
+        """Store the level error of a step, by default the present one, of the first test."""
+        if worker is not None and self._shown["test"] == 0:
+            worker.levels.setdefault(0, self._start[0].level_error)
+            worker.levels[(step or worker.now)["iteration"]] = found.level_error
+
+    async def _compute_levels(self) -> None:
+        """Compute level errors of earlier steps of a run that has ended, until a new step comes."""
+        worker, _ = self._find_values()
+        if worker is None or worker.active or 0 not in self._start:
+            return
+        steps = [step for step in worker.steps if step["values"]]
+        every = -(-len(steps) // WEB_PAGE.level_steps)
+        for step in steps[:: max(every, 1)]:
+            if self._is_outdated or self._shown["test"] != 0:
+                return
+            if step["iteration"] not in worker.levels:
+                found = await self._ask(step["values"])
+                if found is not None:
+                    self._store_level(worker, found, step)
+        self._draw_levels()
+
+    async def _ask(self, values: Mapping[str, float]) -> ModelView | None:
+        test = self._view.tests[self._shown["test"]]
+        where = test.number, test.responses, test.references
+        try:
+            return await run.io_bound(self._workspace.ask, compute_model, values, *where)
+        except UpdynError:  # of the job, which the page shows, or of a step that cannot be solved
+            return None
+
+    def _find_values(self) -> tuple[Worker | None, dict[str, float]]:
+        """Return the run of the open job, and the values of its present step or latest results."""
+        worker = self._workspace.run
+        if worker is not None:
+            is_own = self._workspace.is_of_open_job(worker)
+            return (worker, dict(worker.values)) if is_own else (None, {})
+        return None, {one.parameter.name: one.value for one in self._read_latest()}
+
+    def _read_latest(self) -> list[Change]:
+        return [] if self._latest is None else read_changes(self._latest.record)
+
+    # -- figures -----------------------------------------------------------------------------------
+    def _draw_changes(self) -> None:
+        worker, values = self._find_values()
+        changes = self._read_latest()
+        if worker is not None:
+            changes = [
+                Change(unknown, values[unknown.name], None, "preliminary")
+                for unknown in self._view.unknowns
+                if unknown.name in values
+            ]
+            if worker.state == "done":
+                found = self._workspace.project.run(worker.out)
+                changes = changes if found is None else read_changes(found.record)
+        figure = changes_of_fits({"run": changes})
+        self._bars.set_visibility(figure is not None)
+        if figure is not None:
+            self._bars.draw(figure)
+
+    def _draw_levels(self) -> None:
+        worker, _ = self._find_values()
+        levels = {} if worker is None else dict(worker.levels)
+        self._levels.set_visibility(len(levels) > 1)
+        if len(levels) > 1:
+            self._levels.draw(level_chart(levels))
+        start = self._start.get(self._shown["test"])
+        if start is None:
+            self._about.set_visibility(False)
+            return
+        text = f"Level error (median): {start.level_error:.2g} dB at the start"
+        if self._present is not None:
+            when = "now" if worker is not None and worker.active else "in the end"
+            text += f", {self._present[1].level_error:.2g} dB {when}"
+        best = min(levels.values(), default=math.nan)
+        if len(levels) > 2:
+            text += f", {best:.2g} dB at best"
+        self._about.set_text(f"{text}.")
+        self._about.set_visibility(True)
+
+    def _draw_curves(self) -> None:
+        if not self._view.tests:
+            return
+        shown = self._shown
+        test = self._view.tests[shown["test"]]
         row, column = shown["response"], shown["reference"]
-        run = workspace.run
-        is_own = run is not None and workspace.is_of_open_job(run)
-        values = dict(run.values) if run is not None and is_own else {}
-        with place:
-            if (row, column) not in start_curves:
-                first = await run_slow(workspace.ask, compute_curve, {}, test.number, row, column)
-                if first is None:
-                    return
-                start_curves[row, column] = first
-            updated = None
-            if values:
-                updated = await run_slow(
-                    workspace.ask, compute_curve, values, test.number, row, column
-                )
-        if number != n_started:
-            return  # a later step is already being drawn
-        curves = {"measured": (test.freq[test.used], test.values[test.used, row, column])}
-        if updated is not None:
-            curves["updated"] = _as_pair(updated)
-        curves["start"] = _as_pair(start_curves[row, column])
-        overlay.draw(frf_chart(test.quantity, curves, scale=shown["scale"]))
-        bars.set_visibility(bool(values))
-        bars.draw(parameter_chart(start, values))
-
-    with ui.row():
-        for what, names in (("response", test.responses), ("reference", test.references)):
-            ui.select(dict(enumerate(names)), label=what).bind_value(shown, what).on_value_change(
-                draw
-            ).classes("min-w-32")
-        ui.select(SCALES, label="magnitude").bind_value(shown, "scale").on_value_change(
-            draw
-        ).classes("min-w-32")
-    overlay = FigureView(frf_chart(test.quantity, {})).classes("w-full")
-    bars = FigureView(parameter_chart(start, {})).classes("w-full")
-    bars.set_visibility(False)
-    place = ui.column()
-    watch(lambda: _step_version(workspace), lambda: background_tasks.create(draw()))
-    await draw()
+        curves: dict[str, tuple[RealArray, NumberArray]] = {
+            "measured": (test.freq[test.used], test.values[test.used, row, column])
+        }
+        start, present = self._start.get(shown["test"]), self._present
+        if present is not None:
+            curves["updated"] = present[1].freq, present[1].values[:, row, column]
+        if start is not None:
+            curves["start"] = start.freq, start.values[:, row, column]
+        self._curves.draw(frf_chart(test.quantity, curves, scale=shown["scale"]))
 
 
-def _as_pair(found: ChannelCurve) -> tuple[RealArray, ComplexArray]:
-    return found.freq, found.values
-
-
-def _step_version(workspace: Workspace) -> object:
+def _find_step(workspace: Workspace) -> object:
     """Return a value that changes with every step of the run."""
-    run = workspace.run
-    return None if run is None else (id(run), run.now.get("accepted"), run.state)
+    worker = workspace.run
+    return None if worker is None else (id(worker), worker.now.get("accepted"), worker.state)

@@ -10,6 +10,7 @@ from urllib.parse import quote
 from nicegui import events, ui
 
 from updyn.group import is_number
+from updyn.text_table import format_count
 from updyn.web import edits
 from updyn.web.form import written_table
 from updyn.web.pages.frame import embed_page, show_errors, show_fault, watch
@@ -56,13 +57,14 @@ def show_controls(workspace: Workspace, task: str, *, begin: str) -> None:
     watch(lambda: (workspace.version, _state_of_form(workspace, task)), update)
 
 
-def show_worker(worker: Worker, workspace: Workspace) -> None:
-    """Show the state of a task in words, with its notes and its summary."""
+def show_worker(worker: Worker, workspace: Workspace, place: str = "") -> None:
+    """Show the state of a task in words, with its notes and its summary.
+
+    `place` is the address of the page of its results, if there is a separate one.
+    """
     text, now = _STATES[worker.state], worker.now
     if worker.active and now:
-        text += f": {now['stage']}, {now['accepted']} steps"
-        if now["cost"] is not None:
-            text += f", misfit {now['cost']:.6g}"
+        text += f": {now['stage']}, {format_count(now['accepted'], 'step')}"
     elif worker.active and worker.stages:
         text += f": {worker.stages[-1]}"
     if worker.state == "done":
@@ -71,6 +73,8 @@ def show_worker(worker: Worker, workspace: Workspace) -> None:
         if worker.active:
             ui.spinner()
         ui.label(text).classes("text-lg").mark("state").props("role=status")
+        if place and worker.state == "done":
+            ui.link("Results", place)
     if not workspace.is_of_open_job(worker):
         ui.label(f"Of another job: {workspace.project.name_of(worker.job)}")
     for note in list(worker.notes):

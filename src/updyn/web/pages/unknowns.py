@@ -9,12 +9,12 @@ from nicegui import events, ui
 from tomlkit.exceptions import TOMLKitError
 
 from updyn.errors import InputError, UpdynError
+from updyn.updating.problem.parameters import Parameter
 from updyn.web import edits
 from updyn.web.looking import (
     CHOICES,
     IdentifiabilityView,
     JobView,
-    UnknownRow,
     assess_identifiability,
 )
 from updyn.web.pages.frame import embed_page, run_slow, show_errors, watch
@@ -208,7 +208,7 @@ def _show_table(workspace: Workspace, view: JobView, found: IdentifiabilityView)
     ui.label("A click on an unknown changes its bounds.").classes("text-sm opacity-80")
 
 
-def _show_bounds_dialog(workspace: Workspace, view: JobView, unknown: UnknownRow) -> None:
+def _show_bounds_dialog(workspace: Workspace, view: JobView, unknown: Parameter) -> None:
     with ui.dialog() as dialog, ui.card():
         ui.label(unknown.name).classes("text-lg")
         low = ui.number("lower bound", value=unknown.lower)
