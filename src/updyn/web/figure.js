@@ -14,14 +14,16 @@ export default {
   beforeUnmount() {
     this.observer.disconnect();
     this.dark.removeEventListener("change", this.draw);
-    if (this.width) Plotly.purge(this.$refs.place);
+    this.isOutdated = false;
+    this.isGone = true;
+    if (this.width && !this.isDrawing) Plotly.purge(this.$refs.place);
   },
   watch: { figure: "draw" },
   methods: {
     // Draws one figure after the other: plotly misplaces the legend if it is asked again before it has ended.
     async draw() {
-      this.isOutdated = true;
-      if (this.isDrawing) return;
+      this.isOutdated = !this.isGone;
+      if (this.isDrawing || this.isGone) return;
       this.isDrawing = true;
       try {
         while (this.isOutdated) {
@@ -32,10 +34,11 @@ export default {
     },
     async drawOnce() {
       const place = this.$refs.place, isFirst = !this.width;
-      this.width = place?.clientWidth;
+      this.width = place.clientWidth;
       if (!this.width) return; // hidden
       await updynReport.show(place, this.figure);
-      if (!isFirst) return;
+      if (this.isGone) Plotly.purge(place);
+      if (this.isGone || !isFirst) return;
       place.on("plotly_click", ({ points, xvals }) => {
         const row = points?.[0]?.data.type === "heatmap" ? points[0].pointIndex[0] : null;
         if (row === null) this.$emit("pick", [xvals[0], xvals[0]]);
