@@ -19,7 +19,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from updyn.arrays import IndexArray, RealArray
-from updyn.nonlinear.element import PeriodForce, diagonal
+from updyn.nonlinear.element import PeriodForce
 
 __all__ = ["LoadingCurve", "follow_loop"]
 
@@ -33,24 +33,29 @@ def follow_loop(curve: LoadingCurve, u: RealArray) -> PeriodForce:
     n, start = len(u), int(np.argmax(np.abs(u)))
     moved = np.roll(u, -start)
     origin = _find_origins(moved)
-    later = np.flatnonzero(origin >= 0)
-    to_origin = sp.csr_array((np.ones(len(later)), (later, origin[later])), shape=(n, n))
-    change = moved - to_origin @ moved
-    scale = np.where(origin < 0, 1.0, 2.0)
+    begins = origin < 0
+    change = moved - np.where(begins, 0.0, moved[origin])
+    scale = np.where(begins, 1.0, 2.0)
     F, slope, by = curve(np.abs(change) / scale)
     sign = scale * np.sign(change)
+    own, partial = sign * F, sign[:, None] * by
     # The force of each branch is added to that of its reversal, which lies on an earlier branch.
-    force, total = sign * F, sign[:, None] * by
-    stiffness = diagonal(slope) @ (sp.eye_array(n, format="csr") - to_origin)
-    own = force, total, stiffness
-    chain = to_origin
-    while chain.nnz:
-        force, total = force + chain @ own[0], total + chain @ own[1]
-        stiffness = stiffness + chain @ own[2]
-        chain = chain @ to_origin
-    order = np.roll(np.arange(n), start)
-    stiffness = sp.csr_array(stiffness[order][:, order])
-    return PeriodForce(force[order], stiffness, np.zeros(n), total[order])
+    force, total = np.zeros(n), np.zeros_like(partial)
+    sample, at = np.arange(n), np.arange(n)
+    rows, columns, values = [], [], []
+    while len(sample):
+        force[sample] += own[at]
+        total[sample] += partial[at]
+        later = origin[at] >= 0
+        earlier = origin[at[later]]
+        rows += [sample, sample[later]]
+        columns += [at, earlier]
+        values += [slope[at], -slope[at[later]]]
+        sample, at = sample[later], earlier
+    places = [(np.concatenate(index) + start) % n for index in (rows, columns)]
+    stiffness = sp.csr_array((np.concatenate(values), tuple(places)), shape=(n, n))
+    force, total = np.roll(force, start), np.roll(total, start, axis=0)
+    return PeriodForce(force, stiffness, np.zeros(n), total)
 
 
 def _find_origins(u: RealArray) -> IndexArray:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 
@@ -62,6 +63,10 @@ class _Scale:
         return np.asarray(t / np.linalg.norm(t))
 
 
+#: The next point, its tangent, its distance from the tangent over the step, and points at lines.
+_Step: TypeAlias = tuple[Evaluation, RealArray, float, list[BranchPoint]]
+
+
 def follow_branch(balance: Balance, start: Evaluation, lines: RealArray) -> Iterator[BranchPoint]:
     """Yield the solutions from the first of `lines` (rad/s, monotonic) until the last is passed.
 
@@ -80,16 +85,7 @@ def follow_branch(balance: Balance, start: Evaluation, lines: RealArray) -> Iter
         least = CONTINUATION.least_amplitude * largest
         scale = _Scale(np.maximum(measure_amplitude(now.x), least), float(band))
         t = scale.tangent(now, scale.pack(*heading))
-        taken = _take_step(balance, scale, now, t, step, lines)
-        while taken is None:
-            step *= 0.5
-            if step < CONTINUATION.least_step:
-                raise SolverError(
-                    f"the periodic response cannot be followed beyond {_hertz(now.omega):g} Hz;"
-                    " use more harmonics=, a lower level=, or another band"
-                )
-            taken = _take_step(balance, scale, now, t, step, lines)
-        after, end, bend, at_lines = taken
+        step, (after, end, bend, at_lines) = _advance(balance, scale, now, t, step, lines)
         yield from at_lines
         if (after.omega - lines[-1]) * forward >= 0.0:
             return
@@ -109,6 +105,54 @@ def follow_branch(balance: Balance, start: Evaluation, lines: RealArray) -> Iter
     )
 
 
+def _advance(
+    balance: Balance,
+    scale: _Scale,
+    now: Evaluation,
+    t: RealArray,
+    step: float,
+    lines: RealArray,
+) -> tuple[float, _Step]:
+    """Return the length of a successful step and its result; SolverError if there is none."""
+    while step >= CONTINUATION.least_step:
+        taken = _take_step(balance, scale, now, t, step, lines)
+        if taken is not None:
+            return step, taken
+        step *= 0.5
+        if step > CONTINUATION.corner_step:
+            continue
+        for direction in _find_corner(balance, scale, now, t, step):
+            for longer in CONTINUATION.corner_steps:
+                taken = _take_step(balance, scale, now, direction, longer * step, lines)
+                if taken is not None and not _goes_back(scale, now, taken[0], t):
+                    return longer * step, taken
+    raise SolverError(
+        f"the periodic response cannot be followed beyond {_hertz(now.omega):g} Hz; use more"
+        " harmonics=, a lower level=, or another band"
+    )
+
+
+def _goes_back(scale: _Scale, now: Evaluation, after: Evaluation, t: RealArray) -> bool:
+    """Return whether a point lies on the branch before, opposite to its tangent."""
+    chord = scale.pack(after.x - now.x, after.omega - now.omega)
+    return bool(chord @ t < -CONTINUATION.backward * np.linalg.norm(chord))
+
+
+def _find_corner(
+    balance: Balance, scale: _Scale, now: Evaluation, t: RealArray, step: float
+) -> tuple[RealArray, RealArray]:
+    """Return the tangent beyond a corner ahead, in both directions, that along `t` first.
+
+    An element without a smooth force, such as a slider, gives a branch corners, where it may turn
+    by more than a right angle.
+    """
+    beyond = balance.evaluate(*scale.unpack(scale.pack(now.x, now.omega) + step * t))
+    n = np.linalg.svd(scale.border(beyond, t)[:-1])[2][-1]
+    if n @ t < 0.0:
+        n = -n
+    return n, -n
+
+
 def _take_step(
     balance: Balance,
     scale: _Scale,
@@ -116,7 +160,7 @@ def _take_step(
     t: RealArray,
     step: float,
     lines: RealArray,
-) -> tuple[Evaluation, RealArray, float, list[BranchPoint]] | None:
+) -> _Step | None:
     """Return the next point, its tangent and bend, and points at lines; None if it is too far."""
     corrected = _correct(balance, scale, now, t, step)
     if corrected is None:

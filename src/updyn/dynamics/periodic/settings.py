@@ -41,6 +41,15 @@ class ContinuationSettings:
     first_step: float = 0.01
     #: [1] Smallest step. Effort: below, the branch cannot be followed.
     least_step: float = 1e-8
+    #: [1] Step below which a corner of the branch is looked for. Effort: a smooth branch needs no
+    #: steps as short.
+    corner_step: float = 1e-5
+    #: [1] Lengths of the first steps beyond a corner, over the distance to it. Effort: a rule of
+    #: thumb.
+    corner_steps: tuple[float, ...] = (64.0, 16.0, 4.0)
+    #: [1] Cosine between a step from a corner and the branch before, above which it goes back.
+    #: Effort: a rule of thumb; a wrong direction gives 1.
+    backward: float = 0.9
     #: [1] Step below which a line that is not found is left out: the branch turns there.
     #: Effort: longer steps are repeated with half their length.
     least_line_step: float = 1e-4
@@ -68,6 +77,9 @@ class ContinuationSettings:
 class StabilitySettings:
     """The harmonic Nyquist criterion."""
 
+    #: [harmonics] Largest harmonic of a perturbation that modes above the lines require. Effort:
+    #: determinants take the third power of it.
+    most_harmonics: int = 40
     #: [harmonics] Largest number of harmonics of a perturbation above those of the motion. Effort:
     #: most motions need none.
     most_more_harmonics: int = 8

@@ -15,6 +15,8 @@ D(-s) is the conjugate of D(s).
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import scipy.sparse as sp
 
@@ -31,11 +33,15 @@ def count_unstable(balance: Balance, found: Evaluation) -> int:
     # At s = 0 with the real stiffness, D is the real determinant of the balance, which changes its
     # sign at turning points.
     sign, _ = np.linalg.slogdet(found.jacobian)
-    top, counts, fractions = int(balance.fourier.harmonics[-1]), [], []
-    # D is periodic only in the limit of many harmonics; if it is not, perturbations have more.
+    poles = _find_poles(balance, found)
+    # A perturbation moves all modes that the elements can move.
+    needed = int(poles.imag.max(initial=0.0) / found.omega) + 1
+    top = max(int(balance.fourier.harmonics[-1]), min(needed, STABILITY.most_harmonics))
+    counts, fractions = [], []
+    # D is periodic only in the limit of many harmonics; if it is not, more are added.
     for more in range(STABILITY.most_more_harmonics + 1):
         k = np.arange(-top - more, top + more + 1)
-        winding = _wind(_Determinant(balance, found, k), found.omega, float(sign))
+        winding = _wind(_Determinant(balance, found, k), poles, float(sign))
         counts.append(max(round(winding), 0))
         fractions.append(abs(winding - round(winding)))
         if fractions[-1] <= STABILITY.largest_fraction:
@@ -43,13 +49,45 @@ def count_unstable(balance: Balance, found: Evaluation) -> int:
     return counts[int(np.argmin(fractions))]
 
 
-def _wind(determinant: _Determinant, omega: float, sign: float) -> float:
+def _find_poles(balance: Balance, found: Evaluation) -> ComplexArray:
+    """Return poles s of the modes that the elements can move, without and with their mean tangent.
+
+    Only those with a positive imaginary part; near them, the phase of D turns quickly.
+    """
+    rational, n = balance.transfer.rational, balance.n_elements
+    if rational is None:
+        return np.zeros(0, dtype=np.complex128)
+    poles, at = rational.poles()
+    rows, columns = rational.rows[:n, at], rational.columns[at, :n]
+    m, theta = rational.power, rational.theta[at]
+    residue = np.abs(rows) * np.abs(columns.T) / np.abs(m * theta * poles ** (m - 1))
+    width = np.maximum(np.abs(poles.real), STABILITY.offset * found.omega)
+    size = [_measure_tangent(force, found.omega) for force in found.period]
+    kept = (np.array(size)[:, None] * residue).sum(axis=0) / width > STABILITY.least_gain
+    mean = [np.mean(force.stiffness.diagonal()) for force in found.period]
+    loop = (columns * mean) @ rows
+    moved = np.linalg.eigvals(
+        np.linalg.solve(np.eye(kept.sum()) + loop[np.ix_(kept, kept)], np.diag(theta[kept]))
+    )
+    return np.append(poles[kept], replace(rational, theta=moved).poles()[0])
+
+
+def _measure_tangent(force: PeriodForce, omega: float) -> float:
+    """Return the largest stiffness of an element, with that of its damping."""
+    stiffness = np.abs(force.stiffness.data).max(initial=0.0)
+    return float(stiffness + omega * np.abs(force.damping).max())
+
+
+def _wind(determinant: _Determinant, poles: ComplexArray, sign: float) -> float:
     """Return the negative turns of D over a period, from half of it by symmetry.
 
     `sign` is that of D at s = 0.
     """
-    nu = np.linspace(0.0, 0.5 * omega, STABILITY.first_points)
-    nu = np.unique(np.append(nu, determinant.find_narrow(0.5 * omega)))
+    omega = determinant.omega
+    width = np.maximum(np.abs(poles.real), STABILITY.offset * omega)
+    near = poles.imag[:, None] + width[:, None] * np.array(STABILITY.pole_offsets)
+    folded = np.abs(near - omega * np.rint(near / omega)).ravel()
+    nu = np.unique(np.append(np.linspace(0.0, 0.5 * omega, STABILITY.first_points), folded))
     phase = determinant.phase(nu)
     for _ in range(STABILITY.most_refinements):
         turn = np.angle(np.exp(1j * np.diff(phase)))
@@ -59,46 +97,31 @@ def _wind(determinant: _Determinant, omega: float, sign: float) -> float:
         middle = 0.5 * (nu[wide] + nu[wide + 1])
         nu = np.insert(nu, wide + 1, middle)
         phase = np.insert(phase, wide + 1, determinant.phase(middle))
+    total = float(turn.sum())
     if determinant.is_held:
-        turn = np.append(turn, np.angle(sign * np.exp(1j * phase[0])))
-    return float(-turn.sum() / np.pi)
+        first = float(np.angle(sign * np.exp(1j * phase[0])))
+        # A half turn is one exponent more: a count cannot be negative.
+        total += first if first < 0.5 * np.pi else first - 2.0 * np.pi
+    return -total / np.pi
 
 
 class _Determinant:
     """D on the line s = epsilon + i nu, from receptances and the tangents of all elements."""
 
-    __slots__ = ("_balance", "_decay", "_k", "_omega", "_tangents", "is_held")
+    __slots__ = ("_balance", "_decay", "_k", "_tangents", "is_held", "omega")
 
     def __init__(self, balance: Balance, found: Evaluation, k: IntArray) -> None:
-        self._balance, self._omega, self._k = balance, found.omega, k
+        self._balance, self.omega, self._k = balance, found.omega, k
         # The line passes rigid-body modes, whose poles are at 0, on the right.
         self._decay = STABILITY.offset * found.omega
         self._tangents = [_Tangent(force, found.omega, k) for force in found.period]
         #: Whether D is defined at s = 0.
         self.is_held = balance.transfer.static is not None
 
-    def find_narrow(self, high: float) -> RealArray:
-        """Return frequencies up to `high` around the poles that the elements can move."""
-        rational, n = self._balance.transfer.rational, self._balance.n_elements
-        if rational is None:
-            return np.zeros(0)
-        poles, at = rational.poles()
-        residue = np.abs(rational.rows[:n, at]) * np.abs(rational.columns[at, :n].T)
-        m = rational.power
-        residue /= np.abs(m * rational.theta[at] * poles ** (m - 1))
-        width = np.maximum(np.abs(poles.real), self._decay)
-        sizes = np.array([tangent.size for tangent in self._tangents])
-        gain = (sizes[:, None] * residue).sum(axis=0) / width
-        kept = (gain > STABILITY.least_gain) & (poles.imag < (self._k[-1] + 1) * 2.0 * high)
-        offsets = np.array(STABILITY.pole_offsets)
-        nu = (poles.imag[kept, None] + width[kept, None] * offsets).ravel()
-        folded = np.abs(nu - 2.0 * high * np.rint(nu / (2.0 * high)))
-        return np.unique(folded)
-
     def phase(self, nu: RealArray) -> RealArray:
         """Return the phase of D at some frequencies in rad/s, shape (n_nu,)."""
         n, n_k = self._balance.n_elements, len(self._k)
-        shifted = nu[:, None] + self._omega * self._k
+        shifted = nu[:, None] + self.omega * self._k
         H, _ = self._balance.transfer.at(np.abs(shifted).ravel(), self._decay)
         H = H[:, :n, :n].reshape(len(nu), n_k, n, n)
         H = np.where((shifted < 0.0)[:, :, None, None], H.conj(), H)
@@ -115,7 +138,7 @@ class _Determinant:
 class _Tangent:
     """Harmonics of the force of an element per perturbation exp(s t) times exp(i l omega t)."""
 
-    __slots__ = ("_damping", "_k", "_later", "_omega", "_same", "_wave", "size")
+    __slots__ = ("_damping", "_k", "_later", "_omega", "_same", "_wave")
 
     def __init__(self, force: PeriodForce, omega: float, k: IntArray) -> None:
         self._omega, self._k = omega, k
@@ -127,9 +150,6 @@ class _Tangent:
         lag = (np.arange(n)[:, None] - columns) % n * (2.0 * np.pi / n / omega)
         self._later = later[:, columns].toarray(), lag, columns
         self._wave = np.exp(2j * np.pi / n * np.outer(np.arange(n), k))
-        #: Largest stiffness, for the gain of a loop.
-        self.size = float(np.abs(force.stiffness.data).max(initial=0.0))
-        self.size += omega * float(np.abs(force.damping).max())
 
     def at(self, s: ComplexArray) -> ComplexArray:
         """Return the harmonics k of the force by those of the deformation, (n_s, n_k, n_k)."""

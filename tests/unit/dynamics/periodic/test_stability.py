@@ -110,3 +110,32 @@ def test_sliding_friction_is_stable() -> None:
     assert start is not None
     points = list(follow_branch(balance, start, np.array([0.8, 1.5])))
     assert [count_unstable(balance, point.found) for point in points] == [0] * len(points)
+
+
+def sliding_masses() -> updyn.Model:
+    """Three masses with two sliders on stiff springs and two cubic springs (an example of NLvib)."""
+    K = 2.0 * np.eye(3) - np.eye(3, k=1) - np.eye(3, k=-1)
+    groups = {"springs": updyn.Group(K, stiffness_damping=0.02), "m": updyn.Group(mass=np.eye(3))}
+    model = updyn.Model.from_groups(groups, ["1:X", "2:X", "3:X"])
+    slider, cubic = updyn.JenkinsElement(20.0, slip_force=1.0), updyn.CubicSpring(1.0)
+    model = model.with_nonlinear("a", slider, "1:X").with_nonlinear("b", slider, ["2:X", "1:X"])
+    return model.with_nonlinear("c", cubic, "2:X").with_nonlinear("d", cubic, ["3:X", "2:X"])
+
+
+def test_sticking_elements_are_stable_springs() -> None:
+    """The modes of the held masses are far above the harmonics of the motion."""
+    freq, at = [0.5 / (2 * np.pi)], ["2:X"]
+    found = updyn.response(sliding_masses(), freq, at, at, level=1.0, samples=128)
+    assert found.stable.all()
+    held = sliding_masses().linearised()
+    linear = updyn.response(held, found.freq, ["2:X"], ["2:X"])
+    assert found.values == pytest.approx(linear.values, rel=0.01)
+
+
+def test_a_branch_with_corners_is_followed() -> None:
+    """The onset of slip at a second peak of a period is a corner of the branch."""
+    freq = np.linspace(1.02, 1.04, 3) / (2 * np.pi)
+    options = {"level": 1.0, "samples": 128}
+    found = updyn.response(sliding_masses(), freq, ["2:X"], ["2:X"], **options)
+    alone = updyn.response(sliding_masses(), freq[-1:], ["2:X"], ["2:X"], **options)
+    assert found.values[-1] == pytest.approx(alone.values[0], rel=1e-6)

@@ -1,0 +1,366 @@
+"""Periodic responses of models with nonlinear elements: errors, stability and cost.
+
+Errors against closed results (one harmonic), against time integration (DOP853), and against the
+equations of pyHarm (`pip install pyHarm-os`; skipped if it is not installed), which solves all
+degrees of freedom instead of the deformations of elements. The first structure is the second
+example of NLvib (Krack & Gross, Harmonic Balance for Nonlinear Vibration Problems, 2019), with a
+quasi-periodic range: unstable exponents are counted there by Floquet multipliers, too. Cost of a
+level of 200 lines of a solid over that of its linear FRFs.
+
+    OMP_NUM_THREADS=1 python benchmarks/nonlinear.py [closed time stability pyharm cost]
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import logging
+import sys
+import time
+import warnings
+from dataclasses import dataclass
+from typing import Any
+
+import models
+import numpy as np
+from scipy.integrate import solve_ivp
+from scipy.optimize import root
+
+import updyn
+from updyn.dynamics.periodic.response import Branch
+from updyn.nonlinear.element import NonlinearElement
+
+Element = tuple[NonlinearElement, list[int]]
+
+
+@dataclass(frozen=True)
+class Structure:
+    """Masses in a chain with viscous or structural damping, elements, and a force at one mass."""
+
+    name: str
+    M: np.ndarray
+    K: np.ndarray
+    C: np.ndarray
+    loss: float
+    elements: list[Element]
+    forced: int
+    level: float
+    freq: np.ndarray
+    harmonics: int
+
+    @property
+    def labels(self) -> list[str]:
+        return [f"{i + 1}:X" for i in range(len(self.M))]
+
+    def model(self) -> updyn.Model:
+        viscous = self.C if self.C.any() else None
+        groups = {
+            "springs": updyn.Group(self.K, loss_factor=self.loss),
+            "masses": updyn.Group(mass=self.M, viscous=viscous),
+        }
+        model = updyn.Model.from_groups(groups, self.labels)
+        for number, (element, ends) in enumerate(self.elements):
+            model = model.with_nonlinear(
+                f"element {number}", element, [self.labels[i] for i in ends]
+            )
+        return model
+
+    def respond(self, **options) -> updyn.PeriodicResponse:
+        options = {"harmonics": self.harmonics, **options}
+        return updyn.response(
+            self.model(),
+            self.freq,
+            self.labels,
+            [self.labels[self.forced]],
+            level=self.level,
+            **options,
+        )
+
+    def column(self, ends: list[int]) -> np.ndarray:
+        w = np.zeros(len(self.M))
+        w[ends] = [1.0, -1.0][: len(ends)]
+        return w
+
+
+def chain(springs: list[float]) -> np.ndarray:
+    """Stiffness of masses between springs, the first and the last of them held."""
+    k = np.array(springs)
+    return np.diag(k[:-1] + k[1:]) - np.diag(k[1:-1], 1) - np.diag(k[1:-1], -1)
+
+
+def structures() -> list[Structure]:
+    two = Structure(
+        "NLvib 2: two masses, two cubic springs",
+        np.diag([1.0, 0.05]),
+        chain([1.0, 0.0453, 0.0]),
+        chain([0.002, 0.013, 0.0]),
+        0.0,
+        [(updyn.CubicSpring(1.0), [0]), (updyn.CubicSpring(0.0042), [0, 1])],
+        0,
+        0.11,
+        np.linspace(0.8, 1.4, 40) / (2 * np.pi),
+        7,
+    )
+    three = Structure(
+        "three masses, two Jenkins elements, two cubic springs",
+        np.eye(3),
+        chain([1.0] * 4),
+        chain([0.02] * 4),
+        0.0,
+        [
+            (updyn.JenkinsElement(20.0, 1.0), [0]),
+            (updyn.JenkinsElement(20.0, 1.0), [1, 0]),
+            (updyn.CubicSpring(1.0), [1]),
+            (updyn.CubicSpring(1.0), [2, 1]),
+        ],
+        1,
+        1.0,
+        np.linspace(0.5, 2.0, 40) / (2 * np.pi),
+        7,
+    )
+    ten = Structure(
+        "ten masses, loss factor 0.05, a gap",
+        np.eye(10),
+        chain([100.0] * 10 + [0.0]),
+        np.zeros((10, 10)),
+        0.05,
+        [(updyn.Backlash(60.0, gap=0.02), [9])],
+        5,
+        1.0,
+        np.linspace(0.15, 0.7, 40),
+        9,
+    )
+    return [two, three, ten]
+
+
+# -- closed results ---------------------------------------------------------------------------
+def closed() -> None:
+    """One harmonic of one mass against the describing function of each element."""
+    print("\nOne harmonic against describing functions: largest error of the force balance")
+    elements = {
+        "cubic spring": updyn.CubicSpring(0.5),
+        "polynomial": updyn.PolynomialSpring({3: 0.5, 5: -0.02}),
+        "dead zone": updyn.Backlash(3.0, gap=0.8),
+        "Jenkins": updyn.JenkinsElement(0.5, slip_force=0.2),
+        "Iwan": updyn.IwanJoint(5.0, 0.5, -0.5, 0.1),
+        "quadratic damper": updyn.QuadraticDamper(0.2),
+    }
+    for samples in (512, 4096):
+        errors = []
+        for element in elements.values():
+            one = Structure(
+                "",
+                np.eye(1),
+                np.eye(1),
+                np.zeros((1, 1)),
+                0.1,
+                [(element, [0])],
+                0,
+                0.5,
+                np.linspace(0.6, 1.8, 30) / (2 * np.pi),
+                1,
+            )
+            found = one.respond(samples=samples)
+            worst = 0.0
+            for f, H in zip(found.freq, found.values[:, 0, 0], strict=True):
+                omega = 2 * np.pi * f
+                A = 0.5 * abs(H)
+                N = complex(element.describing(A, omega))
+                if element.quantity == "mobility":
+                    N = 1j * omega * complex(element.describing(A * omega, omega))
+                worst = max(worst, abs((1.0 + 0.1j - omega**2 + N) * H - 1.0))
+            errors.append(worst)
+        text = ", ".join(f"{n} {e:.1g}" for n, e in zip(elements, errors, strict=True))
+        print(f"  {samples:5d} samples: {text}")
+
+
+# -- time integration ---------------------------------------------------------------------------
+def force_of(structure: Structure, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """Force of the elements without memory on the masses, against the motion."""
+    out = np.zeros(len(q))
+    for element, ends in structure.elements:
+        w = structure.column(ends)
+        out += w * element.over_period(np.array([w @ q]), np.array([w @ v])).force[0]
+    return out
+
+
+def over_time() -> None:
+    """A period of the two cubic springs by DOP853, by number of harmonics."""
+    (structure,) = structures()[:1]
+    print(f"\n{structure.name}: largest error of a period, over its largest displacement")
+    n, M, C, K = len(structure.M), structure.M, structure.C, structure.K
+    for harmonics in (3, 5, 7, 11, 15):
+        found = structure.respond(harmonics=harmonics)
+        errors, k = [], np.arange(harmonics + 1)[:, None]
+        for line in range(0, 40, 6):
+            omega, A = 2 * np.pi * found.freq[line], found.harmonics[line, :, :, 0]
+
+            def slope(t: float, y: np.ndarray, omega: float = omega) -> np.ndarray:
+                F = -K @ y[:n] - C @ y[n:] - force_of(structure, y[:n], y[n:])
+                F[structure.forced] += structure.level * np.cos(omega * t)
+                return np.append(y[n:], np.linalg.solve(M, F))
+
+            start = np.append(A.sum(0).real, (1j * k * omega * A).sum(0).real)
+            times = 2 * np.pi / omega * np.arange(64) / 64
+            flow = solve_ivp(slope, (0, times[-1]), start, "DOP853", times, rtol=1e-12, atol=1e-14)
+            series = np.real(A.T @ np.exp(1j * k * omega * times))
+            errors.append(np.abs(flow.y[:n] - series).max() / np.abs(series).max())
+        truncation = found.truncation[::6].max()
+        print(f"  {harmonics:2d} harmonics: {max(errors):.1e}, estimated {truncation:.1e}")
+
+
+# -- stability ----------------------------------------------------------------------------------
+def multipliers(structure: Structure, branch: Branch, point: int) -> np.ndarray:
+    """Floquet multipliers at a point of a branch, for elements without memory."""
+    n, M, C, K = len(structure.M), structure.M, structure.C, structure.K
+    omega, A = 2 * np.pi * branch.freq[point], branch.harmonics[point]
+    k = np.arange(len(A))
+
+    def slope(t: float, y: np.ndarray) -> np.ndarray:
+        q, (p, v) = np.real(np.exp(1j * k * omega * t) @ A), y.reshape(2, n, -1)
+        pull = K @ p + C @ v
+        for element, ends in structure.elements:
+            w = structure.column(ends)
+            force = element.over_period(np.array([w @ q]), np.zeros(1))
+            pull += force.stiffness.data[0] * np.outer(w, w @ p)
+        return np.append(v, -np.linalg.solve(M, pull))
+
+    flow = solve_ivp(slope, (0, 2 * np.pi / omega), np.eye(2 * n).ravel(), rtol=1e-8, atol=1e-10)
+    return np.linalg.eigvals(flow.y[:, -1].reshape(2 * n, 2 * n))
+
+
+def stability() -> None:
+    """Stability on the branch of the two cubic springs, against Floquet multipliers."""
+    (structure,) = structures()[:1]
+    (branch,) = structure.respond(harmonics=11).branches
+    points, same, pairs = range(0, len(branch.freq), 5), 0, 0
+    for point in points:
+        found = multipliers(structure, branch, point)
+        outside = found[np.abs(found) > 1.0]
+        same += bool(len(outside) == 0) == bool(branch.stable[point])
+        pairs += bool(np.any(np.abs(outside.imag) > 1e-6))
+    print(f"\n{structure.name}: stability of {len(points)} points of the branch")
+    print(f"  {same} as by Floquet multipliers; {pairs} with a complex pair beyond 1")
+
+
+# -- pyHarm -------------------------------------------------------------------------------------
+def connector(element: NonlinearElement, ends: list[int]) -> dict[str, object]:
+    """An element in the input of pyHarm."""
+    nodes = [("s", [i]) for i in ends] + [("GROUND", [0])] * (2 - len(ends))
+    at = {"connect": nodes, "dirs": [0]}
+    if isinstance(element, updyn.CubicSpring):
+        return {**at, "type": "CubicSpring", "k": element.coefficient}
+    if isinstance(element, updyn.JenkinsElement):
+        slip = element.slip_force
+        return {**at, "type": "Jenkins", "k": element.stiffness, "mu": 1.0, "N0": slip}
+    assert isinstance(element, updyn.Backlash)
+    return {**at, "type": "PenaltyBilateralGap", "k": element.stiffness, "g": element.half}
+
+
+def pyharm() -> None:
+    """The balance of all degrees of freedom by pyHarm, solved near updyn's result."""
+    if importlib.util.find_spec("pyHarm") is None:
+        print("\npyHarm is not installed: pip install pyHarm-os")
+        return
+    from pyHarm.Maestro import Maestro
+
+    logging.disable(logging.CRITICAL)
+    print("\nAgainst pyHarm with 1024 samples: largest difference of a line, over its largest one")
+    for structure in structures():
+        n, h = len(structure.M), structure.harmonics
+        connectors = {
+            "force": {
+                "type": "CosinusForcing",
+                "connect": {"s": [structure.forced]},
+                "dirs": [0],
+                "amp": structure.level,
+            },
+            **{f"e{i}": connector(*given) for i, given in enumerate(structure.elements)},
+        }
+        if structure.loss:
+            connectors["loss"] = {
+                "type": "linear_hysteretic",
+                "connect": "s",
+                "matrix": structure.loss * structure.K,
+            }
+        matrices = {"M": structure.M, "K": structure.K, "C": structure.C}
+        system = Maestro(
+            {
+                "analysis": {},
+                "system": {"type": "Base", "nh": h, "nti": 1024, "adim": {"status": False}},
+                "substructures": {"s": {"matrix": matrices, "ndofs": 1}},
+                "connectors": connectors,
+            }
+        ).system
+        found = structure.respond(samples=1024)
+        errors = []
+        for line in range(0, 40, 4):
+            omega, A = 2 * np.pi * found.freq[line], found.harmonics[line, :, :, 0]
+            x = np.concatenate([A[0].real, *(np.append(a.real, -a.imag) for a in A[1:])])
+
+            def residual(q: np.ndarray, system=system, omega: float = omega) -> np.ndarray:
+                return system.Residual(np.append(q, omega))
+
+            def jacobian(q: np.ndarray, system=system, omega: float = omega) -> np.ndarray:
+                return system.Jacobian(np.append(q, omega))[0]
+
+            solved = root(residual, 1.001 * x, jac=jacobian, tol=1e-13)
+            errors.append(np.abs(solved.x - x).max() / np.abs(x).max())
+        unknowns = len(structure.elements) * (2 * h + 1)
+        print(
+            f"  {structure.name}: {max(errors):.1e}; unknowns {unknowns}, pyHarm {n * (2 * h + 1)}"
+        )
+
+
+# -- cost ---------------------------------------------------------------------------------------
+def processor(work) -> tuple[Any, float]:
+    begun = time.process_time()
+    return work(), time.process_time() - begun
+
+
+def cost() -> None:
+    """A level of 200 lines of a solid of 9,900 DOFs, over linear FRFs of the same lines."""
+    true = models.solid((9, 9, 33), parts=6)
+    at = models.sensors(true, 4)
+    natural = updyn.modes(true, 5).frequency
+    freq = np.linspace(0.5 * natural[0], 1.05 * natural[4], 200)
+    linear, exact = processor(lambda: updyn.response(true, freq, at, at[:1]))
+    _, reduced = processor(lambda: updyn.response(true, freq, at, at[:1], tier="reduced"))
+    print(f"\n{true.n_dofs} DOFs, 200 lines over five modes: linear FRFs {exact:.1f} s exact,")
+    print(f"  {reduced:.1f} s by a reduced model")
+    size = np.abs(linear.values[:, 0, 0])
+    end = str(abs(updyn.DofSet(at)[0]))
+    k = 0.3 / np.median(size)
+    elements = {
+        "cubic spring": updyn.CubicSpring(k / size.max() ** 2),
+        "gap": updyn.Backlash(k, gap=0.2 * size.max()),
+        "Iwan joint": updyn.IwanJoint(0.1 * k * size.max(), k, -0.5, 0.1),
+    }
+    for name, element in elements.items():
+        model = true.with_nonlinear("element", element, end)
+        found, seconds = processor(
+            lambda model=model: updyn.response(model, freq, at, at[:1], level=1.0)
+        )
+        change = np.abs(found.values - linear.values).max() / np.abs(linear.values).max()
+        print(
+            f"  {name}: {seconds:.1f} s, {seconds / exact:.2f} of the exact and"
+            f" {seconds / reduced:.1f} of the reduced FRFs; {len(found.branches[0].freq)} points,"
+            f" truncation {found.truncation.max():.0e}, change of the FRF {100 * change:.0f} %"
+        )
+        print(f"    {found.source}")
+
+
+def main() -> None:
+    warnings.simplefilter("ignore")
+    parts = {
+        "closed": closed,
+        "time": over_time,
+        "stability": stability,
+        "pyharm": pyharm,
+        "cost": cost,
+    }
+    for name in sys.argv[1:] or parts:
+        parts[name]()
+
+
+if __name__ == "__main__":
+    main()
