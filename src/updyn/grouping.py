@@ -111,7 +111,7 @@ def find_groups(groups: Mapping[str, HasOrigin], pattern: str) -> list[str]:
     Returns
     -------
     list of str
-        Names in the order of the groups; empty if there is none.
+        Names in the order of the groups; empty without any.
 
     Raises
     ------

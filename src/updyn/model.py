@@ -488,7 +488,7 @@ class Model:
         Raises
         ------
         ModelError
-            If the name exists, the element is none, or there is no degree of freedom.
+            If the name exists, `element` is no nonlinear element, or there is no degree of freedom.
         OptionError
             If a weight is not finite.
         DofError

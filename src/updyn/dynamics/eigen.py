@@ -255,7 +255,7 @@ def _solve_counted(K: Matrix, M: Matrix, n: int, shift: float) -> Pairs:
         there = None if at is None else _count_below(K, M, 0.5 * (value[at - 1] + value[at]))
         if there is None or there == at:
             return value[:n], vectors[:, :n]
-    raise _missed(there, at)
+    raise _make_count_error(there, at)
 
 
 def _solve_up_to(K: Matrix, M: Matrix, most: float, number: int) -> Pairs:
@@ -265,7 +265,7 @@ def _solve_up_to(K: Matrix, M: Matrix, most: float, number: int) -> Pairs:
         found = int(np.count_nonzero(value < most))
         if found == number:
             return value[: number + 1], vectors[:, : number + 1]
-    raise _missed(number, found)
+    raise _make_count_error(number, found)
 
 
 def _solve_twice(K: Matrix, M: Matrix, n: int, shift: float) -> Iterator[Pairs]:
@@ -274,7 +274,7 @@ def _solve_twice(K: Matrix, M: Matrix, n: int, shift: float) -> Iterator[Pairs]:
     yield _sparse(K, M, n, shift, basis=min(2 * n + 40, K.shape[0] - 1))
 
 
-def _missed(there: int | None, found: int | None) -> SolverError:
+def _make_count_error(there: int | None, found: int | None) -> SolverError:
     return SolverError(
         f"the eigenvalue solver found {found} modes below a frequency that {there} modes lie below"
     )

@@ -143,7 +143,7 @@ def hold_base(model: Model, frf: FRF) -> tuple[Model, FRF]:
 
 
 def fix_base(model: Model, frf: FRF) -> Model:
-    """Return the model with the base of the data fixed; the model itself if there is none."""
+    """Return the model with the base of the data fixed; the model itself without a base."""
     if frf.base is None:
         return model
     model.refuse_nonlinear("base excitation")
@@ -219,7 +219,7 @@ class DrivenSolver:
         pencil: Pencil | None = None,
     ) -> ComplexArray:
         """Return fields, shape (N, n_lines, r), of unit forces and of the prescribed motion."""
-        loaded = self._loaded(columns)
+        loaded = self._find_loaded(columns)
         X = self.inner.solve(coefficients, loaded, freq, pencil)
         return self._combine(X, loaded, columns, freq)
 
@@ -231,7 +231,7 @@ class DrivenSolver:
         forces: Callable[[ComplexArray, slice], ComplexArray],
     ) -> tuple[ComplexArray, ComplexArray]:
         """Solve as `solve`, then for forces that depend on the result, with the motion held."""
-        loaded = self._loaded(columns)
+        loaded = self._find_loaded(columns)
 
         def of_fields(X: ComplexArray, lines: slice) -> ComplexArray:
             return forces(self._combine(X, loaded, columns, freq[lines]), lines)
@@ -264,7 +264,7 @@ class DrivenSolver:
         """Return the DOFs coupled with a DOF in the model, itself included."""
         return self.inner.coupled_dofs(dof)
 
-    def _loaded(self, columns: IndexArray) -> IndexArray:
+    def _find_loaded(self, columns: IndexArray) -> IndexArray:
         """Return the DOFs to load for some columns, ascending."""
         of_dofs = columns[columns < self.drive]
         needed = [self.excitation.forced, of_dofs]

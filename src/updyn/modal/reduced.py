@@ -190,11 +190,11 @@ class ReducedModes:
         for forces in self._derivative_forces(values, modes, number):
             F = forces / np.sqrt(shifted)
             for _ in range(MODE_REDUCTION.derivative_moments):
-                missing, square = self._missing(state, factorised.solve(np.asfortranarray(F)), F)
+                missing, square = self._deflate(state, factorised.solve(np.asfortranarray(F)), F)
                 F = shifted * (modes.M @ missing)
                 self._append(_principal(missing, square))
 
-    def _missing(self, state: State, D: RealArray, F: RealArray) -> tuple[RealArray, RealArray]:
+    def _deflate(self, state: State, D: RealArray, F: RealArray) -> tuple[RealArray, RealArray]:
         """Return the part of D = P^-1 F that the basis lacks, X, and X^T P X."""
         assert self._basis is not None
         P = self._basis.weighted_sum(self._shifted.weights(state, -self._shifted.top))

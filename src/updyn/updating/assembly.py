@@ -114,7 +114,7 @@ class Assembly:
         decisive |= {"method": options.method, "accuracy": options.accuracy}
         if options.regularise is not None:
             decisive["regularise"] = options.regularise
-        decisive["lines"] = [_listed(test.lines) for test in tests]
+        decisive["lines"] = [_as_list(test.lines) for test in tests]
         decisive["noise"] = [test.noise for test in tests]
         decisive["validation"] = [test.validation for test in tests]
         return decisive
@@ -157,7 +157,7 @@ def _modal_parts(setup: Setup, session: Session) -> list[ModalPart]:
     ]
 
 
-def _listed(lines: Lines) -> object:
+def _as_list(lines: Lines) -> object:
     if isinstance(lines, str) or lines is None:
         return lines
     return np.asarray(lines).tolist()
