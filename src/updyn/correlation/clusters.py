@@ -8,7 +8,7 @@ gap). Close modes are therefore compared by the principal angles between the spa
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -116,9 +116,9 @@ class PairingRule:
     of a pair of equal frequencies.
     """
 
-    gate: float
-    least_mac: float
-    close: float
+    gate: float = field(default_factory=lambda: MODE_PAIRING.frequency_gate)
+    least_mac: float = field(default_factory=lambda: MODE_PAIRING.least_mac)
+    close: float = field(default_factory=lambda: MODE_PAIRING.close_frequencies)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

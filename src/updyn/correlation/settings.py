@@ -9,10 +9,10 @@ from dataclasses import dataclass
 class ModePairingSettings:
     """Numbers of the pairing of computed with measured modes."""
 
-    #: [1] Largest relative difference of frequency of a pair. Default: a rule of thumb for models
+    #: [1] Largest relative difference of frequency of a pair. Why: a rule of thumb for models
     #: before updating.
     frequency_gate: float = 0.3
-    #: [1] Least MAC of a pair of equal frequencies. Default: by Bessel's inequality, a shape has a
+    #: [1] Least MAC of a pair of equal frequencies. Why: by Bessel's inequality, a shape has a
     #: MAC above one half with at most one shape of an orthogonal set.
     least_mac: float = 0.5
     #: [1] Modes within this relative difference of frequency are close. Why: frequencies of one

@@ -9,7 +9,6 @@ import numpy as np
 
 from updyn.arrays import IndexArray, RealArray
 from updyn.correlation.clusters import PairingRule, pair_clusters
-from updyn.correlation.settings import MODE_PAIRING
 from updyn.correlation.shapes import find_moving
 from updyn.dofs import Dof, DofSet
 from updyn.errors import DataError, OptionError, SolverError, suggest
@@ -224,13 +223,10 @@ def _pair(updated: UpdatedModes, target: ModalTarget) -> IndexArray:
     """Return the mode of the model that is paired with each measured one, (m,); -1: none."""
     shapes = updated.modes.shapes[:, : updated.number]
     A, moving = target.at_sensors(shapes), np.flatnonzero(find_moving(shapes[target.rows], shapes))
-    rule = PairingRule(
-        MODE_PAIRING.frequency_gate, MODE_PAIRING.least_mac, MODE_PAIRING.close_frequencies
-    )
     frequencies = updated.modes.frequency[moving], target.frequency
     paired = np.full(len(target.value), -1)
     if len(moving):
-        pairs = pair_clusters(A[:, moving], target.shapes, frequencies, rule).pairs
+        pairs = pair_clusters(A[:, moving], target.shapes, frequencies, PairingRule()).pairs
         paired[pairs.second] = moving[pairs.first]
     return paired
 

@@ -21,6 +21,15 @@ def test_a_pair_at_the_gate_has_a_mac_of_nine_tenths(mac, count):
     assert len(first) == count
 
 
+@pytest.mark.parametrize(
+    ("mac", "difference", "count"), [(1.0, 0.29, 1), (1.0, 0.31, 0), (0.51, 0.0, 1), (0.49, 0.0, 0)]
+)
+def test_a_pair_is_within_three_tenths_with_a_mac_of_a_half(mac, difference, count):
+    rule = PairingRule()
+    found, _ = clusters._assign_pairs(*np.array([[[mac]], [[difference]], [[rule.gate]]]), rule)
+    assert len(found) == count
+
+
 @pytest.mark.parametrize(("spread", "rank"), [(0.09, 1), (0.11, 2)])
 def test_the_span_of_shapes_excludes_their_errors(spread, rank):
     # Two vectors at an angle have singular values of the ratio tan(angle / 2).

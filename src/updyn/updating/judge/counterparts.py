@@ -219,11 +219,7 @@ class _ModeSets:
         if not self.n_sensors:
             pairs = pair_frequencies(frequency, COUNTERPARTS.frequency_factor - 1.0)
         else:
-            rule = PairingRule(
-                COUNTERPARTS.frequency_factor - 1.0,
-                MODE_PAIRING.least_mac,
-                MODE_PAIRING.close_frequencies,
-            )
+            rule = PairingRule(COUNTERPARTS.frequency_factor - 1.0)
             shapes = self.computed.shapes, self.measured.shapes
             pairs = pair_clusters(*shapes, frequency, rule).pairs
         found = tuple(

@@ -9,7 +9,6 @@ import numpy as np
 
 from updyn.arrays import RealArray
 from updyn.correlation.clusters import PairingRule, pair_clusters
-from updyn.correlation.settings import MODE_PAIRING
 from updyn.correlation.shapes import find_moving
 from updyn.errors import DataError, SolverError
 from updyn.modal import ModeSet
@@ -82,9 +81,7 @@ def _with_subspaces(
         target.at_sensors(modes.shapes[:, move]),
         target.shapes,
         (frequency, target.frequency),
-        PairingRule(
-            MODE_PAIRING.frequency_gate, MODE_PAIRING.least_mac, MODE_PAIRING.close_frequencies
-        ),
+        PairingRule(),
     )
     of_subspaces, close = macs.copy(), {}
     for i, k, mac in zip(*found.pairs, strict=True):
