@@ -119,6 +119,9 @@ class JobTask:
         Whether it can stop with its results so far; otherwise it is ended.
     resumes : bool
         Whether a stopped or ended task can be resumed.
+    panel : str
+        Function ``"module:attribute"`` that shows a further part of the page of the task; empty
+        for none. It takes the `Workspace`, and its module is imported with the page.
     """
 
     do: Callable[[Path, Path, Reporter, bool], TaskResult]
@@ -129,6 +132,7 @@ class JobTask:
     about: str = ""
     stops: bool = False
     resumes: bool = False
+    panel: str = ""
 
 
 def _run_job(job: Path, out: Path, reporter: Reporter, resume: bool) -> TaskResult:

@@ -47,5 +47,19 @@ class CycleSimulationSettings:
     most_steps: int = 300_000
 
 
+@dataclass(frozen=True)
+class TuningSettings:
+    """Sliders of the controller in the window."""
+
+    #: [decades] Range of a slider to both sides of the number in the job. Drawing: an arrow key
+    #: then moves it visibly; after writing, the sliders are in the middle again.
+    decades: float = 1.0
+    #: [decades] Step of a slider. Drawing: 5 percent for an arrow key.
+    step: float = 0.02
+    #: [s] Rest after which the loop is computed. Effort: not for each step of a drag.
+    pause: float = 0.15
+
+
 PLANT_COMPARISON = PlantComparisonSettings()
 CYCLE_SIMULATION = CycleSimulationSettings()
+TUNING = TuningSettings()

@@ -39,4 +39,5 @@ PLANT = JobTask(
     ),
     "Makes the plant of the latest run of this job, or of its model without a run, with the"
     " margins of the loops of [servo].",
+    panel="updyn.control.job.tuning_page:show_tuning",
 )

@@ -9,9 +9,8 @@ from updyn import __version__
 from updyn.control.job.messages import describe_plant_size
 from updyn.control.job.plant_result import PlantResult
 from updyn.control.report.plant import bode_name, channel_name, channels, plant_figures
-from updyn.control.report.servo import first_margins, servo_figures
-from updyn.control.servo.record import Loop, Servo
-from updyn.control.servo.verdict import judge_servo, worst_member
+from updyn.control.report.servo import first_margins, most_critical, servo_figures
+from updyn.control.servo.verdict import judge_servo
 from updyn.report.formats import capitalize_first
 from updyn.report.page import assemble
 from updyn.report.section import PageContent
@@ -57,7 +56,7 @@ def _first_screen(result: PlantResult) -> dict[str, object]:
         }
     size = describe_plant_size(result)
     if result.servo is not None:
-        loop = _most_critical(result.servo)
+        loop = most_critical(result.servo)
         verdict = judge_servo(result.servo)
         return {
             "kind": verdict.kind,
@@ -80,16 +79,3 @@ def _first_screen(result: PlantResult) -> dict[str, object]:
         "caption": "The channel with the largest error.",
         "figures": plant_figures(result),
     }
-
-
-def _most_critical(servo: Servo) -> Loop:
-    """Return the first unstable loop, or that with the smallest modulus margin of all plants."""
-
-    def margin(loop: Loop) -> float:
-        nominal = loop.margins.modulus_margin
-        if nominal is None or loop.unstable_members:
-            return -1.0
-        worst = worst_member(loop, "modulus_margin")
-        return nominal if worst is None else min(nominal, worst[0])
-
-    return min(servo.loops, key=margin)

@@ -37,6 +37,7 @@ __all__ = [
     "SERVO",
     "first_margins",
     "margin_table",
+    "most_critical",
     "servo_figures",
 ]
 
@@ -520,6 +521,19 @@ def first_margins(servo: Servo) -> tuple[list[str], list[tuple[str, list[list[st
             rows.append(["crossover", _hz(loop.margins.crossover), *[""] * (len(head) - 2)])
         groups.append((_LOOP_NAMES[loop.name], rows))
     return head, groups
+
+
+def most_critical(servo: Servo) -> Loop:
+    """Return the first unstable loop, or that with the smallest modulus margin of all plants."""
+
+    def margin(loop: Loop) -> float:
+        nominal = loop.margins.modulus_margin
+        if nominal is None or loop.unstable_members:
+            return -1.0
+        worst = worst_member(loop, "modulus_margin")
+        return nominal if worst is None else min(nominal, worst[0])
+
+    return min(servo.loops, key=margin)
 
 
 def _robust(margin: RobustMargin) -> list[str]:

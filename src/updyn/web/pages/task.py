@@ -10,6 +10,7 @@ from urllib.parse import quote
 from nicegui import events, ui
 
 from updyn.group import is_number
+from updyn.registry import load_object
 from updyn.text_table import format_count
 from updyn.web import edits
 from updyn.web.form import written_table
@@ -95,6 +96,8 @@ def task_page(task: str) -> Callable[[Workspace], None]:
         with ui.row().classes("items-center gap-x-8"):
             _show_form(workspace, task)
             show_controls(workspace, task, begin="Save and begin")
+        if TASKS.find(task).panel:
+            load_object(TASKS.find(task).panel)(workspace)
         known: dict[str, str] = {}
         if task == "modes":
             _pick_modes(workspace, known)
