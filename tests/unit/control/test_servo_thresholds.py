@@ -11,7 +11,7 @@ import pytest
 import updyn
 from nonlinear_plants import one_inertia
 from updyn.control.job import servo as servo_job
-from updyn.control.servo import controller, grid, robust, time_response
+from updyn.control.servo import controller, doubts, grid, robust, time_response, verdict
 from updyn.control.servo.stability import count_drifting, count_growing
 from updyn.control.servo.state_space import StateSpace, balance, bilinear
 from updyn.control.servo.time_response import schedule_intervals, step_figures
@@ -263,3 +263,19 @@ def test_a_change_of_a_loop_is_real_at_rest(monkeypatch, deviation, factor):
     judged = SimpleNamespace(loop=lambda s: 0.0)
     found = robust._critical_factor(cascade, judged, member, np.ones(3), np.inf)
     assert found == pytest.approx(factor)
+
+
+# -- verdict --------------------------------------------------------------------------------------
+def judged_loop(**margins):
+    return SimpleNamespace(name="velocity", worst={}, margins=SimpleNamespace(**margins))
+
+
+@pytest.mark.parametrize(("margin", "is_small"), [(0.49, True), (0.51, False)])
+def test_a_modulus_margin_of_a_half_is_usual(margin, is_small):
+    assert bool(verdict._small_margin([judged_loop(modulus_margin=margin)])) == is_small
+
+
+@pytest.mark.parametrize(("crossover", "is_low"), [(0.19, True), (0.21, False)])
+def test_a_crossover_is_questioned_below_a_fiftieth_of_the_lowest_mode(crossover, is_low):
+    text = doubts._describe(judged_loop(crossover=crossover), 10.0, "the lowest mode")
+    assert bool(text) == is_low
