@@ -14,7 +14,11 @@ import updyn
 from pages_read import attributes, dump, values
 from updyn.cli.layout import fit_text
 from updyn.control.antiresonances import ZeroShift
-from updyn.control.job.messages import brief_plant_result, describe_plant_result
+from updyn.control.job.messages import (
+    brief_plant_result,
+    describe_plant_result,
+    name_plant_outcome,
+)
 from updyn.control.job.plant_result import make_plant, resolving_lines
 from updyn.control.job.record import control_record, servo_record
 from updyn.control.report.page import render, write_plant_page
@@ -361,6 +365,14 @@ def test_the_terminal_states_the_outcome_first(made):
     assert bare[0].endswith(": plant from 1 to 90 Hz, within its tolerance.")
     lost = brief_plant_result(replace(plant_result, servo=None, plant=None, message="no order"), [], 80)  # fmt: skip
     assert lost.splitlines()[:2] == [f"{plant_result.title}: no plant from 1 to 90 Hz.", "no order"]
+
+
+def test_the_outcome_in_a_few_words(made):
+    bare = replace(made[1], servo=None)
+    expected = "servo stable, also on all 4 plants of the family, with a small margin"
+    assert name_plant_outcome(made[1]) == expected
+    assert name_plant_outcome(bare) == "plant made"
+    assert name_plant_outcome(replace(bare, plant=None)) == "tolerance not met"
 
 
 def test_a_relative_error_is_stated_with_its_place(made):

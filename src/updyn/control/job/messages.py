@@ -22,6 +22,7 @@ __all__ = [
     "describe_plant_result",
     "describe_plant_size",
     "describe_request",
+    "name_plant_outcome",
 ]
 
 #: What an error is relative to, by the measure of a tolerance.
@@ -76,6 +77,13 @@ def _describe_outcome(result: PlantResult, most: int | None = None) -> list[str]
     if result.plant is None:
         return [f"{result.title}: no plant from {low:g} to {high:g} Hz.", result.message]
     return [f"{result.title}: plant from {low:g} to {high:g} Hz, within its tolerance."]
+
+
+def name_plant_outcome(result: PlantResult) -> str:
+    """Return the outcome in a few words: the verdict on the servo, or on the plant without one."""
+    if not result.holds_tolerance:
+        return "tolerance not met"
+    return "plant made" if result.servo is None else f"servo {judge_servo(result.servo).text}"
 
 
 def describe_plant_size(result: PlantResult) -> str:

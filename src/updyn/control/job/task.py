@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from updyn.control.job.job_tables import PLANT_PAGE
-from updyn.control.job.messages import describe_plant_result
+from updyn.control.job.messages import describe_plant_result, name_plant_outcome
 from updyn.control.job.plant_job import plant_job
 from updyn.job import load_job
 from updyn.web.tasks import Field, JobTask, TaskResult
@@ -19,10 +19,7 @@ __all__ = ["PLANT"]
 
 def _plant(job: Path, out: Path, reporter: Reporter, _resume: bool) -> TaskResult:
     result = plant_job(load_job(job), out, say=reporter.say)
-    return TaskResult(
-        "plant made" if result.holds_tolerance else "tolerance not met",
-        describe_plant_result(result),
-    )
+    return TaskResult(name_plant_outcome(result), describe_plant_result(result))
 
 
 PLANT = JobTask(
