@@ -79,7 +79,7 @@ class StabilitySettings:
 
     #: [harmonics] Largest harmonic of a perturbation that modes above the lines require. Effort:
     #: determinants take the third power of it.
-    most_harmonics: int = 40
+    most_harmonics: int = 15
     #: [harmonics] Largest number of harmonics of a perturbation above those of the motion. Effort:
     #: most motions need none.
     most_more_harmonics: int = 8
@@ -91,10 +91,10 @@ class StabilitySettings:
     first_points: int = 9
     #: [half-widths] Points around the poles of the linear model. Why: the phase turns there by half
     #: a turn.
-    pole_offsets: tuple[float, ...] = (-3.0, -1.0, 0.0, 1.0, 3.0)
-    #: [1] Loop gain of a mode and the elements from which its pole has such points. Why: a mode of
-    #: less than 1 cannot become unstable (small-gain theorem); the rest is a margin.
-    least_gain: float = 0.1
+    pole_offsets: tuple[float, ...] = (-1.0, 1.0)
+    #: [1] Loop gain of a mode and the elements from which its pole has such points. Why: a
+    #: loop of less than 1 cannot become unstable (small-gain theorem).
+    least_gain: float = 1.0
     #: [rad] Largest turn of the phase between points. Why: a fourth of a turn is unambiguous.
     largest_turn: float = 1.2
     #: [halvings] Refinements of the points. Effort: 2^-40 of a period is rounding.
