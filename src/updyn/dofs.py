@@ -250,7 +250,12 @@ class DofSet(Sequence[Dof]):
     def __getitem__(self, item: Any) -> Dof | DofSet:
         if isinstance(item, int | np.integer):
             return Dof(int(self.nodes[item]), DIRECTIONS[self.axes[item]], int(self.signs[item]))
-        return DofSet.from_arrays(self.nodes[item], self.axes[item], self.signs[item])
+        nodes, axes, signs = self.nodes[item], self.axes[item], self.signs[item]
+        if nodes.ndim != 1:
+            return DofSet.from_arrays(nodes, axes, signs)  # an error
+        out = DofSet.__new__(DofSet)
+        out._set(nodes, axes, signs)
+        return out
 
     def __iter__(self) -> Iterator[Dof]:
         return map(self.__getitem__, range(len(self)))

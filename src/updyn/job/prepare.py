@@ -322,8 +322,11 @@ def _check_method(job: Job, fitted: FRF | ModeSet) -> None:
         with key_path(job.table_of("noise")):
             choose_modal_noise(job.noise)
         return
+    # Without variance and coherence, an estimate takes long, and errors do not depend on the lines.
+    is_estimated = fitted.variance is None and fitted.coherence is None
+    few = fitted.select(lines=fitted.freq[:1]) if is_estimated else fitted
     with key_path(job.table_of("noise")):
-        choose_noise(job.noise, fitted)
+        choose_noise(job.noise, few)
     if isinstance(method.lines, tuple):
         with key_path("method", "lines"):
             fitted.find_lines(method.lines)
