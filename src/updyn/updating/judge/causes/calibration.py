@@ -26,6 +26,7 @@ class Calibration(Fault):
     kind: ClassVar[str] = "calibration"
     has_free_size: ClassVar[bool] = True
     is_additive: ClassVar[bool] = True
+    is_local: ClassVar[bool] = True
 
     @classmethod
     def propose_faults(cls, evidence: Evidence) -> Iterable[Self]:

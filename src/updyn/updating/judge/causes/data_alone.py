@@ -10,6 +10,7 @@ from updyn.errors import SolverError, UpdynError
 from updyn.frf import FRF
 from updyn.updating.judge.causes.catalogue import CAUSES
 from updyn.updating.judge.causes.finding import Finding, make_fault_finding
+from updyn.updating.judge.causes.misfit import add_resolution
 from updyn.updating.judge.causes.rigid_body import RigidBody
 from updyn.updating.judge.causes.rigid_shapes import RigidShapes
 from updyn.updating.judge.causes.shown import DataFault, Detection
@@ -29,7 +30,7 @@ __all__ = [
 
 def with_variance(frf: FRF, noise: NoiseModel) -> FRF:
     """Return the data with their variance, as far as it is known before a fit."""
-    return replace(frf, variance=noise.initial_variance(frf))
+    return replace(frf, variance=add_resolution(noise.initial_variance(frf), frf))
 
 
 def find_data_faults(part: FRFPart, noise: NoiseModel) -> list[Finding]:

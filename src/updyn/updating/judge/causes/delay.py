@@ -23,6 +23,7 @@ class Delay(Fault):
     unit: ClassVar[str] = "s"
     has_free_size: ClassVar[bool] = True
     is_additive: ClassVar[bool] = True
+    is_local: ClassVar[bool] = True
 
     @classmethod
     def propose_faults(cls, evidence: Evidence) -> Iterable[Self]:

@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
-import scipy.linalg
 
 from updyn.arrays import BoolArray, ComplexArray, IndexArray, RealArray
-from updyn.dofs import DofSet
 from updyn.dynamics.affine import State
 from updyn.frf import FRF, QUANTITIES
 from updyn.updating.judge.causes.altered import divide_logs, replace_channels
@@ -157,13 +156,13 @@ class Evidence:
         known = self._find_responses(frf)
         rows, columns = known.find_indices(frf)
         sign = frf.responses.signs[:, None].astype(float) * frf.references.signs
-        return np.asarray(known.H[:, rows][:, :, columns] * sign)
+        return np.asarray(known.H[:, rows[:, None], columns] * sign)
 
     def model_slopes(self, frf: FRF) -> ComplexArray:
         """Return d H / d x at the channels of data, shape (n, n_f, n_i, n_j)."""
         known = self._find_responses(frf)
         rows, columns = known.find_indices(frf)
-        return np.asarray(known.slopes[:, :, rows][:, :, :, columns] * self.model_response(frf))
+        return np.asarray(known.slopes[:, :, rows[:, None], columns] * self.model_response(frf))
 
     def _has_channels_of(self, frf: FRF) -> bool:
         return frf.responses == self.frf.responses and frf.references == self.frf.references
@@ -303,58 +302,29 @@ class Evidence:
         e = self.misfit(self.frf)
         return float(np.sqrt(2.0 * e @ e / e.size)) + CAUSE_MISFIT.perfect_rms
 
-    def adapt_to(self, frf: FRF) -> RealArray:
-        """Return the misfit of data in units of `rms_misfit` after all unknowns have adapted.
-
-        It is above the offsets of the unknowns from their start, shape (2 m + n,).
-        """
-        b = np.concatenate([self.misfit(frf) / self.rms_misfit, self.offset_to_start])
-        return self.project_out_unknowns(frf, b)
+    @cached_property
+    def misfit_with_prior(self) -> RealArray:
+        """Misfit in units of `rms_misfit`, above the offsets of the unknowns, shape (2 m + n,)."""
+        return np.concatenate([self.misfit(self.frf) / self.rms_misfit, self.offset_to_start])
 
     @cached_property
     def adapted_misfit(self) -> RealArray:
-        """`adapt_to` of the data themselves."""
-        return self.adapt_to(self.frf)
+        """`misfit_with_prior` after all unknowns have adapted, to first order."""
+        return self.project_out_unknowns(self.misfit_with_prior)
 
-    def project_out_unknowns(self, frf: FRF, b: RealArray) -> RealArray:
+    def project_out_unknowns(self, b: RealArray) -> RealArray:
         """Return the residual after all unknowns have adapted, to first order.
 
         `b`, shape (2 m + n,) or (2 m + n, k), is a change of the misfit in units of `rms_misfit`,
-        above one of the unknowns in units of their spread. `frf` must have the same lines.
+        above one of the unknowns in units of their spread.
         """
-        if self._has_channels_of(frf):
-            Q = self._orthonormal_basis
-            return np.asarray(b - Q @ (Q.T @ b))
-        # Few rows differ: exchange their part of the normal equations.
-        is_moved = _find_differing_dofs(self.frf.responses, frf.responses)[:, None]
-        is_moved = is_moved | _find_differing_dofs(self.frf.references, frf.references)
-        affected = np.broadcast_to(is_moved, self.frf.values.shape)
-        rows = np.flatnonzero(np.concatenate([affected.ravel(), affected.ravel()]))
-        A = self._jacobian_with_prior
-        known, (i, j) = self._find_responses(frf), np.nonzero(is_moved)
-        at = known.find_indices(frf)
-        slopes = known.slopes[:, :, at[0][i], at[1][j]]
-        weight = self.weight[:, is_moved]
-        new = np.stack([stack_real_imag(weight * one) for one in slopes], axis=1) / self.rms_misfit
-        old = A[rows]
-        curved = self._normal_with_prior - old.T @ old + new.T @ new
-        spread = self.spread  # in these units the matrix is 1 plus the part of the data
-        scaled = spread[:, None] * curved * spread
-        if scaled.max() > CAUSE_MISFIT.largest_entry:
-            exchanged = A.copy()
-            exchanged[rows] = new
-            return _project_out(exchanged, b)
-        pull = spread * (A.T @ b + (new - old).T @ b[rows])
-        step = spread * scipy.linalg.solve(scaled, pull, assume_a="pos")
-        adapted = A @ step
-        adapted[rows] = new @ step
-        return np.asarray(b - adapted)
+        Q = self.orthonormal_basis[0]
+        return np.asarray(b - Q @ (Q.T @ b))
 
     @cached_property
     def jacobian(self) -> RealArray:
         """Changes of the misfit by the unknowns, to first order, shape (2 m, n)."""
-        slopes = self._measured_responses.slopes
-        return np.stack([stack_real_imag(self.weight * one) for one in slopes], axis=1)
+        return self.derive_misfit(self.frf, self.weight)
 
     def imitate_change(self, change: ComplexArray) -> RealArray:
         """Return the point, to first order, at which the unknowns imitate a change of ln H."""
@@ -370,31 +340,62 @@ class Evidence:
         return np.asarray(self.jacobian.T @ self.jacobian)
 
     @cached_property
-    def _jacobian_with_prior(self) -> RealArray:
-        """Changes of the misfit by the unknowns, above their prior, shape (2 m + n, n)."""
+    def jacobian_with_prior(self) -> RealArray:
+        """Changes of `misfit_with_prior` by the unknowns, shape (2 m + n, n)."""
         return np.vstack([self.jacobian / self.rms_misfit, np.diag(1.0 / self.spread)])
 
     @cached_property
-    def _orthonormal_basis(self) -> RealArray:
-        # The prior on every unknown makes the columns independent.
-        return np.linalg.qr(self._jacobian_with_prior)[0]
+    def orthonormal_basis(self) -> tuple[RealArray, RealArray]:
+        """QR factors of `jacobian_with_prior`; the prior makes its columns independent."""
+        Q, R = np.linalg.qr(self.jacobian_with_prior)
+        return Q, R
+
+    def derive_misfit(self, frf: FRF, weight: RealArray) -> RealArray:
+        """Return changes of the misfit at the channels of data by the unknowns, shape (2 m, n)."""
+        known = self._find_responses(frf)
+        rows, columns = known.find_indices(frf)
+        slopes = known.slopes[:, :, rows[:, None], columns]
+        return np.stack([stack_real_imag(weight * one) for one in slopes], axis=1)
+
+    def select_channels(self, rows: IndexArray, columns: IndexArray) -> Evidence:
+        """Return the evidence of the given responses and references alone."""
+        return _ChannelEvidence(self.part, self.x, self, rows, columns)
+
+
+@dataclass(frozen=True, eq=False)
+class _ChannelEvidence(Evidence):
+    """Some channels of the evidence of a part, whose model is not evaluated again."""
+
+    whole: Evidence
+    response_indices: IndexArray
+    reference_indices: IndexArray
 
     @cached_property
-    def _normal_with_prior(self) -> RealArray:
-        return np.asarray(self._jacobian_with_prior.T @ self._jacobian_with_prior)
+    def frf(self) -> FRF:
+        """The data."""
+        every, i, j = self.whole.frf, self.response_indices, self.reference_indices
+        parts: dict[str, Any] = {
+            name: getattr(every, name)[:, i[:, None], j]
+            for name in ("values", "variance", "coherence")
+            if getattr(every, name) is not None
+        }
+        parts |= {"responses": every.responses[i], "references": every.references[j]}
+        return replace(every, **parts)
 
+    def _find_responses(self, frf: FRF) -> _ModelResponses:
+        return self.whole._find_responses(frf)
 
-def _find_differing_dofs(one: DofSet, other: DofSet) -> BoolArray:
-    """Return which DOFs of two sets of the same length differ, shape (n,)."""
-    return np.asarray(
-        (one.nodes != other.nodes) | (one.axes != other.axes) | (one.signs != other.signs)
-    )
+    @cached_property
+    def slope_by_frequency(self) -> ComplexArray:
+        """Slope d ln H / d f of the model, in 1/Hz, shape (n_f, n_i, n_j)."""
+        return self._select(self.whole.slope_by_frequency)
 
+    def log_ratio_with_scaled_axis(self, log_factor: float) -> ComplexArray:
+        """Return the model's ln A(exp(log_factor) f) / A(f), shape (n_f, n_i, n_j)."""
+        return self._select(self.whole.log_ratio_with_scaled_axis(log_factor))
 
-def _project_out(A: RealArray, b: RealArray) -> RealArray:
-    """Return the component of b orthogonal to the columns of A, which are independent."""
-    Q = np.linalg.qr(A)[0]
-    return np.asarray(b - Q @ (Q.T @ b))
+    def _select(self, values: ComplexArray) -> ComplexArray:
+        return values[:, self.response_indices[:, None], self.reference_indices]
 
 
 def _solve_block(part: FRFPart, item: tuple[RealArray, slice]) -> tuple[ComplexArray, ComplexArray]:

@@ -159,6 +159,8 @@ class Fault(ABC):
         Whether it concerns measured forces, which a transmissibility does not have.
     concerns_model : bool
         Whether it is an error of the model although a trial alters the data.
+    is_local : bool
+        Whether its correction changes no other data than those of its channels.
     distinguishing_test : str
         How to distinguish it from other faults that explain the same data: a sentence, or empty.
     """
@@ -180,6 +182,7 @@ class Fault(ABC):
     alters_model: ClassVar[bool] = False
     needs_forces: ClassVar[bool] = False
     concerns_model: ClassVar[bool] = False
+    is_local: ClassVar[bool] = False
     distinguishing_test: ClassVar[str] = ""
 
     @property
@@ -276,6 +279,11 @@ class Fault(ABC):
     def ends_search(self) -> bool:
         """Whether further causes are sought only after this one has been corrected."""
         return False
+
+    @property
+    def changed_channels(self) -> tuple[str, ...]:
+        """Channels to which its correction is limited; empty if it may change all data."""
+        return self.channels if self.is_local else ()
 
     @property
     def special_cases(self) -> tuple[tuple[str, tuple[str, ...]], ...]:

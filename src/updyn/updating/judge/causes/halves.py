@@ -27,7 +27,7 @@ def compare_band_halves(evidence: Evidence, fault: Fault, correlation: float) ->
     ]
     D = np.stack(effects, axis=1) / evidence.rms_misfit
     size = np.linalg.norm(D, axis=0)
-    D = evidence.project_out_unknowns(evidence.frf, D)
+    D = evidence.project_out_unknowns(D)
     b = evidence.adapted_misfit
     Q, R = np.linalg.qr(D)
     if (np.abs(np.diag(R)) <= CAUSE_MISFIT.dependent_share * size).any():

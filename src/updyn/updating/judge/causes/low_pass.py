@@ -25,6 +25,7 @@ class LowPass(Fault):
     unit: ClassVar[str] = "s"
     has_free_size: ClassVar[bool] = True
     is_positive: ClassVar[bool] = True
+    is_local: ClassVar[bool] = True
 
     @classmethod
     def propose_faults(cls, evidence: Evidence) -> Iterable[Self]:

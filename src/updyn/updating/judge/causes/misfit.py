@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
-from typing import Any, Self
+from typing import Any, Self, TypeVar
 
 import numpy as np
 
@@ -17,11 +17,14 @@ from updyn.updating.problem.noise import level_by_unit
 __all__ = [
     "WeightedData",
     "add_perfect_fit",
+    "add_resolution",
     "compute_log_misfit",
     "count_values",
     "find_weightless",
     "remove_weight",
 ]
+
+_Real = TypeVar("_Real", float, RealArray)
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
@@ -49,9 +52,9 @@ class WeightedData(FRF):
 
     @classmethod
     def of(cls, frf: FRF, variance: RealArray, relative_noise: float) -> Self:
-        """Return the data with the variance of their noise."""
+        """Return the data with the variance of their noise, and the resolution of sensors."""
         field_values = {one.name: getattr(frf, one.name) for one in fields(FRF)}
-        field_values["variance"] = variance
+        field_values["variance"] = add_resolution(variance, frf)
         return cls(relative_noise=relative_noise, **field_values)
 
     def __reduce__(self) -> tuple[object, ...]:
@@ -100,7 +103,7 @@ def count_values(frf: FRF) -> int:
     return 2 * int(np.count_nonzero(clear))
 
 
-def add_perfect_fit(mean_square: float) -> float:
+def add_perfect_fit(mean_square: _Real) -> _Real:
     """Return a mean square misfit plus that of a perfect fit, so that it has a logarithm."""
     return mean_square + CAUSE_MISFIT.perfect_rms**2
 
@@ -118,8 +121,12 @@ def find_weightless(frf: FRF) -> BoolArray:
     return np.asarray(frf.variance > np.abs(frf.values).max() ** 2)
 
 
+def add_resolution(variance: RealArray, frf: FRF) -> RealArray:
+    """Return the variance of the noise of data, with that of the resolution of sensors."""
+    return np.asarray(variance + (CAUSE_MISFIT.sensor_resolution * level_by_unit(frf)) ** 2)
+
+
 def _compute_deviation(frf: FRF) -> RealArray:
     """Return the standard deviation of the noise of each value."""
     assert frf.variance is not None
-    resolution = CAUSE_MISFIT.sensor_resolution * level_by_unit(frf)
-    return np.asarray(np.sqrt(frf.variance + resolution**2))
+    return np.sqrt(frf.variance)

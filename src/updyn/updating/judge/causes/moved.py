@@ -33,6 +33,11 @@ class MisplacedSensor(Fault):
         for dof, place in iter_force_places(evidence.part):
             yield cls((f"{FORCE}{abs(dof)}", f"{FORCE}{place}"))
 
+    @property
+    def changed_channels(self) -> tuple[str, ...]:
+        """The channel whose label is wrong."""
+        return self.channels[:1]
+
     def repair(self, frf: FRF) -> FRF:
         """Return the data with the correct label of the sensor or the force."""
         stated, actual = (name.removeprefix(FORCE) for name in self.channels)

@@ -39,6 +39,7 @@ class OtherTest(Fault):
     has_free_size: ClassVar[bool] = True
     is_additive: ClassVar[bool] = True
     omits_channels: ClassVar[bool] = True
+    is_local: ClassVar[bool] = True
 
     @classmethod
     def propose_faults(cls, evidence: Evidence) -> Iterable[Self]:

@@ -12,7 +12,7 @@ from updyn.errors import ModelError, SolverError
 from updyn.settings import VARIANTS
 from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.other_model import CompiledVariant
-from updyn.updating.judge.causes.score import fit_first_order
+from updyn.updating.judge.causes.score import FirstOrderModel
 from updyn.updating.judge.causes.settings import CAUSE_CANDIDATES, CAUSE_ODDS
 from updyn.updating.judge.causes.trial import Trial
 from updyn.updating.judge.causes.wrong_axes import WrongAxes
@@ -56,9 +56,7 @@ def estimate_gain(part: FRFPart, fault: WrongAxes, x: RealArray) -> float:
 
 
 def _compare_parts(part: FRFPart, variant_part: FRFPart, fault: WrongAxes, x: RealArray) -> float:
-    cost, variant_cost = (
-        fit_first_order(Evidence(one, x), None)[0] for one in (part, variant_part)
-    )
+    cost, variant_cost = (FirstOrderModel(Evidence(one, x)).cost for one in (part, variant_part))
     return 0.5 * (cost - variant_cost) + float(np.log(fault.prior))
 
 

@@ -12,42 +12,39 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
-from updyn.arrays import BoolArray, NumberArray, RealArray
-from updyn.frf import FRF
-from updyn.updating.judge.causes.evidence import (
-    Evidence,
-    compute_spread,
-    find_held,
-    stack_real_imag,
-)
+from updyn.arrays import BoolArray, RealArray
+from updyn.updating.judge.causes.evidence import Evidence, compute_spread, find_held
 from updyn.updating.judge.causes.misfit import add_perfect_fit
 from updyn.updating.judge.causes.settings import HELD_QUANTITIES
 
 __all__ = ["QuadraticMisfit", "QuadraticOutcome"]
 
-_Complex = NDArray[np.complexfloating]
-
 
 @dataclass(frozen=True, slots=True)
 class QuadraticOutcome:
-    """Mean square of the residual log misfit of a hypothesis, and log evidence up to a constant."""
+    """Mean square of the residual log misfit of a hypothesis, and log evidence up to a constant.
 
-    mean_square: float
-    log_evidence: float
+    Arrays of shape (k,) for k faults.
+    """
+
+    mean_square: RealArray
+    log_evidence: RealArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class QuadraticMisfit:
-    """The misfit at a point to second order, and the priors of the unknowns."""
+    """The misfit at a point to second order, and the priors of the unknowns.
+
+    With k faults, each with its size as a further unknown, arrays begin with an axis of length k.
+    """
 
     #: J^T J, shape (n, n), with real parts of J above imaginary parts.
     normal_matrix: RealArray
-    #: J^T e, shape (n,).
+    #: J^T e, shape (n,) or (k, n).
     gradient: RealArray
-    #: e^T e.
-    squared_misfit: float
+    #: e^T e, a number or shape (k,).
+    squared_misfit: RealArray | float
     #: Differences of the unknowns from the centres of their priors, shape (n,).
     offset: RealArray
     #: Standard deviations of the priors, shape (n,).
@@ -56,43 +53,47 @@ class QuadraticMisfit:
     is_held: BoolArray
     #: Number of real values.
     n_values: int
+    #: J^T d, d^T d and d^T e, with d the slope of the misfit by the size of a fault in units of its
+    #: prior; zeros without a fault.
+    slope: tuple[RealArray, RealArray | float, RealArray | float]
 
     @classmethod
     def at_point(
-        cls, evidence: Evidence, frf: FRF | None = None, slope: _Complex | None = None
+        cls,
+        evidence: Evidence,
+        gradient: RealArray,
+        squared_misfit: RealArray | float,
+        slope: tuple[RealArray, RealArray | float, RealArray | float] | None = None,
     ) -> Self:
-        """Return the quadratic approximation for model and data (corrected for a fault: `frf`).
-
-        `slope` is the derivative of the log data by the size of a fault, then the last unknown.
-        """
-        part, J = evidence.part, evidence.jacobian
-        e = evidence.misfit(evidence.frf if frf is None else frf)
-        normal_matrix, gradient = evidence.normal_matrix, J.T @ e
-        offset, spread, is_held = (
+        """Return the quadratic approximation; `slope` has J^T d, d^T d, d^T e in any unit."""
+        part, n_values = evidence.part, len(evidence.jacobian)
+        across, square, product = slope or (np.zeros_like(gradient), 0.0, 0.0)
+        rms = np.sqrt(2.0 * np.asarray(square) / n_values)
+        unit = HELD_QUANTITIES.fault_std / np.where(rms > 0.0, rms, 1.0)
+        return cls(
+            evidence.normal_matrix,
+            gradient,
+            squared_misfit,
             evidence.x - part.coordinates.start,
             compute_spread(part),
             find_held(part),
+            n_values,
+            (unit[..., None] * across, unit**2 * square, unit * product),
         )
-        if slope is not None:
-            d = stack_real_imag(evidence.weight * slope)
-            d /= max(float(np.sqrt(2.0 * d @ d / d.size)), np.finfo(np.float64).tiny)
-            across = J.T @ d
-            normal_matrix = np.block([[normal_matrix, across[:, None]], [across, d @ d]])
-            gradient = np.append(gradient, d @ e)
-            offset, spread, is_held = (
-                np.append(offset, 0.0),
-                np.append(spread, HELD_QUANTITIES.fault_std),
-                np.append(is_held, False),
-            )
-        return cls(normal_matrix, gradient, float(e @ e), offset, spread, is_held, e.size)
+
+    @property
+    def std_shares(self) -> tuple[float, ...]:
+        """Shares of the spread of the held quantities that are compared."""
+        return HELD_QUANTITIES.std_shares[0 if self.is_held.any() else -1 :]
 
     def find_best_share(
         self, count: float, level: float, least: float = 0.0
     ) -> tuple[float, QuadraticOutcome]:
-        """Return the share of the spread with the largest evidence, and its outcome."""
-        shares = HELD_QUANTITIES.std_shares[0 if self.is_held.any() else -1 :]
-        found = [(share, self.evaluate_share(share, count, level, least)) for share in shares]
-        return max(found, key=lambda one: one[1].log_evidence)
+        """Return the share of the spread with the largest evidence, and its outcome; one fault."""
+        found = [
+            (share, self.evaluate_share(share, count, level, least)) for share in self.std_shares
+        ]
+        return max(found, key=lambda one: float(one[1].log_evidence))
 
     def evaluate_share(
         self, share: float, count: float, level: float, least: float = 0.0
@@ -107,29 +108,60 @@ class QuadraticMisfit:
         # J^T J in units of the spread: the prior adds 1, so the system is well-posed.
         scaled = spread[:, None] * self.normal_matrix * spread
         curves, directions = np.linalg.eigh(scaled)
-        step = np.zeros(len(spread))
-        mean_square = self._mean_square(step)
+        curves = np.maximum(curves, 0.0)  # negative ones are rounding
+        gradient, offset = (
+            (spread * self.gradient) @ directions,
+            (self.offset / spread) @ directions,
+        )
+        across, square, product = self.slope
+        across = spread * across
+        along = across @ directions
+        y, z = np.zeros_like(gradient), np.zeros(gradient.shape[:-1])
+
+        def compute_mean_square() -> RealArray:
+            linear = _sum_last(gradient * y) + product * z
+            curved = _sum_last(curves * y**2) + z * (2.0 * _sum_last(along * y) + square * z)
+            squared = self.squared_misfit - 2.0 * linear + curved
+            return np.asarray(2.0 * np.maximum(squared, 0.0) / self.n_values)
+
+        mean_square = compute_mean_square()
         for _ in range(HELD_QUANTITIES.level_steps if share < 1.0 else 0):
             each = 2.0 * count / self.n_values / add_perfect_fit(mean_square)
-            pull = directions.T @ (each * spread * self.gradient - self.offset / spread)
-            step = spread * (directions @ (pull / (1.0 + each * np.maximum(curves, 0.0))))
-            mean_square = max(self._mean_square(step), least)
-        squared_distance = float(np.sum(((self.offset + step) / spread) ** 2))
-        fitted = -0.5 * count * float(np.log(add_perfect_fit(mean_square))) - 0.5 * squared_distance
+            pull = each[..., None] * gradient - offset
+            # The size of the fault is eliminated.
+            flexibility = 1.0 / (1.0 + each[..., None] * curves)
+            coupling = flexibility * each[..., None] * along
+            stiffness = _reduce_stiffness(each, curves, along, square)
+            z = (each * product - _sum_last(coupling * pull)) / stiffness
+            y = flexibility * pull - coupling * z[..., None]
+            mean_square = np.maximum(compute_mean_square(), least)
+        squared_distance = _sum_last((offset + y) ** 2) + z**2
+        fitted = -0.5 * count * np.log(add_perfect_fit(mean_square)) - 0.5 * squared_distance
         # -ln of the share of the prior volume of held quantities that fits the data, for any values
         # of the other unknowns.
-        each = 2.0 * count / self.n_values / add_perfect_fit(level)
-        others = np.linalg.eigvalsh(scaled[np.ix_(~self.is_held, ~self.is_held)])
-        occam = 0.5 * (_log_volume(each * curves) - _log_volume(each * others))
-        return QuadraticOutcome(mean_square, fitted - occam)
-
-    def _mean_square(self, step: RealArray) -> float:
-        squared_misfit = (
-            self.squared_misfit - 2.0 * self.gradient @ step + step @ self.normal_matrix @ step
-        )
-        return 2.0 * max(float(squared_misfit), 0.0) / self.n_values
+        each = 2.0 * count / self.n_values / add_perfect_fit(np.asarray(level))
+        free = ~self.is_held
+        other_curves, directions = np.linalg.eigh(scaled[np.ix_(free, free)])
+        others = np.maximum(other_curves, 0.0), across[..., free] @ directions
+        occam = _log_volume(each, curves, along, square) - _log_volume(each, *others, square)
+        return QuadraticOutcome(mean_square, fitted - 0.5 * occam)
 
 
-def _log_volume(curves: NumberArray) -> float:
-    """Return ln det(1 + A) from the eigenvalues of A; negative ones are rounding and count as 0."""
-    return float(np.log1p(np.maximum(curves, 0.0)).sum())
+def _sum_last(values: RealArray) -> RealArray:
+    return np.asarray(values.sum(axis=-1))
+
+
+def _reduce_stiffness(
+    each: RealArray, curves: RealArray, along: RealArray, square: RealArray | float
+) -> RealArray:
+    """Return 1 + `each` d^T d of a fault after all other unknowns have adapted, shape (k,)."""
+    weight = each[..., None] ** 2 / (1.0 + each[..., None] * curves)
+    return np.asarray(np.maximum(1.0 + each * square - _sum_last(weight * along**2), 1.0))
+
+
+def _log_volume(
+    each: RealArray, curves: RealArray, along: RealArray, square: RealArray | float
+) -> RealArray:
+    """Return ln det(1 + `each` A), with A the eigenvalues of J^T J, bordered by a fault."""
+    stiffness = _reduce_stiffness(each, curves, along, square)
+    return np.asarray(_sum_last(np.log1p(each[..., None] * curves)) + np.log(stiffness))

@@ -27,6 +27,7 @@ class WrongQuantity(Fault):
     kind: ClassVar[str] = "quantity"
     odds: ClassVar[float] = 1e-2
     needs_forces: ClassVar[bool] = True
+    is_local: ClassVar[bool] = True
 
     @property
     def affects_all_data(self) -> bool:

@@ -20,6 +20,7 @@ class WrongSign(Fault):
     __slots__ = ()
 
     kind: ClassVar[str] = "sign"
+    is_local: ClassVar[bool] = True
 
     @classmethod
     def propose_faults(cls, evidence: Evidence) -> Iterable[Self]:

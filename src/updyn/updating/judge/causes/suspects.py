@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,8 +12,7 @@ from updyn.errors import SolverError
 from updyn.updating.judge.causes.catalogue import CAUSES
 from updyn.updating.judge.causes.evidence import Evidence, find_held
 from updyn.updating.judge.causes.fault import Fault
-from updyn.updating.judge.causes.quadratic import QuadraticMisfit
-from updyn.updating.judge.causes.score import fit_first_order
+from updyn.updating.judge.causes.score import FirstOrderFit, FirstOrderModel
 from updyn.updating.judge.causes.settings import CAUSE_CANDIDATES
 from updyn.updating.problem.problem import FRFPart
 
@@ -38,35 +37,36 @@ def score_faults(part: FRFPart, x: RealArray, *, promising: bool = False) -> lis
 
     If `promising`, the residual there is nearly noise, and the evidence is meaningful.
     """
+    model = FirstOrderModel(Evidence(part, x))
     try:
-        evidence = Evidence(part, x)
-        without, _ = fit_first_order(evidence, None)
+        without = model.cost
     except SolverError:
         return []
-    weighs = promising and bool(find_held(part).any())
-    unheld = _log_evidence(evidence, None) if weighs else 0.0
-    found: list[ScoredFault] = []
+    fits: list[FirstOrderFit[Fault]] = []
     for kind in CAUSES:
         if not CAUSES[kind].applies_to(part.frf):
             continue
-        for fault in CAUSES[kind].propose_faults(evidence):
+        for fault in CAUSES[kind].propose_faults(model.evidence):
             part.session.check(often=True)
-            if fault.channels and evidence.noise_channels.issuperset(fault.channels):
+            if fault.channels and model.evidence.noise_channels.issuperset(fault.channels):
                 continue
             try:
-                cost, tuned = fit_first_order(evidence, fault)
+                fit = model.fit(fault)
             except SolverError:  # a resonance without damping, under that hypothesis
                 continue
-            if tuned is None or not tuned.is_plausible():
-                continue
-            gain = 0.5 * (without - cost)
-            if weighs and fault.has_free_size:
-                gain = max(gain, _log_evidence(evidence, tuned) - unheld)
-            gain += float(np.log(fault.prior))
-            gain -= (
-                0.5 * fault.count_parameters(part.frf) * float(np.log(max(evidence.n_values, 2)))
-            )
-            found.append(ScoredFault(tuned, x, gain, gain - 0.5 * without))
+            if fit.fault.is_plausible():
+                fits.append(fit)
+    gains = {id(one): 0.5 * (without - one.cost) for one in fits}
+    sized = [one for one in fits if one.fault.has_free_size]
+    if promising and sized and find_held(part).any():
+        for one, log_evidence in zip(sized, _compare_evidence(model, sized).tolist(), strict=True):
+            gains[id(one)] = max(gains[id(one)], log_evidence)
+    found = []
+    for one in fits:
+        fault = one.fault
+        cost = 0.5 * fault.count_parameters(part.frf) * np.log(max(model.evidence.n_values, 2))
+        gain = gains[id(one)] + float(np.log(fault.prior) - cost)
+        found.append(ScoredFault(fault, x, gain, gain - 0.5 * without))
     return sorted(found, key=lambda one: -one.gain)
 
 
@@ -84,10 +84,14 @@ def select_likeliest(found: Iterable[ScoredFault]) -> list[ScoredFault]:
     return chosen
 
 
-def _log_evidence(evidence: Evidence, fault: Fault | None) -> float:
-    """Return the log evidence near a point whose residual is noise, to first order."""
-    frf = slope = None
-    if fault is not None:
-        frf, slope = fault.repair_with_model(evidence), fault.slope(evidence)
-    quadratic = QuadraticMisfit.at_point(evidence, frf, slope)
-    return quadratic.find_best_share(evidence.n_values, evidence.rms_misfit**2)[1].log_evidence
+def _compare_evidence(model: FirstOrderModel, fits: Sequence[FirstOrderFit[Fault]]) -> RealArray:
+    """Return the log evidence of faults at a point whose residual is noise, less that of none."""
+    evidence = model.evidence
+    found = []
+    for quadratic in (model.approximate(), model.approximate(fits)):
+        outcomes = [
+            quadratic.evaluate_share(share, evidence.n_values, evidence.rms_misfit**2)
+            for share in quadratic.std_shares
+        ]
+        found.append(np.max([one.log_evidence for one in outcomes], axis=0))
+    return np.asarray(found[1] - found[0])

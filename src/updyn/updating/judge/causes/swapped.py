@@ -22,6 +22,7 @@ class SwappedChannels(Fault):
 
     kind: ClassVar[str] = "swapped"
     pair_noun: ClassVar[str] = "sensors"
+    is_local: ClassVar[bool] = True
 
     @classmethod
     def propose_faults(cls, evidence: Evidence) -> Iterable[Self]:

@@ -13,7 +13,13 @@ from updyn.sensitivity import Unknowns
 from updyn.updating.fit.method import descend, serial_correlation
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.trust_region import TrustRegion
-from updyn.updating.judge.causes.evidence import Evidence, HeldQuantity, compute_spread, find_held
+from updyn.updating.judge.causes.evidence import (
+    Evidence,
+    HeldQuantity,
+    compute_spread,
+    find_held,
+    stack_real_imag,
+)
 from updyn.updating.judge.causes.fault import Fault
 from updyn.updating.judge.causes.misfit import (
     WeightedData,
@@ -22,7 +28,7 @@ from updyn.updating.judge.causes.misfit import (
     count_values,
 )
 from updyn.updating.judge.causes.quadratic import QuadraticMisfit
-from updyn.updating.judge.causes.score import fit_first_order
+from updyn.updating.judge.causes.score import FirstOrderModel
 from updyn.updating.judge.causes.settings import CAUSE_MISFIT, CAUSE_TRIAL, HELD_QUANTITIES
 from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.problem.problem import FRFPart, Problem
@@ -106,7 +112,7 @@ class Trial:
         _, best = other.quadratic.find_best_share(count, least, trusted[1])
         other_outcome = other.quadratic.evaluate_share(share, count, least, trusted[1])
         gained = own_outcome.log_evidence - best.log_evidence
-        level = [add_perfect_fit(one.mean_square) for one in (other_outcome, own_outcome)]
+        level = [add_perfect_fit(float(one.mean_square)) for one in (other_outcome, own_outcome)]
         return float(gained - cost), 1.0 - level[1] / level[0]
 
 
@@ -201,9 +207,9 @@ def _estimate_size(part: FRFPart, corrected: FRFPart, fault: Fault, x: RealArray
     if fault.omits_channels:
         return fault.search_size(Evidence(part, x))
     if not fault.is_additive:
-        return fit_first_order(Evidence(part, x), fault)[1]
-    more = fit_first_order(Evidence(corrected, x), replace(fault, value=0.0))[1]
-    return replace(fault, value=fault.value + more.value)
+        return FirstOrderModel(Evidence(part, x)).fit(fault).fault
+    more = FirstOrderModel(Evidence(corrected, x)).fit(replace(fault, value=0.0))
+    return replace(fault, value=fault.value + more.fault.value)
 
 
 def _has_converged(fault: Fault | None, better: Fault | None) -> bool:
@@ -222,11 +228,13 @@ def _approximate_misfit(
     """Return the misfit near the end of a trial, to second order, with a free size of the fault."""
     try:
         evidence = Evidence(corrected, x)
-        slope = None
+        J, e, slope = evidence.jacobian, evidence.misfit(corrected.frf), None
         if fault is not None and fault.has_free_size:
             # For faults that add up, the size counts from 0 after the correction.
-            slope = (replace(fault, value=0.0) if fault.is_additive else fault).slope(evidence)
-        return QuadraticMisfit.at_point(evidence, slope=slope)
+            at = replace(fault, value=0.0) if fault.is_additive else fault
+            d = stack_real_imag(evidence.weight * at.slope(evidence))
+            slope = d @ J, d @ d, d @ e
+        return QuadraticMisfit.at_point(evidence, e @ J, e @ e, slope)
     except SolverError:
         return None
 

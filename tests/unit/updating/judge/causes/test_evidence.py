@@ -7,10 +7,14 @@ import numpy as np
 import pytest
 
 import updyn
+from updyn.updating.judge.causes.catalogue import read_fault
 from updyn.updating.judge.causes.evidence import Evidence, compute_spread, stack_real_imag
 from updyn.updating.judge.causes.frequency_scale import FrequencyScale
 from updyn.updating.judge.causes.misfit import WeightedData, compute_log_misfit, count_values
 from updyn.updating.judge.causes.moved import MisplacedSensor
+from updyn.updating.judge.causes.quadratic import QuadraticMisfit
+from updyn.updating.judge.causes.score import FirstOrderModel
+from updyn.updating.judge.causes.trial import free_held_quantities
 from updyn.updating.problem.problem import FRFPart
 
 
@@ -26,16 +30,79 @@ def columns_of(evidence, moved):
     return np.linalg.qr(np.vstack([changes, np.diag(1.0 / compute_spread(evidence.part))]))[0]
 
 
+def cost_of(evidence, fault):
+    """Return the cost with a fault after all unknowns, and its size, have adapted, by all rows."""
+    frf, unit, n = fault.repair_with_model(evidence), evidence.rms_misfit, len(evidence.x)
+    Q = columns_of(evidence, frf)
+    b = np.concatenate([evidence.misfit(frf) / unit, evidence.offset_to_start])
+    if fault.has_free_size:
+        slope = stack_real_imag(evidence.weight * fault.slope(evidence)) / unit
+        Q = np.linalg.qr(np.column_stack([Q, np.concatenate([slope, np.zeros(n)])]))[0]
+    b = b - Q @ (Q.T @ b)
+    power = 2.0 * np.sum(b[:-n] ** 2) * unit**2 / (len(b) - n)
+    return evidence.n_values * np.log(power + 1e-6) + np.sum(b[-n:] ** 2)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "sign:7:X",
+        "sign:force 12:X",
+        "sign",
+        "swapped:2:X,7:X",
+        "calibration:7:X=0.1",
+        "calibration:2:X=0",
+        "delay:2:X=0.002",
+        "low-pass:7:X=0.001",
+        "quantity:7:X=mobility",
+        "other-test:7:X=0.02",
+        "mass-loading=1e-5",
+        "moved:force 12:X,force 11:X",
+    ],
+)
+def test_the_cost_with_a_fault_is_that_of_all_rows(chain12, chain12_true, text):
+    references = ["12:X", "4:X"] if "force" in text else ["12:X"]
+    frf = updyn.response(chain12_true, np.linspace(0.6, 22.0, 20), ["2:X", "7:-X"], references)
+    frf = replace(frf, variance=1e-4 * np.abs(frf.values) ** 2)
+    part = FRFPart.build(chain12, frf, updyn.parameters(chain12, stiffness="all", mass="all"))
+    evidence, fault = Evidence(part, part.coordinates.start), read_fault(text)
+    assert FirstOrderModel(evidence).fit(fault).cost == pytest.approx(
+        cost_of(evidence, fault), rel=1e-9
+    )
+
+
+def test_the_evidence_of_sized_faults_is_that_at_their_sizes(chain12, chain12_true):
+    """With the misfit and its derivatives evaluated for each fault by itself."""
+    frf = updyn.response(chain12_true, np.linspace(0.6, 22.0, 20), ["2:X", "7:-X"], ["12:X"])
+    frf = replace(frf, variance=1e-4 * np.abs(frf.values) ** 2)
+    unknowns = updyn.parameters(chain12, stiffness="all", loss_factor="all")
+    part = free_held_quantities(FRFPart.build(chain12, frf, unknowns))[0]
+    evidence = Evidence(part, part.coordinates.start)
+    model = FirstOrderModel(evidence)
+    fits = [model.fit(read_fault(text)) for text in ("calibration:7:X=0", "delay:2:X=0.002")]
+    together, level = model.approximate(fits), evidence.rms_misfit**2
+    J = evidence.jacobian
+    for i, fit in enumerate(fits):
+        e = evidence.misfit(fit.fault.repair_with_model(evidence))
+        d = stack_real_imag(evidence.weight * fit.fault.slope(evidence))
+        alone = QuadraticMisfit.at_point(evidence, e @ J, e @ e, (d @ J, d @ d, d @ e))
+        for share in together.std_shares:
+            found, expected = (
+                one.evaluate_share(share, 100.0, level).log_evidence for one in (together, alone)
+            )
+            assert found[i] == pytest.approx(float(expected), rel=1e-3)
+
+
 def test_a_sensor_elsewhere_exchanges_its_rows(chain12, chain12_true):
     frf = updyn.response(chain12_true, np.linspace(0.6, 22.0, 20), ["2:X", "7:X"], ["12:X"])
     frf = replace(frf, variance=1e-4 * np.abs(frf.values) ** 2)
     unknowns = updyn.parameters(chain12, stiffness="all", mass="all")
     part = FRFPart.build(chain12, frf, unknowns)
     evidence = Evidence(part, part.coordinates.start)
-    moved = MisplacedSensor(("7:X", "8:X")).repair_with_model(evidence)
-    Q = columns_of(evidence, moved)
-    b = np.random.default_rng(0).standard_normal(len(Q))
-    assert evidence.project_out_unknowns(moved, b) == pytest.approx(b - Q @ (Q.T @ b), abs=1e-9)
+    fault = MisplacedSensor(("7:X", "8:X"))
+    assert FirstOrderModel(evidence).fit(fault).cost == pytest.approx(
+        cost_of(evidence, fault), rel=1e-9
+    )
 
 
 def test_a_sensor_elsewhere_beside_an_undamped_resonance(chain12, chain12_true):
@@ -48,10 +115,10 @@ def test_a_sensor_elsewhere_beside_an_undamped_resonance(chain12, chain12_true):
     frf = replace(frf, variance=1e-4 * np.abs(frf.values) ** 2)
     part = FRFPart.build(model, frf, updyn.parameters(model, stiffness="all", mass="all"))
     evidence = Evidence(part, part.coordinates.start)
-    moved = MisplacedSensor(("7:X", "8:X")).repair_with_model(evidence)
-    Q = columns_of(evidence, moved)
-    b = np.random.default_rng(0).standard_normal(len(Q))
-    assert evidence.project_out_unknowns(moved, b) == pytest.approx(b - Q @ (Q.T @ b), abs=1e-6)
+    fault = MisplacedSensor(("7:X", "8:X"))
+    assert FirstOrderModel(evidence).fit(fault).cost == pytest.approx(
+        cost_of(evidence, fault), rel=1e-6
+    )
 
 
 def test_all_masses_together_imitate_a_scaled_axis(chain12, chain12_true):

@@ -21,8 +21,13 @@ def linear():
     return rng, J, spread, held
 
 
+def none(x):
+    """Return the slope without a fault."""
+    return np.zeros(len(x)), 0.0, 0.0
+
+
 def quadratic(J, e, x, spread, held):
-    return QuadraticMisfit(J.T @ J, J.T @ e, float(e @ e), x, spread, held, len(e))
+    return QuadraticMisfit(J.T @ J, J.T @ e, float(e @ e), x, spread, held, len(e), none(x))
 
 
 def solved(J, y, sigma, spread):
@@ -127,6 +132,29 @@ def test_directions_that_the_data_fix_by_far_leave_the_others_to_their_priors():
     direction = np.array([1.0, 1.0 / 3.0, 0.7])
     spread, held = np.array([0.4, 0.05, 0.05]), np.array([False, True, True])
     normal = 1e24 * np.outer(direction, direction)
-    about = QuadraticMisfit(normal, 1e11 * direction, 1.0, np.zeros(3), spread, held, 400)
+    about = QuadraticMisfit(
+        normal, 1e11 * direction, 1.0, np.zeros(3), spread, held, 400, none(spread)
+    )
     found = about.evaluate_share(0.5, 400.0, 1e-6)
     assert np.isfinite([found.mean_square, found.log_evidence]).all()
+
+
+def test_the_size_of_a_fault_is_one_more_unknown(linear):
+    """Two faults at once, each against a problem with one more column."""
+    rng, J, spread, held = linear
+    y, x = 0.02 * rng.standard_normal(len(J)), np.array([0.1, -0.1, 0.02, 0.0, -0.03])
+    D = rng.standard_normal((2, len(J)))
+    y = y + 0.01 * D[0]
+    same = np.ones((2, 1))
+    slope = (D @ J, np.sum(D**2, axis=1), D @ y)
+    about = QuadraticMisfit(
+        J.T @ J, same * (J.T @ y), np.full(2, y @ y), x, spread, held, len(y), slope
+    )
+    for i, d in enumerate(D):
+        wide = np.column_stack([J, d])
+        alone = quadratic(wide, y, np.append(x, 0.0), np.append(spread, 1.0), np.append(held, 0))
+        alone = replace(alone, is_held=alone.is_held.astype(bool))
+        for share in HELD_QUANTITIES.std_shares:
+            both, one = (q.evaluate_share(share, 300.0, 8e-4) for q in (about, alone))
+            assert both.mean_square[i] == pytest.approx(float(one.mean_square), rel=1e-9)
+            assert both.log_evidence[i] == pytest.approx(float(one.log_evidence), rel=1e-9)
