@@ -102,7 +102,7 @@ def _brief_identifiability(found: Identifiability) -> str:
 def brief_head(ready: Prepared) -> str:
     """Return title and method of a job, and the measured and the fitted data of its tests."""
     job = ready.job
-    lines = [f"{job.title or job.path.stem}: {job.method.name}"]
+    lines = [f"{ready.title}: {job.method.name}"]
     for test in ready.tests:
         data, _, _ = describe_test(test).partition(";")
         lines += [f"{test.name}: {data}".removeprefix(": "), describe_fit(test)]

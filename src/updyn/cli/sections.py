@@ -287,7 +287,7 @@ def format_faults(tests: Sequence[PreparedTest], faults: Mapping[str, tuple[Find
 def describe_job(ready: Prepared) -> str:
     """Return model, test and fitted data of a job as text."""
     job = ready.job
-    texts = [f"{job.title or job.path.stem}: {job.method.name}"]
+    texts = [f"{ready.title}: {job.method.name}"]
     for test in ready.tests:
         if test.name:
             texts.append(f"{test.name}:")

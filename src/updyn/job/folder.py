@@ -238,7 +238,7 @@ def format_resolved_job(job: Job, out: Path, title: str = "") -> str:
     import tomlkit
 
     content = job.model_dump(exclude_none=True, mode="python")
-    content["title"] = title or job.title or job.path.stem
+    content["title"] = title or job.find_title()
     output = content.pop("output")
     for name, table in job.tables.items():
         content[name] = table.model_dump(exclude_none=True, mode="python")

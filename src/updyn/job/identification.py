@@ -76,7 +76,7 @@ def modes_job(
     with job.located():
         frf: FRF = read_measurement(job)
         picked = _pick_modes(frf, identify_modes(frf, damping=table.damping), table, say)
-    title = job.title or job.path.stem
+    title = job.find_title()
     with open_folder(out):
         check_out(job, out, MODES_FILES)  # again, now that no other run can change the folder
         with replace_files(out, "modes", MODES_FILES) as new:

@@ -109,7 +109,7 @@ def plan_job(
     out = check_out(job, out or default_out(job, "plan"), PLAN_FILES)
     model, unknowns = prepare_model(job)
     options = table.model_dump()
-    title = job.title or model.title or job.path.stem
+    title = job.find_title(model.title)
     options |= {"engine": engine, "callback": callback, "resume": resume}
     with open_folder(out):
         check_out(job, out, PLAN_FILES)  # again, now that no other run can change the folder

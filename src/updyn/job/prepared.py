@@ -88,7 +88,7 @@ class Prepared:
     @property
     def title(self) -> str:
         """The title of the job, else that of the model of the first test, else the file's name."""
-        return self.job.title or self.model.title or self.job.path.stem
+        return self.job.find_title(self.model.title)
 
     @property
     def frf(self) -> FRF:

@@ -508,6 +508,21 @@ class Job(Document):
         """
         return next((table for table in self._tables.values() if isinstance(table, kind)), None)
 
+    def find_title(self, model_title: str = "") -> str:
+        """Return the title of the job, otherwise that of its model, otherwise the file's name.
+
+        Parameters
+        ----------
+        model_title : str, optional
+            Title of the model, if it is known.
+
+        Returns
+        -------
+        str
+            The title, which is not empty.
+        """
+        return self.title or model_title or self.path.stem
+
     @property
     def has_modes(self) -> bool:
         """Whether the data of the test are modes."""

@@ -96,6 +96,15 @@ def test_the_documented_job_file(tmp_path: Path) -> None:
     assert job.output.report
 
 
+def test_the_title_is_that_of_the_job_then_of_its_model_then_the_name_of_the_file(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "drive.toml"
+    titled, plain = load_job(path, text=DOCUMENTED), load_job(path, text=DOCUMENTED[DOCUMENTED.index("[model]") :])
+    assert titled.find_title("Model") == titled.find_title() == "Azimuth drive, run 3"
+    assert (plain.find_title("Model"), plain.find_title()) == ("Model", "drive")
+
+
 # -- load and prepare --------------------------------------------------------------------------------------
 def test_a_job_is_immutable_and_knows_its_lines(folder: Path) -> None:
     job = job_at(folder, test="band = [1.0,\n 20]")

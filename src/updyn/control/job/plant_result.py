@@ -121,7 +121,7 @@ def make_plant(
     stage("plant: conversions of the damping")
     side_by_side = _side_by_side(model, given)
     base = PlantResult(
-        job.title or job.path.stem,
+        ready.title,
         model,
         result is not None,
         source,
