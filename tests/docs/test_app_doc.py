@@ -16,9 +16,10 @@ TEXT = (ROOT / "docs" / "app.md").read_text(encoding="utf-8")
 
 def test_every_page_is_described():
     from updyn.web.pages import PAGES
+    from updyn.web.steps import STEPS
 
     described = re.findall(r"^\| ([A-Z][\w ]+?) \| ", TEXT, re.MULTILINE)
-    assert described == [name for name, _ in PAGES.values()]
+    assert described == [*STEPS.values(), *(name for name, _ in PAGES.values())]
 
 
 def test_limits():

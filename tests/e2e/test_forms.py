@@ -7,10 +7,10 @@ import tomllib
 import pytest
 
 from updyn.demos import find_demo
-from window import browsing, serving, visit
+from window import PATIENCE, browsing, serving, visit
 
 pytest.importorskip("nicegui")
-pytest.importorskip("playwright")
+expect = pytest.importorskip("playwright.sync_api").expect
 pytestmark = [
     pytest.mark.needs("browser"),
     pytest.mark.filterwarnings("ignore::ResourceWarning"),
@@ -67,6 +67,7 @@ def test_all_that_is_typed_quickly_is_saved(window, between):
     page.get_by_label("sensors *", exact=True).wait_for()
     for label, text in PLAN.items():
         page.get_by_label(label, exact=True).click()
+        page.keyboard.press("Control+a")  # over what the data propose
         page.keyboard.type(text)
         page.wait_for_timeout(between)
     save(page, job)
@@ -94,10 +95,15 @@ def test_nothing_incomplete_or_invalid_is_written_or_begun(chromium, job):
     before = job.read_bytes()
     with serving(job.parent, "job.toml") as server, browsing(chromium, server) as (page, heard):
         visit(page, f"{server.base}/plan")
+        begin = page.get_by_role("button", name="Save and begin")
+        expect(page.get_by_label("band, from and to (Hz)")).to_have_value(
+            "0.634882, 22.6954", timeout=PATIENCE
+        )
+        assert begin.is_enabled()
+        page.get_by_label("band, from and to (Hz)").fill("")
         page.get_by_label("sensors *", exact=True).fill("3")
         page.keyboard.press("Enter")
         page.get_by_role("alert").filter(has_text="missing key 'band' in [plan]").wait_for()
-        begin = page.get_by_role("button", name="Save and begin")
         assert begin.is_disabled()
         page.get_by_text("required", exact=True).first.wait_for()
         visit(page, f"{server.base}/measurement")  # kept while another page is shown
@@ -124,12 +130,17 @@ def test_nothing_incomplete_or_invalid_is_written_or_begun(chromium, job):
 def test_a_job_without_the_suffix_is_listed(chromium, job):
     with serving(job.parent) as server, browsing(chromium, server) as (page, heard):
         page.get_by_role("combobox", name="model").click()
+        page.get_by_role("option", name="chain.uff").click()
+        page.get_by_text("is a measurement; expected a model").wait_for()
+        page.get_by_role("combobox", name="model").click()
         page.get_by_role("option", name="chain.h5").click()
         page.get_by_role("combobox", name="measurement").click()
         page.get_by_role("option", name="chain.uff").click()
+        page.get_by_label("Name of the job").fill("job")
+        page.get_by_text("job.toml: exists already").wait_for()
         page.get_by_label("Name of the job").fill("portal")
-        page.get_by_role("button", name="Write").click()
-        page.wait_for_url("**/job")
+        page.get_by_role("button", name="Create the job").click()
+        page.wait_for_url("**/measurement")
         visit(page, server.base)
         page.get_by_role("button", name="portal.toml").wait_for()
         assert heard.wrong == []

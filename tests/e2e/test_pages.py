@@ -1,4 +1,4 @@
-"""What the pages Measurement, Run and Results show, and what a click on it does."""
+"""What the pages Data, Run and Result show, and what a click on it does."""
 
 from __future__ import annotations
 

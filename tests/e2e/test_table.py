@@ -43,14 +43,10 @@ def test_from_a_dropped_file_of_any_layout_to_a_checked_job(chromium, tmp_path):
     find_demo("chain").write_inputs(given)
     (given / "hit.csv").write_text(foreign_text(), encoding="utf-8")
     with serving(project) as server, browsing(chromium, server) as (page, heard):
-        page.set_input_files("input[type=file]", given / "chain.h5")
-        page.get_by_text("chain.h5", exact=True).wait_for()
-        page.set_input_files("input[type=file]", given / "hit.csv")
-        page.get_by_text("hit.csv", exact=True).wait_for()
-        choose(page, "model", "chain.h5")
-        choose(page, "measurement", "hit.csv")
-        page.get_by_text("its layout is not known").wait_for()
-        assert page.get_by_role("button", name="Write").is_disabled()
+        page.set_input_files("input[multiple]", [given / "chain.h5", given / "hit.csv"])
+        page.get_by_text("chain.h5: model").wait_for()
+        page.get_by_text("hit.csv: measurement").wait_for()
+        assert page.get_by_role("button", name="Create the job").is_disabled()
         page.get_by_role("button", name="Select the FRFs").click()
         page.wait_for_url("**/table")
 
@@ -74,8 +70,9 @@ def test_from_a_dropped_file_of_any_layout_to_a_checked_job(chromium, tmp_path):
         use.click()
 
         page.get_by_text("2 responses, 1 reference, 60 lines").wait_for()
-        page.get_by_role("button", name="Write").click()
-        page.wait_for_url("**/job")
+        page.get_by_role("button", name="Create the job").click()
+        page.wait_for_url("**/measurement")
+        page.goto(f"{server.base}/job")
         page.get_by_text("Nothing is wrong with the job.").wait_for()
         assert heard.wrong == []
     assert main(["check", str(project / "job.toml"), "--out", str(tmp_path / "checked")]) == 0

@@ -173,34 +173,94 @@ def test_band_and_excluded_lines_are_those_picked_in_the_figure(chromium, tmp_pa
     assert excluded == sorted([*taken((left, right)), freq[near]])
 
 
-def test_a_job_is_written_for_files_that_have_just_been_added(chromium, tmp_path):
-    """What was chosen stays when another file is added."""
+def fill(page, label, text, delay):
+    """Replace an entry by keys, at once or with a pause in ms after each."""
+    page.get_by_label(label).click()
+    page.keyboard.press("Control+a")
+    page.keyboard.press("Delete")
+    page.keyboard.type(text, delay=delay)
+
+
+def step(page, name, state):
+    """Wait until the icon of a step shows its state."""
+    icons = {"done": "check_circle", "warning": "warning", "open": "radio_button_unchecked"}
+    link = page.get_by_role("link", name=re.compile(f"^{name}: "))
+    link.locator("i").filter(has_text=icons[state]).wait_for()
+
+
+def test_from_two_dropped_files_to_a_repaired_and_repeated_job(chromium, tmp_path):
+    """Typed at the speed of a machine, then of a person; a sensor was mounted upside down."""
     given, project = tmp_path / "given", tmp_path / "project"
     given.mkdir()
     project.mkdir()
     find_demo("chain").write_inputs(given)
+    data = chain.measure()
+    values = data.values.copy()
+    values[:, data.responses.labels.index("5:X")] *= -1.0
+    (given / "chain.uff").unlink()
+    write_frf(replace(data, values=values), given / "chain.uff")
     with serving(project) as server, browsing(chromium, server) as (page, heard):
-        page.get_by_text("Add the files of a model and of a measurement first.").wait_for()
-        page.set_input_files("input[type=file]", given / "chain.h5")
-        page.get_by_label("Name of the job").fill("new.toml")
-        page.get_by_role("combobox", name="model").click()
-        page.get_by_role("option", name="chain.h5").click()
-        page.set_input_files("input[type=file]", given / "chain.uff")
-        page.locator("label.text-sm, div.text-sm").filter(has_text="chain.uff").wait_for()
-        page.get_by_role("combobox", name="measurement").click()
-        page.get_by_role("option", name="chain.uff").click()
-        page.get_by_role("button", name="Write").click()
-        page.wait_for_url("**/job")
-        page.get_by_text("Nothing is wrong with the job.").wait_for()
+        page.set_input_files("input[multiple]", [given / "chain.h5", given / "chain.uff"])
+        page.get_by_text("chain.h5: model").wait_for()
+        page.get_by_text("chain.uff: measurement").wait_for()
+        create = page.get_by_role("button", name="Create the job")
+        fill(page, "Name of the job", "", 0)
+        page.locator(".q-field", has_text="Name of the job").get_by_text("required").wait_for()
+        assert create.is_disabled()
+        fill(page, "Name of the job", "mine.toml", 0)
+        create.click()
+        page.wait_for_url("**/measurement")
+        job = project / "mine.toml"
+        before = job.read_text(encoding="utf-8")
+        for name in ("Sensors", "Unknowns"):
+            step(page, name, "done")
+        assert page.title().startswith("Data – ")
 
         # a model that cannot be drawn has no picture
-        page.goto(f"{server.base}/model")
+        page.get_by_role("link", name="Next: Sensors").click()
         page.get_by_text("it cannot be drawn").wait_for()
-        page.goto(f"{server.base}/unknowns")
+        page.get_by_role("link", name="Next: Unknowns").click()
         page.get_by_text(re.compile("could determine")).wait_for()
         assert page.locator("iframe").count() == 0
+        for number in (1, 2, 3, 4):
+            page.get_by_role("checkbox", name=f"part{number} mass").click()
+        page.get_by_text("could determine all 12 unknowns").wait_for()
+
+        step(page, "Check", "open")
+        page.get_by_role("link", name="Next: Check").click()
+        step(page, "Check", "warning")
+        page.get_by_role("button", name="Repair: sign:5:X").click()
+        page.get_by_text("No known fault was found in the data.").wait_for()
+        step(page, "Check", "done")
+        page.get_by_role("button", name="Save", exact=True).click()
+        page.get_by_text("mine.toml", exact=True).wait_for()
+        written = tomllib.loads(job.read_text(encoding="utf-8"))
+        assert written["test"]["repair"] == ["sign:5:X"]
+        masses = next(each for each in written["parameter"] if each["quantity"] == "mass")
+        assert masses["bounds"] == [0.5, 2.0]  # as a new job has them
+        assert "repair" not in before
+
+        step(page, "Result", "open")
+        for name, delay in (("first", 0), ("second", 60)):
+            page.goto(f"{server.base}/run")  # typed as soon as the page takes it
+            fill(page, "Folder for the results", name, delay)
+            page.get_by_role("button", name="Save and run").click()
+            active = page.get_by_role("link").filter(has_text="mine.toml: Running")
+            active.wait_for()
+            if name == "first":
+                page.goto(server.base)  # seen from every page
+                active.click()
+                page.wait_for_url("**/run")
+            assert state(page, "^Ended") == "Ended: converged"
+        step(page, "Result", "done")
         assert heard.wrong == []
-    assert (project / "new.toml").is_file()
+
+    def values_of(name):
+        record = json.loads((project / name / "result.json").read_text(encoding="utf-8"))
+        return {p["name"]: p["value"] for p in record["parameters"]}
+
+    assert values_of("first") == values_of("second")
+    assert values_of("first")["part1.stiffness"] == pytest.approx(0.8, rel=0.01)
 
 
 def test_what_is_held_out_is_shown_and_written_as_the_model_labels_it(chromium, tmp_path):

@@ -105,9 +105,9 @@ def chromium() -> Iterator[object]:
 
 
 def visit(page: object, address: str) -> None:
-    """Go to a page, and wait until it is connected: text typed before may be lost."""
+    """Go to a page; until it is connected, nobody can type into it, but Playwright can."""
     page.goto(address)
-    page.wait_for_function("() => window.did_handshake")
+    page.wait_for_selector("html:not([inert])")
 
 
 @contextmanager

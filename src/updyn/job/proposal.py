@@ -41,8 +41,11 @@ __all__ = [
     "Inputs",
     "ReadFRF",
     "describe_inputs",
+    "is_job",
     "job_text",
+    "propose_unknown",
     "read_any_quantity",
+    "read_guessed",
     "read_inputs",
 ]
 
@@ -119,9 +122,9 @@ def read_inputs(
             raise
         raise _swapped_files_error(model_file, frf_file) from error
     try:
-        read = _read_frf(frf_file, of_frf)
+        read = read_guessed(frf_file, of_frf)
     except InputError as error:
-        for what, is_such in (("model", _is_model), ("job", _is_job)):
+        for what, is_such in (("model", _is_model), ("job", is_job)):
             if is_such(frf_file):
                 text = f"{frf_file} is a {what}; expected a measurement second"
                 raise FormatError(f"{text}: updyn new MODEL MEASUREMENT") from error
@@ -178,7 +181,7 @@ def _swapped_files_error(first: Path, second: Path) -> FormatError:
 
 def _is_measurement(path: Path) -> bool:
     try:
-        _read_frf(path, {})
+        read_guessed(path, {})
     except InputError:
         return False
     return True
@@ -192,7 +195,8 @@ def _is_model(path: Path) -> bool:
     return True
 
 
-def _is_job(path: Path) -> bool:
+def is_job(path: Path) -> bool:
+    """Return whether a file is a job file: TOML with one of its tables."""
     try:
         content = tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):
@@ -209,7 +213,7 @@ class ReadFRF:
     has_quantity: bool
 
 
-def _read_frf(path: Path, options: dict[str, Any]) -> ReadFRF:
+def read_guessed(path: Path, options: dict[str, Any]) -> ReadFRF:
     """Read a measurement, with a guessed mapping if the file has no known layout."""
     try:
         return read_any_quantity(path, options)
@@ -407,8 +411,7 @@ def _format_parameters(inputs: Inputs) -> list[str]:
     every = "*" if "all" in inputs.model.groups else "all"  # "all" may be the name of a group
     lines: list[str] = []
     if elastic:
-        loss = [group.loss_factor for group in elastic]
-        most = max(PROPOSAL.largest_loss_factor, 2.0 * max(loss))
+        loss = propose_unknown(inputs.model, "loss_factor")
         lines += [
             f"# The unknowns: {inputs.n_unknowns}, stiffness and loss factor of"
             f" {len(elastic)} groups.",
@@ -416,10 +419,10 @@ def _format_parameters(inputs: Inputs) -> list[str]:
             f"# groups = [{format_toml(next(iter(inputs.model.groups)))}].",
             *_format_unknown(every, "stiffness", PROPOSAL.stiffness_bounds),
             "",
-            *_format_unknown(every, "loss_factor", (0.0, most)),
+            *_format_unknown(every, "loss_factor", loss["bounds"]),
         ]
-        if max(loss) == 0.0:
-            start = PROPOSAL.start_loss_factor
+        if "start" in loss:
+            start = loss["start"]
             lines.append(f"start = {start}  # the model has no structural damping")
     if any(group.viscous is not None for group in groups):
         lines += ["", *_format_unknown(every, "viscous", PROPOSAL.viscous_bounds, off=True)]
@@ -428,6 +431,19 @@ def _format_parameters(inputs: Inputs) -> list[str]:
         lines += _format_unknown(every, "mass", PROPOSAL.mass_bounds, off=bool(elastic))
         lines.append(_format_key(ParameterTable, "prior_std", 0.1, off=True))
     return lines
+
+
+def propose_unknown(model: Model, quantity: str) -> dict[str, Any]:
+    """Return the keys ``bounds``, and ``start`` if it is needed, of an unknown of a new job."""
+    match quantity:
+        case "stiffness":
+            return {"bounds": PROPOSAL.stiffness_bounds}
+        case "mass":
+            return {"bounds": PROPOSAL.mass_bounds}
+    elastic = [group for group in model.groups.values() if group.stiffness is not None]
+    largest = max((group.loss_factor for group in elastic), default=0.0)
+    found: dict[str, Any] = {"bounds": (0.0, max(PROPOSAL.largest_loss_factor, 2.0 * largest))}
+    return found if largest > 0.0 else {**found, "start": PROPOSAL.start_loss_factor}
 
 
 def _format_method(inputs: Inputs) -> list[str]:

@@ -41,6 +41,11 @@ class JobDocument:
         return self.text != self._saved
 
     @property
+    def modified_time(self) -> float:
+        """Time of the last change of the file in s since 1970; 0 if it does not exist."""
+        return self.path.stat().st_mtime if self.path.exists() else 0.0
+
+    @property
     def last_edit(self) -> str:
         """Name of the edit that `undo` reverts, or an empty text."""
         return self._done[-1][0] if self._done else ""

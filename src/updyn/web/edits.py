@@ -261,13 +261,15 @@ def set_picks(pick: Sequence[float], poles: Sequence[float]) -> Edit:
 
 # -- unknowns --------------------------------------------------------------------------------------
 def set_unknowns(
-    chosen: Mapping[str, Collection[str]], groups: Mapping[str, Sequence[str]]
+    chosen: Mapping[str, Collection[str]],
+    groups: Mapping[str, Sequence[str]],
+    proposals: Mapping[str, Mapping[str, Any]],
 ) -> Edit:
     """Return the edit that sets the groups with unknowns by quantity; other quantities are kept.
 
     A table that needs no change keeps its text. One that loses groups lists the others by name. New
-    groups are added to a table of their quantity, with its bounds, otherwise to a new table.
-    `groups` are all groups of the model that have the quantity, in order.
+    groups are added to a table of their quantity, with its bounds, otherwise to a new table with
+    the keys in `proposals`. `groups` are all groups of the model that have the quantity, in order.
     """
 
     def edit(document: TOMLDocument) -> None:
@@ -288,7 +290,8 @@ def set_unknowns(
                 table["groups"] = kept
         for quantity, names in missing.items():
             able = groups.get(quantity, ())
-            _add(tables, quantity, [name for name in able if name in names], able)
+            new = [name for name in able if name in names]
+            _add(tables, quantity, new, able, proposals.get(quantity, {}))
         if not tables:
             document.pop("parameter")
 
@@ -305,7 +308,13 @@ def chosen_groups(text: str, groups: Mapping[str, Sequence[str]]) -> dict[str, s
     return chosen
 
 
-def _add(tables: AoT, quantity: str, new: Sequence[str], groups: Sequence[str]) -> None:
+def _add(
+    tables: AoT,
+    quantity: str,
+    new: Sequence[str],
+    groups: Sequence[str],
+    proposal: Mapping[str, Any],
+) -> None:
     """Add groups to the first table of a quantity that is about nothing else, else a table."""
     if not new:
         return
@@ -317,6 +326,8 @@ def _add(tables: AoT, quantity: str, new: Sequence[str], groups: Sequence[str]) 
     table = tomlkit.table()
     table["groups"] = list(new)
     table["quantity"] = quantity
+    for key, value in proposal.items():
+        table[key] = list(value) if isinstance(value, tuple) else value
     _append(tables, table)
 
 

@@ -25,22 +25,32 @@ class Form:
     """The keys of one table that a page offers, as texts.
 
     `pending` holds the entries that are not in the job, by key, and `reason` why they are not;
-    `reason` is empty if writing them was not tried.
+    `reason` is empty if writing them was not tried. `proposed` holds entries for required keys that
+    the job lacks; they are written with the others.
     """
 
     def __init__(self, table: str, fields: Sequence[Field]) -> None:
         self._table = table
         self._fields = {field.key: field for field in fields}
         self.pending: dict[str, str] = {}
+        self.proposed: dict[str, str] = {}
         self.reason = ""
 
+    def propose(self, entries: Mapping[str, str]) -> None:
+        """Propose entries for required keys, by key."""
+        self.proposed = {
+            key: entry
+            for key, entry in entries.items()
+            if key in self._fields and self._fields[key].required
+        }
+
     def entries(self, text: str) -> dict[str, str]:
-        """Return the text of each entry by key: as typed, otherwise from the job."""
-        return {**self._job_entries(text), **self.pending}
+        """Return the text of each entry by key: as typed, from the job, or as proposed."""
+        return {**self._known_entries(text), **self.pending}
 
     def note(self, key: str, entry: str, text: str) -> None:
         """Store a typed entry."""
-        if entry.strip() == self._job_entries(text)[key]:
+        if entry.strip() == self._known_entries(text)[key]:
             self.pending.pop(key, None)
         else:
             self.pending[key] = entry
@@ -63,19 +73,25 @@ class Form:
                 found[key] = self.reason
         return found
 
-    def commit(self, document: JobDocument) -> None:
-        """Write the entries into the job as one edit, unless that adds a fault to it."""
-        if not self.pending:
+    def commit(self, document: JobDocument, *, is_needed: bool = False) -> None:
+        """Write the entries into the job as one edit, unless that adds a fault to it.
+
+        If nothing was typed, what is proposed is written only if it `is_needed`.
+        """
+        written = self._job_entries(document.text)
+        new = {key: entry for key, entry in self.proposed.items() if not written[key]}
+        entries = {**new, **self.pending}
+        if not entries or not (self.pending or is_needed):
             return
         try:
-            values = self._values(document.text)
+            values = self._values(document.text, entries)
             changed = document.with_change(set_keys(self._table, values))
         except UpdynError as error:
             self.reason = str(error)
             return
         self.reason = "; ".join(new_faults(document.path, document.text, changed))
         if not self.reason:
-            names = ", ".join(f"{self._table}.{key}" for key in self.pending)
+            names = ", ".join(f"{self._table}.{key}" for key in entries)
             self.pending.clear()
             document.replace(names, changed)
 
@@ -93,11 +109,16 @@ class Form:
                 found[key] = field.choices[0]
         return found
 
-    def _values(self, text: str) -> dict[str, Any]:
-        """Return the values of the pending entries; None for one that is empty."""
+    def _known_entries(self, text: str) -> dict[str, str]:
+        """Return the entries of the job, and the proposed ones where it has none."""
+        written = self._job_entries(text)
+        return {key: entry or self.proposed.get(key, "") for key, entry in written.items()}
+
+    def _values(self, text: str, entries: Mapping[str, str]) -> dict[str, Any]:
+        """Return the values of entries; None for one that is empty."""
         table = written_table(text, self._table)
         found = {}
-        for key, entry in self.pending.items():
+        for key, entry in entries.items():
             field = self._fields[key]
             value = as_value(field.kind, entry, field.label)
             present = table.get(key)

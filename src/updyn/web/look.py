@@ -17,7 +17,7 @@ HEAD = f"""<style>
 {css()}
 body, body.body--dark {{ background: var(--ground); color: var(--text); }}
 body.body--dark {{ --q-primary: var(--after) !important; --q-positive: var(--good) !important;
-  --q-negative: var(--bad) !important; }}
+  --q-negative: var(--bad) !important; --q-warning: var(--warn) !important; }}
 /* The first layer has precedence for declarations with !important. */
 @layer theme {{
   body.body--dark :is(.bg-primary, .bg-positive, .bg-negative, .q-notification .text-white) {{
@@ -30,9 +30,33 @@ body.body--dark {{ --q-primary: var(--after) !important; --q-positive: var(--goo
   border-bottom: 1px solid var(--rule); }}
 .q-card, .q-table__card {{ background: var(--panel); box-shadow: none;
   border: 1px solid var(--rule); }}
+.updyn-drop {{ padding: 28px 16px; text-align: center; cursor: pointer; }}
+.q-uploader {{ background: var(--ground); border: 2px dashed var(--faint) !important;
+  max-height: none; }}
+.q-uploader__header {{ background: transparent !important; color: var(--text) !important; }}
+.q-uploader__list {{ display: none; }}
+.q-uploader__dnd {{ background: var(--after-faint); outline-color: var(--after); }}
+.updyn-demo {{ color: var(--after); }}
+.updyn-steps {{ flex-basis: 100%; }}
+.updyn-steps ol {{ display: flex; flex-wrap: wrap; list-style: none; margin: 0; padding: 0; }}
+.updyn-steps li {{ display: flex; align-items: center; }}
+.updyn-steps li + li::before {{ content: "›"; color: var(--muted); padding: 0 2px; }}
+.updyn-steps a {{ display: flex; align-items: center; gap: 4px; padding: 3px 8px;
+  border-radius: 4px; text-decoration: none; }}
 .updyn-nav a {{ color: var(--text) !important; }}
 .updyn-nav a[aria-current] {{ background: var(--after-faint); font-weight: 600; }}
+html[inert] {{ cursor: progress; }}
+html[inert]::after {{ content: ""; position: fixed; inset: 0 0 auto; height: 3px; z-index: 9999;
+  background: var(--after); }}
 :focus-visible {{ outline: 2px solid var(--link); outline-offset: 2px; }}
 </style>
+<script>
+/* Text typed before the page is connected would be lost. */
+document.documentElement.inert = true;
+(function wait() {{
+  if (window.did_handshake) document.documentElement.inert = false;
+  else setTimeout(wait, 20);
+}})();
+</script>
 <script defer src="{FIGURE_SCRIPTS}/plotly-cartesian.min.js"></script>
 <script defer src="{FIGURE_SCRIPTS}/report.js"></script>"""

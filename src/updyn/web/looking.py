@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,13 +21,15 @@ from updyn.errors import InputError, UpdynError
 from updyn.frf import FRF
 from updyn.io import read_model
 from updyn.job import Job, Prepared, job_findings, job_identifiability, load_job, prepare
-from updyn.job.prepare import read_measurement
+from updyn.job.prepare import prepare_model, read_measurement
 from updyn.job.prepared import PreparedTest
-from updyn.job.proposal import job_text, read_inputs
+from updyn.job.proposal import job_text, propose_unknown, read_inputs
 from updyn.job.start import choose_tier, counterparts_at_start
+from updyn.matching.result import MatchError
 from updyn.modal import ModeSet
 from updyn.model import Model
 from updyn.report.data import fine_grid, keep_lines
+from updyn.updating.before_search import REMEDY
 from updyn.updating.judge.causes.catalogue import read_fault
 from updyn.updating.judge.causes.fault import FORCE
 from updyn.updating.judge.causes.finding import Finding
@@ -38,6 +40,7 @@ from updyn.web.settings import WEB_PAGE
 __all__ = [
     "CHOICES",
     "FORWARD",
+    "CheckRow",
     "FindingRow",
     "IdentifiabilityView",
     "JobView",
@@ -46,6 +49,7 @@ __all__ = [
     "RepairView",
     "TestView",
     "assess_identifiability",
+    "check_job",
     "compute_model",
     "compute_run_model",
     "count_counterparts",
@@ -102,9 +106,10 @@ class ModalView:
 class JobView:
     """A job as far as it can be read.
 
-    `groups_by_quantity` has the quantities of `CHOICES` as keys. `errors` has the errors of reading
-    and matching by part: ``"job"``, ``"test"``, ``"all"``. `has_picture` states whether the model
-    has a geometry, `is_large` whether a response of the model takes long.
+    `groups_by_quantity` has the quantities of `CHOICES` as keys. `errors` has the errors by the
+    table of the job that they are about, such as ``"test"``; ``"job"`` if it cannot be read.
+    `has_picture` states whether the model has a geometry, `is_large` whether a response of the
+    model takes long. `proposals` has the proposed keys of a new unknown by quantity.
     """
 
     title: str
@@ -117,6 +122,7 @@ class JobView:
     errors: Mapping[str, str]
     has_picture: bool = False
     is_large: bool = False
+    proposals: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,6 +190,20 @@ class FindingRow:
     view: RepairView | None = None
 
 
+@dataclass(frozen=True, slots=True)
+class CheckRow:
+    """A statement of a check before a run, with a remedy if it `is_problem`.
+
+    `repair` is the entry of ``repair`` of `test` that corrects it; empty if none can.
+    """
+
+    statement: str
+    is_problem: bool = False
+    remedy: str = ""
+    repair: str = ""
+    test: int = 0
+
+
 @lru_cache(maxsize=4)
 def _load_and_prepare(path: Path, text: str) -> Prepared:
     return prepare(load_job(path, text=text))
@@ -192,41 +212,43 @@ def _load_and_prepare(path: Path, text: str) -> Prepared:
 def read_view(path: Path, text: str) -> JobView:
     """Read a job and all its files; errors replace parts that cannot be read."""
     errors: dict[str, str] = {}
-    job = _try_part(lambda: load_job(path, text=text), "job", errors)
+    job = _try_part(lambda: load_job(path, text=text), errors)
     if job is None:
         return JobView("", "", [], {}, [], [], [], errors)
-    ready = _try_part(lambda: _load_and_prepare(path, text), "all", errors)
+    ready = _try_part(lambda: _load_and_prepare(path, text), errors)
     tests = []
     for number, part in enumerate(job.parts):
         if not part.has_modes:
             view = _try_part(
                 lambda part=part, at=number: _view_test(part, at, ready),  # type: ignore[misc]
-                "test",
                 errors,
             )
             tests += [] if view is None else [view]
-    if ready is None:
-        return JobView(job.title or path.stem, "", [], {}, tests, [], [], errors)
-    model = ready.model
-    about = f"{model.n_dofs:,} DOFs in {len(model.groups)} groups"
-    groups = list(model.groups)
-    title = job.title or path.stem
+    prepared: Sequence[PreparedTest] = ()
+    if ready is not None:
+        model, parameters, prepared = ready.model, ready.parameters, ready.tests
+    else:
+        built = _try_part(lambda: prepare_model(job), errors)
+        if built is None:
+            return JobView(job.find_title(), "", [], {}, tests, [], [], errors)
+        model, parameters = built
     modal = [
         _view_modes(test, number)
-        for number, test in enumerate(ready.tests)
+        for number, test in enumerate(prepared)
         if isinstance(test.data, ModeSet)
     ]
     return JobView(
-        title,
-        about,
-        groups,
+        job.find_title(model.title),
+        f"{model.n_dofs:,} DOFs in {len(model.groups)} groups",
+        list(model.groups),
         _find_groups_by_quantity(model),
         tests,
         modal,
-        list(ready.parameters),
+        list(parameters),
         errors,
         has_picture=model.geometry is not None,
         is_large=model.n_dofs > WEB_PAGE.quick_dofs,
+        proposals={quantity: propose_unknown(model, quantity) for quantity in CHOICES},
     )
 
 
@@ -236,13 +258,25 @@ def _find_groups_by_quantity(model: Model) -> dict[str, list[str]]:
     return {"stiffness": stiff, "mass": heavy, "loss_factor": stiff}
 
 
-def _try_part(make: Callable[[], T], what: str, errors: dict[str, str]) -> T | None:
+def _try_part(make: Callable[[], T], errors: dict[str, str]) -> T | None:
     """Return the result of a function, or None after storing its error in `errors`."""
     try:
         return make()
     except UpdynError as error:
-        errors.setdefault(what, str(error))
+        errors.setdefault(_find_table(error), str(error))
         return None
+
+
+def _find_table(error: UpdynError) -> str:
+    """Return the table that an error is about; "job" if it does not tell."""
+    key: tuple[str | int, ...] = ()
+    cause: BaseException | None = error
+    while cause is not None:
+        if isinstance(cause, MatchError):
+            return "match"
+        key = key or (cause.key if isinstance(cause, InputError) else ())
+        cause = cause.__cause__
+    return str(key[0]) if key else "job"
 
 
 def _view_test(part: Job, number: int, ready: Prepared | None) -> TestView:
@@ -335,6 +369,7 @@ def _format_values(values: RealArray, std: RealArray, form: str) -> list[str]:
     ]
 
 
+@lru_cache(maxsize=2)
 def assess_identifiability(path: Path, text: str) -> IdentifiabilityView:
     """Return the identifiability of the unknowns of a job at their start."""
     found = job_identifiability(_load_and_prepare(path, text))
@@ -346,6 +381,38 @@ def assess_identifiability(path: Path, text: str) -> IdentifiabilityView:
     return IdentifiabilityView(
         found.rank, found.n_parameters, found.collinearity, trades, found.advice
     )
+
+
+def check_job(path: Path, text: str) -> list[CheckRow]:
+    """Return what is known of a job before any fit: identifiability, modes, faults of the data."""
+    return [
+        _check_identifiability(assess_identifiability(path, text)),
+        *_check_modes(_load_and_prepare(path, text)),
+        *_check_data(find_faults(path, text)),
+    ]
+
+
+def _check_identifiability(found: IdentifiabilityView) -> CheckRow:
+    if found.rank == found.n:
+        which = "the one unknown" if found.n == 1 else f"all {found.n} unknowns"
+        return CheckRow(f"The data could determine {which}.")
+    text = f"The data could determine {found.rank} of {found.n} combinations of the unknowns."
+    return CheckRow(text, True, found.advice)
+
+
+def _check_modes(ready: Prepared) -> list[CheckRow]:
+    """Return how many modes of each test have a counterpart in the model."""
+    rows = []
+    for name, one in counterparts_at_start(ready, ready.parameters).items():
+        statement = f"{name}: {one.statement}".removeprefix(": ")
+        rows.append(CheckRow(statement, one.few, (one.remedy or REMEDY) if one.few else ""))
+    return rows
+
+
+def _check_data(rows: Sequence[FindingRow]) -> list[CheckRow]:
+    if not rows:
+        return [CheckRow("No known fault was found in the data.")]
+    return [CheckRow(row.statement, True, row.remedy, row.repair, row.test) for row in rows]
 
 
 def find_faults(path: Path, text: str) -> list[FindingRow]:
@@ -527,15 +594,24 @@ def _apply_values(ready: Prepared, model: Model, values: Mapping[str, float]) ->
 
 
 def render_structure(path: Path, text: str, n_modes: int = 0) -> str:
-    """Return the viewer of the model with sensors, forces and the lowest modes, as HTML."""
-    ready = _load_and_prepare(path, text)
-    prepared_test = ready.tests[0]
-    data = prepared_test.data
-    sensors, forces = ([], []) if not isinstance(data, FRF) else (data.responses, data.references)
-    model = _apply_values(ready, prepared_test.model, {})
+    """Return the viewer of the model with sensors, forces and the lowest modes, as HTML.
+
+    Sensors and forces are left out if they are not matched.
+    """
+    job = load_job(path, text=text)
+    sensors: list[Dof] = []
+    forces: list[Dof] = []
+    try:
+        ready = _load_and_prepare(path, text)
+    except UpdynError:
+        model, _ = prepare_model(job)
+    else:
+        data = ready.tests[0].data
+        model = _apply_values(ready, ready.tests[0].model, {})
+        if isinstance(data, FRF):
+            sensors, forces = list(data.responses), list(data.references)
     shown_modes = modes(model, min(n_modes, model.n_dofs)) if n_modes else None
-    scene = model_scene(model, shown_modes, responses=list(sensors), references=list(forces))
-    shown = page(scene)
+    shown = page(model_scene(model, shown_modes, responses=sensors, references=forces))
     return shown.replace("</body>", f"<script>{FORWARD}</script></body>")
 
 
@@ -555,4 +631,6 @@ def propose_job(model: Path, measurement: Path, job: Path, options: dict[str, ob
     of_model = {name: value for name, value in given.items() if name == "unit"}
     of_test = {name: value for name, value in given.items() if name != "unit"}
     inputs = read_inputs(model, measurement, of_model, of_test)
+    if not inputs.has_quantity:
+        raise InputError(f"{measurement.name} does not state the measured quantity; choose one")
     return job_text(inputs, job, f"{inputs.model.n_dofs} DOFs", f"{len(inputs.frf.freq)} lines")

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from updyn.errors import FormatError, InputError
+from updyn.errors import FormatError, InputError, UpdynError
 from updyn.foreign.confinement import resolve_path
 from updyn.io.atomic import write_bytes
 from updyn.job.files import check_encodable, is_encodable
@@ -19,11 +19,12 @@ from updyn.job.folder import HEADER, JOB_FILE, is_run_job
 from updyn.outputs.manifest import MANIFEST, Manifest, is_output
 from updyn.web.settings import WEB_LIMIT
 
-__all__ = ["Project", "RunFolder", "hide_folder"]
+__all__ = ["Project", "RunFolder", "describe_error", "hide_folder"]
 
 _NAME = re.compile(r"[^\W.][\w.+ -]*")
 _RESULT = "result.json"
 _JOB, _JOURNAL = ".toml", ".journal"
+_NEW_JOB = "job.toml"
 #: What no job names, and what changes while a run is under way.
 _NO_INPUT = (_JOB, _JOURNAL, MANIFEST)
 #: First line of the job file of a run, and the number of its characters that are read.
@@ -106,9 +107,9 @@ class Project:
         """Return the results in a folder; None if there are none."""
         return _read_run(self.inside(folder))
 
-    def runs_of(self, job: Path) -> list[Path]:
-        """Return the folders of the runs whose job file names `job`, the latest first."""
-        return [run.path for run in self.runs() if _find_job(run.path) == job]
+    def runs_of(self, job: Path) -> list[RunFolder]:
+        """Return the runs whose job file names `job`, the latest first."""
+        return [run for run in self.runs() if _find_job(run.path) == job]
 
     def pages(self, page: str, command: str) -> list[Path]:
         """Return the files `page` that a command has written, the latest first."""
@@ -127,6 +128,14 @@ class Project:
             number += 1
             path = stem.with_name(f"{stem.name}{suffix}-{number}")
         return path
+
+    def free_job_name(self) -> str:
+        """Return the name of a job that does not exist in the folder of the project."""
+        number, name = 1, _NEW_JOB
+        while os.path.lexists(self.folder / name):
+            number += 1
+            name = Path(_NEW_JOB).stem + f"-{number}{_JOB}"
+        return name
 
     def new_job(self, name: str) -> Path:
         """Return the path of a new job, with or without ``.toml`` in `name`.
@@ -158,8 +167,11 @@ class Project:
         return name
 
     def keep_upload(self, name: str, content: bytes) -> Path:
-        """Write an uploaded file; InputError if its name is not plain, is in use or of results."""
+        """Write an uploaded file, unless it is there; InputError if its name cannot be used."""
         path = self.folder / self.plain_name(name)
+        is_known = path.is_file() and not path.is_symlink()
+        if is_known and path.stat().st_size == len(content) and path.read_bytes() == content:
+            return path
         if name.lower() in (_RESULT, MANIFEST) or name.lower().endswith(_JOURNAL):
             raise InputError(f"{name}: commands write results under this name; rename the file")
         if os.path.lexists(path):
@@ -182,8 +194,17 @@ class Project:
 
 
 def hide_folder(text: str, folder: Path) -> str:
-    """Return a message with the paths in a folder relative to it."""
-    return text.replace(f"{folder}{os.sep}", "")
+    """Return a message with paths in a folder relative to it, and the folder as its name."""
+    return text.replace(f"{folder}{os.sep}", "").replace(str(folder), folder.name)
+
+
+def describe_error(error: UpdynError | OSError) -> str:
+    """Return the message of an error, with the names of files in place of their paths."""
+    if isinstance(error, OSError):
+        named, text = error.filename, f"{error.filename}: {error.strerror or error}"
+    else:
+        named, text = getattr(error, "path", None), str(error)
+    return text if named is None else text.replace(str(named), Path(str(named)).name)
 
 
 def _find_results(folder: Path, names: list[str]) -> set[Path]:

@@ -52,8 +52,9 @@ class WebPageSettings:
     most_modes: int = 100
     #: [runs] Runs on a page of their table. Drawing: the selected run is on the same screen.
     listed_runs: int = 6
-    #: [files] Files in the list of the start page. Drawing: a page of readable length.
-    listed_files: int = 200
+    #: [files] Files of a folder without a job that are read to find a model and a measurement.
+    #: Effort: each is read.
+    recognised_files: int = 20
     #: [characters] Part of a wrong entry that a message quotes. Drawing: the message stays in one
     #: line.
     quoted_characters: int = 40

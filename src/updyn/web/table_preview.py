@@ -17,7 +17,7 @@ from updyn.frf import FRF
 from updyn.io import read_frf
 from updyn.io.inventory import Inventory, list_items
 from updyn.io.point_files import find_point_files, has_fields, propose_pattern
-from updyn.job.proposal import read_any_quantity
+from updyn.job.proposal import read_guessed
 from updyn.text_table import format_count
 from updyn.web.settings import WEB_PAGE
 from updyn.web.table_form import Key
@@ -29,6 +29,7 @@ __all__ = [
     "preview_frf",
     "view_measurement",
     "view_table",
+    "without_path",
 ]
 
 
@@ -36,12 +37,14 @@ __all__ = [
 class MeasurementView:
     """A measured file: `summary` of its FRFs, or the `error` of reading it.
 
-    `has_items` states whether it has columns or variables from which FRFs can be selected.
+    `has_items` states whether it has columns or variables from which FRFs can be selected,
+    `has_quantity` whether the file or the options state the measured quantity.
     """
 
     summary: str
     error: str
     has_items: bool
+    has_quantity: bool
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,19 +80,17 @@ class TableView:
 
 def view_measurement(path: Path, options: Mapping[str, Any]) -> MeasurementView:
     """Describe a measured file, also if it does not state the measured quantity."""
-    summary, error = "", ""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UpdynWarning)
-            read = read_any_quantity(path, dict(options))
-    except InputError as found:
-        error = _without_path(found, path)
-    else:
-        quantity = (
-            f", {read.frf.quantity}" if read.has_quantity else "; state the measured quantity"
-        )
-        summary = f"{_describe(read.frf)}{quantity}"
-    return MeasurementView(summary, error, _has_items(path))
+            read = read_guessed(path, dict(options))
+    except InputError as error:
+        return MeasurementView("", without_path(error, path), _has_items(path), True)
+    quantity = f", {read.frf.quantity}" if read.has_quantity else ""
+    guessed = read.options.keys() - options.keys()
+    note = f"; {', '.join(guessed)} guessed from their names" if guessed else ""
+    summary = f"{_describe(read.frf)}{quantity}{note}"
+    return MeasurementView(summary, "", _has_items(path), read.has_quantity)
 
 
 def view_table(path: Path, columns: Mapping[str, Any]) -> TableView:
@@ -97,7 +98,7 @@ def view_table(path: Path, columns: Mapping[str, Any]) -> TableView:
     try:
         inventory = list_items(path, columns)
     except InputError as error:
-        raise InputError(_without_path(error, path)) from error
+        raise InputError(without_path(error, path)) from error
     pattern = path if has_fields(path) else propose_pattern(path)
     if pattern is None:
         return TableView(inventory, path.name)
@@ -113,7 +114,7 @@ def preview_frf(path: Path, options: Mapping[str, Any]) -> FRFPreview:
             warnings.simplefilter("always", UpdynWarning)
             frf = read_frf(path, **options)
     except InputError as error:
-        return FRFPreview({error.key: _without_path(error, path)})
+        return FRFPreview({error.key: without_path(error, path)})
     notes = [str(w.message) for w in caught if issubclass(w.category, UpdynWarning)]
     n = min(len(frf.responses) * len(frf.references), WEB_PAGE.most_channels)
     pairs = [(str(i), str(j)) for i in frf.responses for j in frf.references]
@@ -144,7 +145,7 @@ def _has_items(path: Path) -> bool:
         return False
 
 
-def _without_path(error: InputError, path: Path) -> str:
+def without_path(error: InputError, path: Path) -> str:
     """Return the message of an error with the name of the file in place of its path.
 
     Only the first line: the rest is about the text of a job.

@@ -14,12 +14,21 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from updyn.text_table import format_count
 from updyn.web.project import hide_folder
 from updyn.web.settings import WEB_TASK
 from updyn.web.tasks import TASKS
 
 __all__ = ["Worker"]
 
+#: States in words.
+_STATES = {
+    "running": "Running",
+    "stopping": "Stopping after this step",
+    "done": "Ended",
+    "stopped": "Stopped",
+    "failed": "Failed",
+}
 #: A task takes one thread unless the environment says otherwise: the pages need a core, too.
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
@@ -75,6 +84,18 @@ class Worker:
         error_reader = threading.Thread(target=self._collect_errors, daemon=True)
         error_reader.start()
         threading.Thread(target=self._read_events, args=(error_reader,), daemon=True).start()
+
+    @property
+    def progress(self) -> str:
+        """The state in words, with the present stage or the status of the result."""
+        text = _STATES[self.state]
+        if self.active and self.now:
+            text += f": {self.now['stage']}, {format_count(self.now['accepted'], 'step')}"
+        elif self.active and self.stages:
+            text += f": {self.stages[-1]}"
+        elif self.state == "done":
+            text += f": {self.status}"
+        return text
 
     @property
     def active(self) -> bool:

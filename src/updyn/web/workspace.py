@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import os
 import re
+import threading
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePosixPath
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import tomlkit
 from tomlkit.exceptions import TOMLKitError
@@ -20,10 +21,11 @@ from updyn.web import edits
 from updyn.web.desk import Desk
 from updyn.web.document import JobDocument
 from updyn.web.faults import new_faults
-from updyn.web.form import Form
-from updyn.web.looking import JobView, propose_job, read_view
+from updyn.web.form import REQUIRED, Form
+from updyn.web.looking import JobView, TestView, propose_job, read_view
 from updyn.web.project import Project, hide_folder
-from updyn.web.settings import WEB_LIMIT, WEB_TASK
+from updyn.web.recognition import Recognised, recognise
+from updyn.web.settings import WEB_LIMIT, WEB_PAGE, WEB_TASK
 from updyn.web.table_form import TableForm
 from updyn.web.table_preview import (
     FRFPreview,
@@ -49,7 +51,10 @@ _TABLES = (".csv", ".txt", ".dat", ".asc", ".mat", ".npz", ".h5", ".hdf5")
 
 @dataclass(eq=False)
 class NewJob:
-    """Entries for a new job; `reading` has options of the reader, `view` describes the file."""
+    """Entries for a new job; `reading` has options of the reader, `view` describes the file.
+
+    `recognised` is what the file of the model is.
+    """
 
     model: str = ""
     measurement: str = ""
@@ -57,17 +62,24 @@ class NewJob:
     name: str = "job.toml"
     reading: dict[str, Any] = field(default_factory=dict)
     view: MeasurementView | None = None
+    recognised: Recognised | None = None
 
     @property
     def options(self) -> dict[str, Any]:
         """Options of the reader of the measurement."""
         return {**({"quantity": self.quantity} if self.quantity else {}), **self.reading}
 
-    @property
-    def is_complete(self) -> bool:
-        """Whether the job can be written."""
-        is_read = self.view is not None and not self.view.error
-        return bool(self.model and self.measurement and self.name.strip()) and is_read
+    def faults(self) -> dict[str, str]:
+        """Return a message for each entry that is missing or cannot be used, by its name."""
+        found = {what: REQUIRED for what in ("model", "measurement") if not getattr(self, what)}
+        if self.recognised is not None and self.recognised.kind != "model":
+            known = self.recognised
+            found["model"] = f"is a {known.kind}; expected a model" if known.kind else known.text
+        if self.view is not None and self.view.error:
+            found["measurement"] = self.view.error
+        if self.view is not None and not self.view.has_quantity:
+            found["quantity"] = "the file does not state it; choose one"
+        return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,12 +116,14 @@ class Workspace:
         self.document: JobDocument | None = None
         self.workers: dict[str, Worker] = {}
         self.theme = "auto"
-        self.new_job = NewJob()
+        self.new_job = NewJob(name=self.project.free_job_name())
         self.table: OpenTable | None = None
         self._desk = Desk(self.project.folder, WEB_TASK.answer_seconds, _memory_limit())
         self._forms: dict[str, Form] = {}
         self._opened_paths: set[Path] = set()
-        self._cached_view: tuple[Path, str, JobView] | None = None
+        self._answers: dict[Callable[..., Any], object] = {}
+        self._asked: tuple[Path, str] | None = None
+        self._asking = threading.RLock()
         self._stamp = self.project.stamp()
 
     @property
@@ -117,6 +131,13 @@ class Workspace:
         """A value that changes whenever the shown state of the job may have changed."""
         document = self.document
         return () if document is None else (document.path, document.version, document.is_changed)
+
+    @property
+    def answers_version(self) -> tuple[object, ...]:
+        """A value that changes with the kept answers of `ask` and with the latest run."""
+        run = self.run
+        state = () if run is None else (id(run), run.version)
+        return (*self.version, self._asked, tuple(self._answers), *state)
 
     @property
     def has_unsaved(self) -> bool:
@@ -219,7 +240,10 @@ class Workspace:
         if task not in self._forms:
             work = TASKS.find(task)
             self._forms[task] = Form(work.table, work.fields)
-        return self._forms[task]
+        form, view = self._forms[task], self.find_answer(read_view)
+        if view is not None and view.tests:
+            form.propose(_propose_entries(view.tests[0]))
+        return form
 
     def entries(self, task: str) -> dict[str, str]:
         """Return the text of each entry of the form of a task, by key."""
@@ -266,25 +290,46 @@ class Workspace:
         self.open_document.save_as(self.project.new_job(full_name))
 
     def view(self) -> JobView:
-        """Return the content of the present job, which is read once."""
-        self._discard_stale_data()
-        document = self.open_document
-        cached = self._cached_view
-        if cached is not None and cached[:2] == (document.path, document.text):
-            return cached[2]
-        path, text = document.path, document.text
-        view = self.ask(read_view)
-        folder = self.project.folder
-        errors = {what: hide_folder(message, folder) for what, message in view.errors.items()}
-        view = replace(view, errors=errors)
-        self._cached_view = path, text, view
-        return view
+        """Return the content of the present job."""
+        return self._hide_folder(self.ask(read_view))
 
     def ask(self, function: Callable[..., T], *arguments: object) -> T:
-        """Call a function in the `Desk` with path and text of the open job, and plain data."""
-        self._discard_stale_data()
-        document = self.open_document
-        return self._desk.ask(function, document.path, document.text, *arguments)
+        """Call a function in the `Desk` with path and text of the open job, and plain data.
+
+        The answer of a function without further arguments is kept until the job or a file of the
+        project changes.
+        """
+        if arguments:
+            self._discard_stale_data()
+            document = self.open_document
+            return self._desk.ask(function, document.path, document.text, *arguments)
+        with self._asking:  # another page waits for the same answer
+            self._discard_stale_data()
+            document = self.open_document
+            asked = document.path, document.text
+            if self._asked != asked:
+                self._answers, self._asked = {}, asked
+            if function not in self._answers:
+                self._answers[function] = self._desk.ask(function, *asked)
+            return cast(T, self._answers[function])
+
+    def find_answer(self, function: Callable[..., T]) -> T | None:
+        """Return the kept answer of a function of the present job; None if there is none."""
+        document = self.document
+        if document is None or self._asked != (document.path, document.text):
+            return None
+        return cast("T | None", self._answers.get(function))
+
+    def find_view(self) -> JobView | None:
+        """Return the content of the present job if it has been read."""
+        view = self.find_answer(read_view)
+        return None if view is None else self._hide_folder(view)
+
+    def _hide_folder(self, view: JobView) -> JobView:
+        """Return the content of a job with files in its errors relative to the project."""
+        folder = self.project.folder
+        errors = {what: hide_folder(text, folder) for what, text in view.errors.items()}
+        return replace(view, errors=errors)
 
     def create(self) -> None:
         """Write a commented job for the model and the measurement of `new_job`, and open it.
@@ -302,7 +347,7 @@ class Workspace:
         text = self._desk.ask(propose_job, *inputs, path, entries.options)
         write_bytes(path, text.encode())
         self.open_job(path)
-        self.new_job = NewJob()
+        self.new_job = NewJob(name=self.project.free_job_name())
 
     # -- tables of FRFs ----------------------------------------------------------------------------
     def ask_file(self, function: Callable[..., T], name: str, *arguments: object) -> T:
@@ -316,6 +361,49 @@ class Workspace:
         job.view = None
         if job.measurement:
             job.view = self.ask_file(view_measurement, job.measurement, job.options)
+
+    def recognise_new_model(self) -> None:
+        """Read the model of the new job."""
+        job = self.new_job
+        job.recognised = None
+        if job.model:
+            job.recognised = self.ask_file(recognise, job.model)
+
+    def take_file(self, name: str) -> Recognised:
+        """Recognise a file of the project, and use a model or measurement for the new job."""
+        found = self.ask_file(recognise, name)
+        self._take(name, found)
+        return found
+
+    def take_inputs(self) -> None:
+        """Use files of the project for the new job, as far as they are recognised."""
+        job = self.new_job
+        for path in self.project.inputs()[: WEB_PAGE.recognised_files]:
+            if job.model and job.measurement:
+                return
+            name = self.project.name_of(path)
+            found = self.ask_file(recognise, name)
+            is_taken = job.model if found.kind == "model" else job.measurement
+            if found.kind != "table" and not is_taken:
+                self._take(name, found)
+
+    def _take(self, name: str, found: Recognised) -> None:
+        job = self.new_job
+        if found.kind == "model":
+            job.model, job.recognised = name, found
+        elif found.kind in ("measurement", "table"):
+            job.measurement, job.reading, job.quantity = name, {}, ""
+            self.view_new_measurement()
+
+    def find_new_job_faults(self) -> dict[str, str]:
+        """Return a message for each entry of the new job that cannot be used, by its name."""
+        job = self.new_job
+        found = job.faults()
+        try:
+            self.project.new_job(job.name)
+        except InputError as error:
+            found["name"] = str(error) if job.name.strip() else REQUIRED
+        return found
 
     def tables(self) -> dict[int, str]:
         """Return the files of tests of the open job that may hold a table, by test."""
@@ -398,7 +486,7 @@ class Workspace:
         """Discard data of files that have changed since they were read."""
         stamp = self.project.stamp()
         if stamp != self._stamp:
-            self._stamp, self._cached_view = stamp, None
+            self._stamp, self._asked = stamp, None
             self._desk.close()  # its process caches data
 
     def begin(self, task: str, folder: str, *, resume: bool = False) -> Worker:
@@ -413,8 +501,8 @@ class Workspace:
             raise InputError("the results need a folder; give its name")
         document, out = self.open_document, self.project.inside(folder.strip())
         form = self.form(task)
-        form.commit(document)
-        if form.pending:
+        form.commit(document, is_needed=True)
+        if form.pending or form.reason:
             raise InputError(f"not started: {form.reason}")
         if document.is_changed:
             document.save()
@@ -436,7 +524,7 @@ class Workspace:
                 return self.project.name_of(worker.out)
         runs = self.project.runs_of(path) if task == "plant" else []
         if runs:
-            return self.project.name_of(runs[0])
+            return self.project.name_of(runs[0].path)
         suffix = TASKS[task].suffix
         return self.project.name_of(self.project.free_name(path.with_suffix(""), suffix))
 
@@ -445,6 +533,12 @@ class Workspace:
         for worker in self.workers.values():
             worker.end()
         self._desk.end()
+
+
+def _propose_entries(test: TestView) -> dict[str, str]:
+    """Return entries of forms by key, as the test is."""
+    low, high = test.band or (float(test.freq[0]), float(test.freq[-1]))
+    return {"n_sensors": str(len(test.responses)), "band": f"{low:g}, {high:g}"}
 
 
 def _memory_limit() -> int:

@@ -100,7 +100,10 @@ def test_the_title_is_that_of_the_job_then_of_its_model_then_the_name_of_the_fil
     tmp_path: Path,
 ) -> None:
     path = tmp_path / "drive.toml"
-    titled, plain = load_job(path, text=DOCUMENTED), load_job(path, text=DOCUMENTED[DOCUMENTED.index("[model]") :])
+    titled, plain = (
+        load_job(path, text=DOCUMENTED),
+        load_job(path, text=DOCUMENTED[DOCUMENTED.index("[model]") :]),
+    )
     assert titled.find_title("Model") == titled.find_title() == "Azimuth drive, run 3"
     assert (plain.find_title("Model"), plain.find_title()) == ("Model", "drive")
 

@@ -112,6 +112,15 @@ def lines_added(before: str, after: str) -> list[str]:
 
 
 # -- lines that are used
+def test_a_new_table_has_the_proposed_bounds() -> None:
+    proposals = {"mass": {"bounds": (0.5, 2.0)}, "stiffness": {"bounds": (0.2, 5.0)}}
+    bare = '[test]\nfile = "a.uff"\n'
+    text = edited(edits.set_unknowns({"mass": ["part1"]}, ABLE, proposals), bare)
+    assert tomllib.loads(text)["parameter"] == [
+        {"groups": ["part1"], "quantity": "mass", "bounds": [0.5, 2.0]}
+    ]
+
+
 def test_a_band_is_a_key_of_the_test_and_not_of_what_follows() -> None:
     text = edited(edits.set_band(5.0, 400.0))
     assert text == TEXT.replace("#band = [1, 2]\n", "#band = [1, 2]\nband = [5.0, 400.0]\n")
@@ -299,11 +308,11 @@ def test_listed_lines_are_kept_where_they_are_still_used() -> None:
 # -- unknowns
 def test_what_is_chosen_already_keeps_its_text() -> None:
     chosen = {"mass": GROUPS, "stiffness": ["part2", "part1"]}
-    assert edited(edits.set_unknowns(chosen, ABLE)) == TEXT
+    assert edited(edits.set_unknowns(chosen, ABLE, {})) == TEXT
 
 
 def test_a_group_fewer_is_listed_and_one_more_goes_to_its_quantity() -> None:
-    text = edited(edits.set_unknowns({"mass": ["part3", "part1"], "stiffness": GROUPS}, ABLE))
+    text = edited(edits.set_unknowns({"mass": ["part3", "part1"], "stiffness": GROUPS}, ABLE, {}))
     assert text == TEXT.replace('"part*"', '["part1", "part3"]').replace(
         '["part1", "part2"]', '["part1", "part2", "part3"]'
     )
@@ -314,7 +323,7 @@ def test_a_group_fewer_is_listed_and_one_more_goes_to_its_quantity() -> None:
 
 def test_a_new_quantity_gets_a_table_before_what_is_said_of_the_next() -> None:
     chosen = {"mass": GROUPS, "stiffness": ["part1", "part2"], "loss_factor": ["part2"]}
-    text = edited(edits.set_unknowns(chosen, ABLE))
+    text = edited(edits.set_unknowns(chosen, ABLE, {}))
     new = '[[parameter]]\ngroups = ["part2"]\nquantity = "loss_factor"\n'
     assert text == TEXT.replace("\n# the fit\n", f"\n{new}\n# the fit\n")
     assert unknowns(text)[2] == ("loss_factor", ("part2",), None)
@@ -323,7 +332,7 @@ def test_a_new_quantity_gets_a_table_before_what_is_said_of_the_next() -> None:
 @pytest.mark.parametrize("chosen", [{"stiffness": ["part1", "part2"]}, {"mass": GROUPS}, {}])
 def test_a_table_without_groups_goes_and_no_comment_on_others_with_it(chosen: Any) -> None:
     every = {"mass": [], "stiffness": [], **chosen}
-    text = edited(edits.set_unknowns(every, ABLE))
+    text = edited(edits.set_unknowns(every, ABLE, {}))
     of_tables = {"one", "all of them", "wide"}
     assert set(comments(TEXT)) - set(comments(text)) <= of_tables
     if chosen:
@@ -334,32 +343,32 @@ def test_a_table_without_groups_goes_and_no_comment_on_others_with_it(chosen: An
     else:
         with pytest.raises(JobError, match="parameter"):
             job(text)
-    back = edited(edits.set_unknowns({"mass": ["part1"], "stiffness": []}, ABLE), text)
+    back = edited(edits.set_unknowns({"mass": ["part1"], "stiffness": []}, ABLE, {}), text)
     assert [(q, g) for q, g, _ in unknowns(back)] == [("mass", ("part1",))]
 
 
 def test_unknowns_of_a_job_that_has_none() -> None:
     bare = '[model]\nfile = "m.h5"\n[test]\nfile = "t.uff"\n'
     for text in (bare, 'parameter = []\ntitle = "x"\n' + bare):
-        assert edited(edits.set_unknowns({"mass": []}, ABLE), text).endswith(bare)
-        new = edited(edits.set_unknowns({"mass": ["part2"]}, ABLE), text)
+        assert edited(edits.set_unknowns({"mass": []}, ABLE, {}), text).endswith(bare)
+        new = edited(edits.set_unknowns({"mass": ["part2"]}, ABLE, {}), text)
         assert unknowns(new) == [("mass", ("part2",), None)]
         assert job(new).title == ("x" if "title" in text else "")
 
 
 def test_all_becomes_a_list_where_a_group_goes() -> None:
-    text = edited(edits.set_unknowns({"stiffness": ["part3", "part1"]}, ABLE), TWO)
+    text = edited(edits.set_unknowns({"stiffness": ["part3", "part1"]}, ABLE, {}), TWO)
     assert text == TWO.replace('"all"', '["part1", "part3"]')
 
 
 def test_unknowns_that_are_not_chosen_by_quantity_stay() -> None:
     """Linked ones, quantities that the page does not offer, and masses that a test adds."""
-    text = edited(edits.set_unknowns({"stiffness": ["part2"], "mass": []}, ABLE), LINKED)
+    text = edited(edits.set_unknowns({"stiffness": ["part2"], "mass": []}, ABLE, {}), LINKED)
     assert lines_added(LINKED, text)[-3:] == [
         "[[parameter]]", 'groups = ["part2"]', 'quantity = "stiffness"',
     ]  # fmt: skip
     added = LINKED + '[[parameter]]\ngroups = "added mass"\nquantity = "mass"\n'
-    assert edited(edits.set_unknowns({"stiffness": [], "mass": []}, ABLE), added) == added
+    assert edited(edits.set_unknowns({"stiffness": [], "mass": []}, ABLE, {}), added) == added
 
 
 def test_two_tables_of_one_quantity() -> None:
@@ -367,9 +376,9 @@ def test_two_tables_of_one_quantity() -> None:
         '[[parameter]]\ngroups = "part1"\nquantity = "mass"\nnominal = 3.0\n'
         '[[parameter]]\ngroups = "part[23]"\nquantity = "mass"\nbounds = [0.5, 2.0]\n'
     )
-    assert edited(edits.set_unknowns({"mass": GROUPS}, ABLE), text) == text
-    fewer = edited(edits.set_unknowns({"mass": ["part1"]}, ABLE), text)
-    again = edited(edits.set_unknowns({"mass": ["part1", "part3"]}, ABLE), fewer)
+    assert edited(edits.set_unknowns({"mass": GROUPS}, ABLE, {}), text) == text
+    fewer = edited(edits.set_unknowns({"mass": ["part1"]}, ABLE, {}), text)
+    again = edited(edits.set_unknowns({"mass": ["part1", "part3"]}, ABLE, {}), fewer)
     assert [p.groups for p in job(again).parameter if p.quantity == "mass"] == [
         ("part1",), ("part3",),
     ]  # fmt: skip
@@ -443,7 +452,7 @@ EDITS = {
     "key": edits.set_key("modes", "damping", "viscous"),
     "no key": edits.set_key("modes", "damping", None),
     "pick": edits.set_picks([3.0], [4.0]),
-    "unknowns": edits.set_unknowns({"mass": ["part1"], "stiffness": []}, ABLE),
+    "unknowns": edits.set_unknowns({"mass": ["part1"], "stiffness": []}, ABLE, {}),
     "bounds": edits.set_bounds("part1.mass", 0.5, 2.0, GROUPS),
 }
 
@@ -462,6 +471,6 @@ def test_an_edit_of_what_is_no_job_gives_toml_or_one_message(text: str, name: st
 def test_only_groups_that_have_the_quantity_are_named():
     able = {"stiffness": GROUPS[:-1], "mass": GROUPS, "loss_factor": GROUPS[:-1]}
     chosen = {"stiffness": GROUPS[:1]}
-    text = edited(edits.set_unknowns(chosen, able))
+    text = edited(edits.set_unknowns(chosen, able, {}))
     left = [t for t in tomllib.loads(text)["parameter"] if t["quantity"] == "stiffness"]
     assert [t["groups"] for t in left] == [GROUPS[:1]]

@@ -183,7 +183,7 @@ def test_an_edit_that_breaks_the_job_is_refused(workspace: Workspace) -> None:
     with pytest.raises(InputError, match="missing key 'parameter'"):
         workspace.edit("none", edits.set_unknowns({"mass": [], "stiffness": [], "loss_factor": []}, {
             kind: ["part1", "part2", "part3", "part4"] for kind in ("mass", "stiffness", "loss_factor")
-        }))  # fmt: skip
+        }, {}))  # fmt: skip
     with pytest.raises(InputError, match="unknown key"):
         workspace.edit("key", edits.set_key("test", "bnad", 3))
     assert workspace.open_document.text == before
@@ -213,3 +213,40 @@ def test_bounds_that_are_none_are_refused(workspace: Workspace, low: float, high
     with pytest.raises(InputError, match="expected a lower bound below the upper one"):
         workspace.edit("bounds", edits.set_bounds("part1.mass", low, high, ["part1"]))
     assert workspace.open_document.text == before
+
+
+# -- entries that the data propose
+def test_required_entries_are_proposed_by_the_data(workspace: Workspace) -> None:
+    before = workspace.open_document.text
+    workspace.view()
+    entries = workspace.entries("plan")
+    assert (entries["n_sensors"], entries["band"]) == ("5", "0.634882, 22.6954")
+    assert (workspace.faults("plan"), workspace.has_unsaved) == ({}, False)
+    workspace.save()
+    assert workspace.open_document.text == before
+    workspace.close()
+
+
+def test_proposed_entries_are_written_with_what_is_typed(workspace: Workspace) -> None:
+    workspace.view()
+    workspace.enter("plan", "n_sensors", "3")
+    assert table(workspace, "plan") == {"n_sensors": 3, "band": [0.634882, 22.6954]}
+    workspace.close()
+
+
+def test_an_emptied_proposal_is_missing(workspace: Workspace) -> None:
+    before = workspace.open_document.text
+    workspace.view()
+    workspace.enter("plan", "band", "")
+    assert workspace.faults("plan")["band"] == "required"
+    assert workspace.entries("plan")["band"] == ""
+    assert workspace.open_document.text == before
+    workspace.close()
+
+
+def test_proposed_entries_are_written_if_they_are_needed(workspace: Workspace) -> None:
+    workspace.view()
+    form = workspace.form("plan")
+    form.commit(workspace.open_document, is_needed=True)
+    assert table(workspace, "plan") == {"n_sensors": 5, "band": [0.634882, 22.6954]}
+    workspace.close()

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from updyn.errors import UpdynError
+from updyn.errors import FormatError, InputError, UpdynError
+from updyn.web.project import describe_error, hide_folder
 from updyn.web.worker import Worker
 from updyn.web.workspace import Workspace
 
@@ -46,6 +47,19 @@ def test_errors_of_actions_name_files_in_the_project(chain_project: Path) -> Non
     with pytest.raises(UpdynError, match=r"^chain\.h5 is a model"):
         workspace.create()
     workspace.close()
+
+
+def test_messages_of_files_name_no_folder(tmp_path: Path) -> None:
+    path = tmp_path / "job.toml"
+    full = OSError(28, "No space left on device", str(path))
+    assert describe_error(full) == "job.toml: No space left on device"
+    assert describe_error(FormatError("cannot be read", path)) == "job.toml: cannot be read"
+    assert describe_error(InputError("no job is open")) == "no job is open"
+
+
+def test_the_folder_itself_is_named_without_those_around_it(tmp_path: Path) -> None:
+    text = hide_folder(f"{tmp_path}/out/run.nc is not in {tmp_path}", tmp_path)
+    assert text == f"out/run.nc is not in {tmp_path.name}"
 
 
 def test_messages_of_a_task_name_files_in_the_project(tmp_path: Path) -> None:

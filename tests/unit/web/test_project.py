@@ -274,6 +274,15 @@ def test_an_upload_with_another_name_is_refused(folder: Path, name: str) -> None
     assert list(folder.iterdir()) == []
 
 
+def test_the_same_upload_is_kept_once(folder: Path) -> None:
+    project = Project(folder)
+    path = project.keep_upload("a.uff", b"content")
+    assert project.keep_upload("a.uff", b"content") == path
+    with pytest.raises(InputError, match="there is such a file already"):
+        project.keep_upload("a.uff", b"another")
+    assert path.read_bytes() == b"content"
+
+
 def test_an_upload_writes_over_nothing(folder: Path) -> None:
     put(folder / "a.uff", "mine")
     (folder / "b.uff").mkdir()
@@ -298,6 +307,14 @@ def test_an_upload_cannot_hide_the_project(folder: Path, name: str) -> None:
 
 
 # -- the name of a new job
+def test_a_free_name_of_a_job_is_proposed(folder: Path) -> None:
+    project = Project(folder)
+    assert project.free_job_name() == "job.toml"
+    for name in ("job.toml", "job-2.toml"):
+        put(folder / name)
+    assert project.free_job_name() == "job-3.toml"
+
+
 @pytest.mark.parametrize(
     ("name", "file"),
     [
@@ -364,4 +381,4 @@ def test_runs_of_a_job_are_known_by_their_own_job_file(folder: Path) -> None:
         put(folder / out / "job.toml", f"# Written by updyn 0.1.0 from {job}\n[model]\n")
     put(folder / "fifth" / "result.json", {"status": "converged"}, 5000)
     found = Project(folder).runs_of(folder / "a.toml")
-    assert names(folder, found) == ["sub/second", "first"]
+    assert names(folder, [run.path for run in found]) == ["sub/second", "first"]

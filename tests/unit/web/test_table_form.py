@@ -239,7 +239,8 @@ def test_a_new_job_reads_the_selected_columns(folder: Path) -> None:
     job = workspace.new_job
     job.model, job.measurement, job.name = "chain.h5", "hit_2X.csv", "new"
     workspace.view_new_measurement()
-    assert not job.is_complete
+    assert job.view is not None
+    assert set(job.faults()) == {"measurement"}
     workspace.open_new_table()
     with pytest.raises(InputError, match="not complete"):
         workspace.use_table()
@@ -247,7 +248,7 @@ def test_a_new_job_reads_the_selected_columns(folder: Path) -> None:
     workspace.use_table()
     assert job.view is not None
     assert job.view.summary.startswith("5 responses, 1 reference, 60 lines")
-    assert job.is_complete
+    assert job.faults() == {}
     before = set(folder.iterdir())
     workspace.create()
     assert set(folder.iterdir()) - before == {folder / "new.toml"}

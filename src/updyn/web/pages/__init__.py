@@ -15,31 +15,35 @@ from updyn.errors import UpdynError
 from updyn.style import LOOKS
 from updyn.web.look import FIGURE_SCRIPTS
 from updyn.web.looking import render_structure
-from updyn.web.pages import job, measurement, model, results, running, start, table, unknowns
+from updyn.web.pages import check, job, measurement, model, results, running, start, table, unknowns
 from updyn.web.pages.frame import add_frame
 from updyn.web.pages.task import task_page
 from updyn.web.settings import WEB_PAGE
+from updyn.web.steps import STEPS
 from updyn.web.workspace import Workspace
 
 __all__ = ["PAGES", "add_pages"]
 
-#: The pages by address: name, and function that fills the page.
+#: The pages that are no steps of a job, by address: name, and function that fills the page.
 PAGES: Mapping[str, tuple[str, Callable[[Workspace], Any]]] = {
     "/": ("Start", start.show),
     "/job": ("Job file", job.show),
     "/plan": ("Plan", task_page("plan")),
-    "/measurement": ("Measurement", measurement.show),
     "/modes": ("Modes", task_page("modes")),
-    "/model": ("Structure", model.show),
-    "/unknowns": ("Unknowns", unknowns.show),
-    "/run": ("Run", running.show),
-    "/results": ("Results", results.show),
     "/plant": ("Plant", task_page("plant")),
+}
+#: Functions that fill the pages of the steps, by address.
+_STEP_PAGES: Mapping[str, Callable[[Workspace], Any]] = {
+    "/measurement": measurement.show,
+    "/model": model.show,
+    "/unknowns": unknowns.show,
+    "/check": check.show,
+    "/run": running.show,
+    "/results": results.show,
 }
 #: Pages that another page opens, which the navigation does not list.
 _OPENED: Mapping[str, tuple[str, Callable[[Workspace], Any]]] = {
     "/table": ("Table", table.show),
-    "/check": ("Check", task_page("check")),
     "/correlate": ("Correlation", task_page("correlate")),
     "/compare": ("Methods", task_page("compare")),
 }
@@ -50,8 +54,9 @@ _SANDBOX = "sandbox allow-scripts allow-downloads allow-popups allow-modals"
 def add_pages(app: FastAPI, workspace: Workspace) -> None:
     """Add all pages and embedded pages to an application."""
     places = {place: name for place, (name, _) in PAGES.items()}
-    for place, (name, fill) in {**PAGES, **_OPENED}.items():
-        ui.page(place, title=f"{name} – updyn")(add_frame(workspace, places, place, fill))
+    steps = {place: (STEPS[place], fill) for place, fill in _STEP_PAGES.items()}
+    for place, (name, fill) in {**PAGES, **steps, **_OPENED}.items():
+        ui.page(place)(add_frame(workspace, places, place, name, fill))
 
     app.mount(FIGURE_SCRIPTS, StaticFiles(packages=[("updyn.report", "assets")]))
 

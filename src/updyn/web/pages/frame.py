@@ -13,7 +13,10 @@ from updyn.style import LOOKS, PAPER
 from updyn.web.document import JobDocument
 from updyn.web.form import REQUIRED
 from updyn.web.look import HEAD, THEMES
-from updyn.web.settings import WEB_PAGE
+from updyn.web.pages.steps import show_step, show_steps
+from updyn.web.pages.watch import watch
+from updyn.web.project import describe_error
+from updyn.web.steps import STEPS
 from updyn.web.workspace import Workspace
 
 __all__ = [
@@ -33,11 +36,15 @@ _DARK = {"auto": None, "light": False, "dark": True}
 
 
 def add_frame(
-    workspace: Workspace, places: Mapping[str, str], current: str, fill: Callable[[Workspace], Any]
+    workspace: Workspace,
+    places: Mapping[str, str],
+    current: str,
+    name: str,
+    fill: Callable[[Workspace], Any],
 ) -> Callable[[], Awaitable[None]]:
-    """Return a function that builds the page at `current` with its frame, then calls `fill`.
+    """Return a function that builds the page `name` at `current` with its frame, then calls `fill`.
 
-    `places` has the names of all pages by address.
+    `places` has the names of the pages by address that are no steps of a job.
     """
 
     async def page() -> None:
@@ -46,24 +53,64 @@ def add_frame(
             ui.add_head_html(
                 f"<script>document.documentElement.dataset.look = '{workspace.theme}'</script>"
             )
-        ui.colors(primary=PAPER["after"], negative=PAPER["bad"], positive=PAPER["good"])
+        ui.colors(
+            primary=PAPER["after"],
+            negative=PAPER["bad"],
+            positive=PAPER["good"],
+            warning=PAPER["warn"],
+        )
         ui.dark_mode(_DARK[workspace.theme])
         ui.query(".nicegui-content").classes("w-full max-w-screen-2xl mx-auto")
-        with ui.header(elevated=False).classes("items-center gap-1 py-1 updyn-nav"):
-            ui.label("updyn").classes("text-lg font-bold mr-4")
-            with ui.element("nav").classes("flex gap-1").props('aria-label="Pages"'):
-                for place, name in places.items():
-                    link = ui.link(name, place).classes("px-2 py-1 rounded no-underline")
+        with ui.header(elevated=False).classes("items-center gap-x-1 gap-y-0 py-1 updyn-nav"):
+            ui.link("updyn", "/").classes("text-lg font-bold px-2 no-underline")
+            with ui.element("nav").classes("flex gap-x-1").props('aria-label="Pages"'):
+                for place, text in places.items():
+                    link = ui.link(text, place).classes("px-2 py-1 rounded no-underline")
                     if place == current:
                         link.props("aria-current=page")
             ui.space()
+            _show_active_task(workspace)
             _show_job_bar(workspace)
             _show_theme_menu(workspace)
+            if workspace.document is not None:
+                show_steps(workspace, current)
+        _follow_title(workspace, name)
+        if workspace.document is not None and current in STEPS:
+            show_step(workspace, current)
         result = fill(workspace)
         if isinstance(result, Awaitable):
             await result
 
     return page
+
+
+def _follow_title(workspace: Workspace, name: str) -> None:
+    """Set the title of the page by the title of the open job, once it is read."""
+
+    def update() -> None:
+        view = workspace.find_view()
+        title = "" if view is None else view.title
+        ui.page_title(" – ".join(filter(None, [name, title, "updyn"])))
+
+    update()
+    watch(lambda: workspace.answers_version, update)
+
+
+def _show_active_task(workspace: Workspace) -> None:
+    """Show the task under way, of any job, as a link to its page."""
+    with ui.link(target="/run").classes("items-center gap-1 px-2 no-underline flex") as link:
+        ui.spinner(size="1.2em")
+        text = ui.label().classes("max-w-72 truncate").mark("task")
+
+    def update() -> None:
+        active = next((each for each in workspace.workers.values() if each.active), None)
+        link.set_visibility(active is not None)
+        if active is not None:
+            text.set_text(f"{workspace.project.name_of(active.job)}: {active.progress}")
+            link._props["href"] = f"/{active.task}"
+
+    update()
+    watch(lambda: [(each.task, each.version) for each in workspace.workers.values()], update)
 
 
 def _show_theme_menu(workspace: Workspace) -> None:
@@ -128,23 +175,6 @@ def _show_job_bar(workspace: Workspace) -> None:
     watch(lambda: (workspace.version, workspace.has_unsaved), update)
 
 
-def watch(version: Callable[[], object], refresh: Callable[[], Any]) -> None:
-    """Call `refresh` whenever the returned value has changed, also by another tab or a run.
-
-    Call this before the value is shown, to detect later changes.
-    """
-    last = version()
-
-    def check() -> None:
-        nonlocal last
-        now = version()
-        if now != last:
-            last = now
-            refresh()
-
-    ui.timer(WEB_PAGE.refresh_interval, check)
-
-
 def show_errors(action: Callable[..., Any]) -> Callable[..., None]:
     """Return an action that shows its `UpdynError` or `OSError` as a message."""
 
@@ -153,7 +183,7 @@ def show_errors(action: Callable[..., Any]) -> Callable[..., None]:
         try:
             action(*arguments)
         except (UpdynError, OSError) as error:
-            complain(str(error))
+            complain(describe_error(error))
 
     return run_safely
 
@@ -176,7 +206,7 @@ async def navigate_after(place: str, function: Callable[..., Any], *arguments: A
     try:
         await run.io_bound(function, *arguments)
     except UpdynError as error:
-        complain(str(error))
+        complain(describe_error(error))
         return
     ui.navigate.to(place)
 
@@ -196,7 +226,7 @@ async def run_slow(
     try:
         found = await run.io_bound(function, *arguments)
     except UpdynError as error:
-        found, message = None, str(error)
+        found, message = None, describe_error(error)
     if waiting.is_deleted:
         return None  # the page was rebuilt in the meantime
     waiting.delete()

@@ -6,11 +6,29 @@ from typing import Any
 
 from nicegui import events, ui
 
+from updyn.errors import UpdynError
 from updyn.web.looking import JobView
-from updyn.web.pages.frame import run_slow, show_errors, watch
+from updyn.web.pages.frame import run_slow, show_fault, watch
+from updyn.web.project import describe_error
 from updyn.web.workspace import Workspace
 
 __all__ = ["has_no_job", "show", "show_view_errors"]
+
+
+#: Set the theme of an editor, now and whenever the page becomes light or dark. By the browser: an
+#: update by the server would also replace the text, while it is typed.
+_FOLLOW_LOOK = """
+(() => {
+  const follow = () => {
+    const editor = window.did_handshake && getElement(%d);
+    if (!editor || !editor.editor) return setTimeout(follow, 50);
+    const isDark = document.body.classList.contains("body--dark");
+    editor.setTheme(isDark ? "githubDark" : "githubLight");
+  };
+  follow();
+  new MutationObserver(follow).observe(document.body, { attributeFilter: ["class"] });
+})();
+"""
 
 
 def has_no_job(workspace: Workspace) -> bool:
@@ -44,11 +62,22 @@ async def show(workspace: Workspace) -> None:
         copy = ui.input("Another name", placeholder="job-2.toml").classes("w-60")
 
         def save_as() -> None:
-            workspace.save_as(copy.value)
+            try:
+                workspace.save_as(copy.value)
+            except (UpdynError, OSError) as error:
+                show_fault(copy, describe_error(error))
+                return
             ui.notify(f"Saved as {workspace.project.name_of(document.path)}", type="positive")
 
-        ui.button("Save as", on_click=show_errors(save_as)).props("outline no-caps")
+        def update() -> None:
+            show_fault(copy, "")
+            button.set_enabled(bool(copy.value.strip()))
+
+        button = ui.button("Save as", on_click=save_as).props("outline no-caps")
+        copy.on_value_change(update)
+        update()
     editor = ui.codemirror(document.text, language="TOML", on_change=store_text)
+    ui.add_body_html(f"<script>{_FOLLOW_LOOK % editor.id}</script>")
     editor.classes("w-full").style("height: 60vh")
     watch(lambda: document.text, lambda: editor.set_value(document.text))
 

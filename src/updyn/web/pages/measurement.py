@@ -1,4 +1,4 @@
-"""The page Measurement: FRFs with the model at its start, selection of the band, faults."""
+"""The page Data: FRFs with the model at its start, selection of the band, faults."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The page Structure: the model with its sensors, and the matching of sensors to nodes.
+"""The page Sensors: the model with its sensors, and the matching of sensors to nodes.
 
 A sensor is moved by two clicks: on the sensor, in the table or in the picture, and on its node.
 """

@@ -1,4 +1,4 @@
-"""The page Results: the runs of the project, one with its report, or several side by side."""
+"""The page Result: the runs of the project, one with its report, or several side by side."""
 
 from __future__ import annotations
 

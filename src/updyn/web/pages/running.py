@@ -74,8 +74,8 @@ def _show_state(workspace: Workspace) -> None:
 
 def _find_latest(workspace: Workspace) -> RunFolder | None:
     """Return the latest results of the open job."""
-    folders = workspace.project.runs_of(workspace.open_document.path)
-    return workspace.project.run(folders[0]) if folders else None
+    runs = workspace.project.runs_of(workspace.open_document.path)
+    return runs[0] if runs else None
 
 
 def _show_stages(worker: Worker) -> None:

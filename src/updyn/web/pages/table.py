@@ -14,6 +14,7 @@ from updyn.web.charts import frf_chart
 from updyn.web.figure import FigureView
 from updyn.web.form import REQUIRED
 from updyn.web.pages.frame import complain, navigate_after, show_fault
+from updyn.web.project import describe_error
 from updyn.web.settings import WEB_PAGE
 from updyn.web.table_form import FORM_NAMES, Entry, Key, TableForm
 from updyn.web.table_preview import FRFPreview
@@ -187,7 +188,7 @@ class _TablePage:
         try:
             await run.io_bound(self._workspace.relist_table)
         except UpdynError as error:
-            complain(str(error))
+            complain(describe_error(error))
         await self._redraw()
 
     # -- changes of the form -----------------------------------------------------------------------

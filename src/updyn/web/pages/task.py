@@ -11,7 +11,6 @@ from nicegui import events, ui
 
 from updyn.group import is_number
 from updyn.registry import load_object
-from updyn.text_table import format_count
 from updyn.web import edits
 from updyn.web.form import written_table
 from updyn.web.pages.frame import embed_page, show_errors, show_fault, watch
@@ -22,14 +21,6 @@ from updyn.web.worker import Worker
 from updyn.web.workspace import Workspace
 
 __all__ = ["show_controls", "show_worker", "task_page"]
-
-_STATES = {
-    "running": "Running",
-    "stopping": "Stopping after this step",
-    "done": "Ended",
-    "stopped": "Stopped",
-    "failed": "Failed",
-}
 
 
 def show_controls(workspace: Workspace, task: str, *, begin: str) -> None:
@@ -63,17 +54,10 @@ def show_worker(worker: Worker, workspace: Workspace, place: str = "") -> None:
 
     `place` is the address of the page of its results, if there is a separate one.
     """
-    text, now = _STATES[worker.state], worker.now
-    if worker.active and now:
-        text += f": {now['stage']}, {format_count(now['accepted'], 'step')}"
-    elif worker.active and worker.stages:
-        text += f": {worker.stages[-1]}"
-    if worker.state == "done":
-        text += f": {worker.status}"
     with ui.row().classes("items-center"):
         if worker.active:
             ui.spinner()
-        ui.label(text).classes("text-lg").mark("state").props("role=status")
+        ui.label(worker.progress).classes("text-lg").mark("state").props("role=status")
         if place and worker.state == "done":
             ui.link("Results", place)
     if not workspace.is_of_open_job(worker):
@@ -189,7 +173,7 @@ def _show_form(workspace: Workspace, task: str) -> None:
 def _state_of_form(workspace: Workspace, task: str) -> object:
     """Return a value that changes with the content of a form."""
     form = workspace.form(task)
-    return tuple(form.pending.items()), form.reason
+    return tuple(form.pending.items()), tuple(form.proposed.items()), form.reason
 
 
 def _show_entry(workspace: Workspace, task: str, field: Field) -> Any:

@@ -8,18 +8,20 @@ from typing import Any
 from nicegui import events, ui
 from tomlkit.exceptions import TOMLKitError
 
-from updyn.errors import InputError, UpdynError
+from updyn.errors import UpdynError
 from updyn.updating.problem.parameters import Parameter
 from updyn.web import edits
+from updyn.web.form import REQUIRED
 from updyn.web.looking import (
     CHOICES,
     IdentifiabilityView,
     JobView,
     assess_identifiability,
 )
-from updyn.web.pages.frame import embed_page, run_slow, show_errors, watch
+from updyn.web.pages.frame import embed_page, run_slow, show_errors, show_fault, watch
 from updyn.web.pages.job import has_no_job, show_view_errors
 from updyn.web.pages.picks import listen_for_picks
+from updyn.web.project import describe_error
 from updyn.web.workspace import Workspace
 
 __all__ = ["show"]
@@ -90,6 +92,7 @@ class _Choices:
         self._workspace = workspace
         self._groups: list[str] = []
         self._groups_by_quantity: Mapping[str, list[str]] = {}
+        self._proposals: Mapping[str, Mapping[str, Any]] = {}
         self._picked: set[str] = set()
         self._boxes: dict[tuple[str, str], ui.checkbox] = {}
 
@@ -99,6 +102,7 @@ class _Choices:
 
     def take(self, view: JobView) -> None:
         """Set the groups of the model; rebuild the boxes if the groups have changed."""
+        self._proposals = view.proposals
         if (view.groups, view.groups_by_quantity) != (self._groups, self._groups_by_quantity):
             self._groups, self._groups_by_quantity = view.groups, view.groups_by_quantity
             self._draw()
@@ -158,7 +162,7 @@ class _Choices:
             if bool(event.value) == (group in names[quantity]):
                 return  # the box already agrees with the job
             (names[quantity].add if event.value else names[quantity].discard)(group)
-            edit = edits.set_unknowns(names, self._groups_by_quantity)
+            edit = edits.set_unknowns(names, self._groups_by_quantity, self._proposals)
             show_errors(self._workspace.edit)(f"{group}.{quantity}", edit)
             self.update()  # restores the box if the edit was rejected
 
@@ -211,18 +215,30 @@ def _show_table(workspace: Workspace, view: JobView, found: IdentifiabilityView)
 def _show_bounds_dialog(workspace: Workspace, view: JobView, unknown: Parameter) -> None:
     with ui.dialog() as dialog, ui.card():
         ui.label(unknown.name).classes("text-lg")
-        low = ui.number("lower bound", value=unknown.lower)
-        high = ui.number("upper bound", value=unknown.upper)
+        low = ui.number("lower bound *", value=unknown.lower)
+        high = ui.number("upper bound *", value=unknown.upper)
         groups_by_quantity = view.groups_by_quantity.get(unknown.quantity, view.groups)
+        reason = ui.label().classes("text-negative").props("role=alert")
 
         def take() -> None:
-            if low.value is None or high.value is None:
-                raise InputError("a bound is missing; expected two numbers")
-            edit = edits.set_bounds(unknown.name, low.value, high.value, groups_by_quantity)
-            workspace.edit(f"bounds of {unknown.name}", edit)
-            dialog.close()
+            try:
+                edit = edits.set_bounds(unknown.name, low.value, high.value, groups_by_quantity)
+                workspace.edit(f"bounds of {unknown.name}", edit)
+            except UpdynError as error:
+                reason.set_text(describe_error(error))
+            else:
+                dialog.close()
+
+        def update() -> None:
+            show_fault(low, REQUIRED if low.value is None else "")
+            is_wrong = None not in (low.value, high.value) and high.value <= low.value
+            fault = "expected more than the lower bound" if is_wrong else ""
+            show_fault(high, REQUIRED if high.value is None else fault)
+            button.set_enabled(None not in (low.value, high.value) and not is_wrong)
 
         with ui.row():
-            ui.button("Set", on_click=show_errors(take)).props("no-caps")
+            button = ui.button("Set", on_click=take).props("no-caps")
             ui.button("Cancel", on_click=dialog.close).props("flat no-caps")
+        for entry in (low, high):
+            entry.on_value_change(update)
     dialog.value = True
