@@ -33,6 +33,9 @@ def count_unstable(balance: Balance, found: Evaluation) -> int:
     # At s = 0 with the real stiffness, D is the real determinant of the balance, which changes its
     # sign at turning points.
     sign, _ = np.linalg.slogdet(found.jacobian)
+    if balance.transfer.rational is None:
+        # The winding needs receptances down to 0 Hz, outside of tables of loss factors.
+        return int(sign < 0.0)
     poles = _find_poles(balance, found)
     # A perturbation moves all modes that the elements can move.
     needed = int(poles.imag.max(initial=0.0) / found.omega) + 1
@@ -55,8 +58,7 @@ def _find_poles(balance: Balance, found: Evaluation) -> ComplexArray:
     Only those with a positive imaginary part; near them, the phase of D turns quickly.
     """
     rational, n = balance.transfer.rational, balance.n_elements
-    if rational is None:
-        return np.zeros(0, dtype=np.complex128)
+    assert rational is not None
     poles, at = rational.poles()
     rows, columns = rational.rows[:n, at], rational.columns[at, :n]
     m, theta = rational.power, rational.theta[at]

@@ -150,6 +150,20 @@ def test_quantities_references_and_signs() -> None:
     assert "level 30" in frf.source
 
 
+def test_a_table_of_loss_factors_that_is_constant_is_the_loss_factor() -> None:
+    table = updyn.LossTable([0.1, 10.0], [1.0, 1.0])
+    at, found = ["1:X"], []
+    for damping in ({"loss_factor": 0.1}, {"loss_factor": 0.1, "loss_table": table}):
+        groups = {"spring": updyn.Group([[1.0]], **damping), "mass": updyn.Group(mass=[[1.0]])}
+        model = updyn.Model.from_groups(groups, at)
+        model = model.with_nonlinear("a", updyn.CubicSpring(0.5), "1:X")
+        freq = np.linspace(0.12, 0.45, 6)
+        found.append(updyn.response(model, freq, at, at, level=0.3))
+    assert found[1].values == pytest.approx(found[0].values, rel=1e-8)
+    ends = [np.flatnonzero(np.diff(one.branches[0].stable.astype(int))) for one in found]
+    assert len(ends[0]) == len(ends[1]) == 2
+
+
 def test_a_vanishing_level_is_the_linearised_model() -> None:
     model = two_masses(loss_factor=0.1)
     model = model.with_nonlinear("joint", updyn.JenkinsElement(100.0, 5.0), ["1:X", "2:X"])
