@@ -10,10 +10,11 @@ import numpy as np
 from updyn.arrays import RealArray
 from updyn.dynamics.affine import AffineSystem
 from updyn.dynamics.excitation import hold_base
+from updyn.dynamics.modes import modes_up_to
 from updyn.errors import OptionError, UpdynError
 from updyn.frf import FRF
 from updyn.modal import ModeSet
-from updyn.modal.sensitivity import RealModes, derivative_forces
+from updyn.modal.sensitivity import derivative_forces
 from updyn.model import Model
 from updyn.sensitivity import Unknowns
 from updyn.updating.judge.counterparts import identify_modes_for
@@ -139,9 +140,11 @@ def frequency_sensitivities(
         model, _ = hold_base(model, data)
     system = AffineSystem.compile(model)
     unknowns, values = Unknowns.find(system, parameters), np.ones(len(parameters))
-    modes = RealModes.lowest(system, system.start, 1, float(frequency.max()))
+    found = modes_up_to(model, float(frequency.max()), model.n_dofs)
+    modes = found.select(found.frequency > 0.0)
     nearest = np.argmin(np.abs(modes.frequency - frequency[:, None]), axis=1)
-    shapes, eigenvalues = modes.shapes[:, nearest], modes.value[nearest]
+    shapes = np.asarray(modes.shapes[:, nearest], dtype=np.float64)
+    eigenvalues = (2.0 * np.pi * modes.frequency[nearest]) ** 2
     out = np.zeros((len(frequency), len(parameters)))
     for owner, rows, forces, is_mass in derivative_forces(system, unknowns, values, shapes):
         energy = np.einsum("in,in->n", shapes[rows], forces)
