@@ -137,7 +137,7 @@ def measure(folder: Path, chromium: object) -> None:
             return redraw(option.click)
 
         button = lambda name: page.get_by_role("button", name=name, exact=True)  # noqa: E731
-        report("Measurement, another page of channels", redraw(button("2").click), CLICK, "ms")
+        print(f"{'Measurement, another page of channels':58s} {redraw(button('2').click):8.3g} ms")
         button("One channel").click()
         page.get_by_text("phase", exact=True).wait_for()
         names = updyn.read_frf(folder / "cube.npz").responses.labels

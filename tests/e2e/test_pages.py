@@ -43,9 +43,8 @@ def window(chromium, tmp_path_factory):
 
 
 def wait_for_figures(page, n):
-    """Wait until the page has a number of figures."""
-    page.wait_for_function(f"() => document.querySelectorAll('.main-svg').length >= 2 * {n}")
-    assert page.locator(".js-plotly-plot").count() == n
+    """Wait until the page has exactly a number of drawn figures."""
+    page.wait_for_function(f"() => document.querySelectorAll('.js-plotly-plot').length === {n}")
 
 
 def wait_for_curves(page, n):

@@ -46,8 +46,8 @@ _TICKS = (
 )
 #: Smallest distance between ticks, as a fraction of the axis length.
 _MIN_TICK_GAP = 0.07
-#: The same for a figure of half the width, and for the small figure of the largest changes.
-_HALF_TICK_GAP, _SMALL_TICK_GAP = 0.12, 0.3
+#: The same for the small figure of the largest changes.
+_SMALL_TICK_GAP = 0.3
 #: Order of the quantities; other quantities follow.
 _ORDER = ("stiffness", "mass", "viscous", "loss_factor")
 #: Legend entry, colour and symbol by outcome of an unknown.
@@ -343,7 +343,7 @@ def changes_of_fits(fits: Mapping[str, Sequence[Change]]) -> Figure | None:
     if len(fits) == 1:
         right = [(row.place, row.text) for _, row in rows]
         traces.append(_invisible_trace([row for _, row in rows]))
-    figure = _lay_out(len(places) - 1, view, left, right, gap=_HALF_TICK_GAP)
+    figure = _lay_out(len(places) - 1, view, left, right, gap=REPORT_LIST.tick_gap)
     figure["layout"] |= {"showlegend": True}
     figure["layout"]["xaxis"]["title"] = {"text": "change from the start"}
     each = max(24, 12 * len(fits))

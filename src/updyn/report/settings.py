@@ -93,6 +93,9 @@ class ReportListSettings:
     #: [unknowns] Unknowns in the figure of changes; those with the largest change are kept.
     #: Drawing: the figure fits on a printed page.
     changed_unknowns: int = 40
+    #: [1] Smallest distance between the ticks of a figure of changes in half the width of a page,
+    #: as a fraction of its axis. Drawing: more labels would overlap.
+    tick_gap: float = 0.2
     #: [unknowns] Unknowns with the largest changes on the first screen. Drawing: they fit next to
     #: the verdict at 800 px of height.
     largest_changes: int = 5

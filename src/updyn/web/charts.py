@@ -128,6 +128,8 @@ def _make_small(figure: Figure, n_panels: int) -> None:
 def _level_title(quantity: str, unit: str, scale: str) -> str:
     if scale == "dB":
         unit = f"dB re 1 {unit}" if unit else "dB"
+    if unit.startswith("("):  # (m/s²)/N
+        return f"|{quantity}| in {unit}"
     return f"|{quantity}| ({unit})" if unit else f"|{quantity}|"
 
 

@@ -1,6 +1,10 @@
 // A figure in the format of the report, in the colours of the page. It emits "pick" with the ends of a dragged band, or
 // with a clicked frequency twice, and "row" with the number of a clicked row of a map. It has a smallest width, because
 // plotly cannot place titles in the few px that a page without its styles gives it.
+// The figures of a page are drawn in turn, and the browser shows each before the next.
+let turn = Promise.resolve();
+const takeTurn = (draw) => (turn = turn.then(() => new Promise((done) => setTimeout(done))).then(draw, draw));
+
 export default {
   template: "<div style='min-width: 240px'><div ref='place'></div></div>",
   props: { figure: Object },
@@ -28,11 +32,12 @@ export default {
       try {
         while (this.isOutdated) {
           this.isOutdated = false;
-          await this.drawOnce();
+          await takeTurn(() => this.drawOnce());
         }
       } finally { this.isDrawing = false; }
     },
     async drawOnce() {
+      if (this.isGone) return;
       const place = this.$refs.place, isFirst = !this.width;
       this.width = place.clientWidth;
       if (!this.width) return; // hidden

@@ -43,6 +43,8 @@ def test_magnitudes_by_scale_with_gaps_where_there_is_none(scale, expected, kind
 
 def test_quantities_without_a_unit_have_none():
     assert y_axis(frf_chart("ratio", {"a": (FREQ, H)}))["title"]["text"] == "|ratio|"
+    given = frf_chart("accelerance", {"a": (FREQ, H)}, unit="(m/s²)/N")
+    assert y_axis(given)["title"]["text"] == "|accelerance| in (m/s²)/N"
     assert (
         y_axis(frf_chart("ratio", {"a": (FREQ, H)}, scale="dB"))["title"]["text"] == "|ratio| (dB)"
     )

@@ -159,7 +159,8 @@ class _Measurement:
             button = ui.button("Draw the model at its start", on_click=load)
             button.props("outline dense no-caps").set_visibility(not at_once)
             if at_once:
-                ui.timer(0.0, load, once=True)
+                # After the first figures, which need the processor, too.
+                ui.timer(WEB_PAGE.refresh_interval, load, once=True)
 
     def _show_head(self) -> None:
         """Show the number of channels and lines, and a place for the sentence on the model."""
@@ -185,7 +186,9 @@ class _Measurement:
             if len(self._channels) > 1:
                 self._bind(ui.toggle(_VIEWS), "view").props("no-caps")
             self._bind(ui.select(SCALES, label="magnitude"), "scale").classes("min-w-32")
-            self._bind(ui.checkbox("model at the start"), "has_model")
+            ui.label("measured").style("border-bottom: 4px solid var(--measured)")
+            model = self._bind(ui.checkbox("model at the start"), "has_model")
+            model.style("border-bottom: 2px solid var(--before)")
             with (
                 ui.row()
                 .classes("items-center")
