@@ -59,8 +59,8 @@ class Structure:
         }
         model = updyn.Model.from_groups(groups, self.labels)
         for number, (element, ends) in enumerate(self.elements):
-            model = model.with_nonlinear(
-                f"element {number}", element, [self.labels[i] for i in ends]
+            model = model.with_elements(
+                {f"element {number}": (element, [self.labels[i] for i in ends])}
             )
         return model
 
@@ -335,7 +335,7 @@ def cost() -> None:
         "Iwan joint": updyn.IwanJoint(0.1 * k * size.max(), k, -0.5, 0.1),
     }
     for name, element in elements.items():
-        model = true.with_nonlinear("element", element, end)
+        model = true.with_elements({"element": (element, end)})
         found, seconds = processor(
             lambda model=model: updyn.response(model, freq, at, at[:1], level=1.0)
         )

@@ -26,7 +26,7 @@ from updyn.geometry import Geometry
 from updyn.group import GROUP_QUANTITIES, MATRICES, VALUES, Group, Matrix, is_number, read_only
 from updyn.merging import merge_groups, split_changes
 from updyn.nonlinear.element import NonlinearElement
-from updyn.nonlinear.local import LocalElement, place_element
+from updyn.nonlinear.local import LocalElement, Place, place_element
 from updyn.notebook import card, render_view, structure, table
 from updyn.settings import MODEL_CHECK, ROUNDING
 
@@ -51,7 +51,7 @@ class Model:
     title : str
         Title, for documentation.
     nonlinear : mapping of str to LocalElement
-        Nonlinear elements by name, added by `with_nonlinear`. Linear methods refuse a model that
+        Nonlinear elements by name, added by `with_elements`. Linear methods refuse a model that
         has any.
 
     Raises
@@ -462,23 +462,16 @@ class Model:
         group = Group(**matrices, loss_factor=loss_factor)
         return replace(self, groups={**self.groups, name: group})
 
-    def with_nonlinear(
-        self,
-        name: str,
-        element: NonlinearElement,
-        dofs: str | Dof | Iterable[str | Dof] | Mapping[str, float],
-    ) -> Model:
-        """Return a copy with one more nonlinear element.
+    def with_elements(self, elements: Mapping[str, tuple[NonlinearElement, Place]]) -> Model:
+        """Return a copy with further nonlinear elements.
 
         Parameters
         ----------
-        name : str
-            Name of the element.
-        element : NonlinearElement
-            Such as `CubicSpring`, `Backlash`, `JenkinsElement`, `IwanJoint` or `QuadraticDamper`.
-        dofs : str, Dof, iterable of two, or mapping of str to float
-            One degree of freedom: the element acts between it and the ground. Two: between them; a
-            sign reverses one direction. A mapping: on the sum of weight times displacement.
+        elements : mapping of str to (NonlinearElement, DOFs)
+            By name: an element, such as `CubicSpring`, `Backlash`, `JenkinsElement`, `IwanJoint` or
+            `QuadraticDamper`, and the degrees of freedom that it acts on. One (str or Dof): it acts
+            between it and the ground. Two: between them; a sign reverses one direction. A mapping
+            of labels to weights: on the sum of weight times displacement.
 
         Returns
         -------
@@ -488,7 +481,8 @@ class Model:
         Raises
         ------
         ModelError
-            If the name exists, `element` is no nonlinear element, or there is no degree of freedom.
+            If a name exists, an item is not a nonlinear element with its degrees of freedom, or
+            there is no degree of freedom.
         OptionError
             If a weight is not finite.
         DofError
@@ -504,14 +498,26 @@ class Model:
         >>> import numpy as np
         >>> parts = {"parts": updyn.Group(1e4 * np.eye(2), np.eye(2))}
         >>> model = updyn.Model.from_groups(parts, ["1:X", "2:X"])
-        >>> model.with_nonlinear("joint", updyn.CubicSpring(1e9), ["1:X", "2:X"])
+        >>> model.with_elements({"joint": (updyn.CubicSpring(1e9), ["1:X", "2:X"])})
         Model(2 DOFs, 1 groups: parts; nonlinear: joint)
         """
-        _check_name(name, "nonlinear element")
-        if name in self.nonlinear or name in self.groups:
-            raise ModelError(f"nonlinear element {name!r}: the name exists; expected a new one")
-        local = place_element(element, dofs, f"nonlinear element {name!r}")
-        return replace(self, nonlinear={**self.nonlinear, name: local})
+        if not isinstance(elements, Mapping):
+            raise ModelError(
+                "with_elements: expected a mapping of names to (element, DOFs), found"
+                f" {type(elements).__name__}"
+            )
+        nonlinear = dict(self.nonlinear)
+        for name, item in elements.items():
+            _check_name(name, "nonlinear element")
+            if name in nonlinear or name in self.groups:
+                raise ModelError(f"nonlinear element {name!r}: the name exists; expected a new one")
+            if not isinstance(item, tuple) or len(item) != 2:
+                raise ModelError(
+                    f"nonlinear element {name!r}: expected a pair (element, DOFs), found"
+                    f" {type(item).__name__}"
+                )
+            nonlinear[name] = place_element(*item, f"nonlinear element {name!r}")
+        return replace(self, nonlinear=nonlinear)
 
     def linearised(self) -> Model:
         """Return a copy whose nonlinear elements are replaced by groups for vanishing amplitude.
@@ -533,7 +539,7 @@ class Model:
         >>> parts = {"parts": updyn.Group(1e4 * np.eye(2), np.eye(2))}
         >>> model = updyn.Model.from_groups(parts, ["1:X", "2:X"])
         >>> joint = updyn.JenkinsElement(stiffness=500.0, slip_force=2.0)
-        >>> model.with_nonlinear("joint", joint, "2:X").linearised().stiffness.toarray()
+        >>> model.with_elements({"joint": (joint, "2:X")}).linearised().stiffness.toarray()
         array([[10000.,     0.],
                [    0., 10500.]])
         """

@@ -302,7 +302,7 @@ def test_the_viewer():
 
 def test_the_window():
     pytest.importorskip("nicegui")
-    from updyn.web.charts import frf_chart, parameter_chart
+    from updyn.web.charts import frf_chart
     from updyn.web.look import HEAD
 
     curve = (LINES, frf().values[:, 0, 0])
@@ -310,8 +310,6 @@ def test_the_window():
         chart = frf_chart("receptance", dict.fromkeys(names, curve))
         for trace in chart["data"]:
             assert trace["line"]["color"] == f"@{style.STATES[trace['name']]}"
-    bars = parameter_chart({"a": 1.0}, {"a": 2.0})["data"][0]
-    assert bars["marker"]["color"] == f"@{style.STATES['updated']}"
     for colour in STATES.values():
         assert colour in HEAD
 

@@ -152,7 +152,7 @@ def response(
     >>> frf = updyn.response(chain.build(), [1.0, 2.0], ["12:X"], ["1:X"], "accelerance")
     >>> frf.values.shape
     (2, 1, 1)
-    >>> model = chain.build().with_nonlinear("stop", updyn.CubicSpring(1e9), "12:X")
+    >>> model = chain.build().with_elements({"stop": (updyn.CubicSpring(1e9), "12:X")})
     >>> found = updyn.response(model, [1.0, 2.0], ["12:X"], ["1:X"], level=10.0)
     >>> bool(found.stable.all()), found.harmonics.shape
     (True, (2, 8, 1, 1))

@@ -13,7 +13,10 @@ from updyn.dofs import Dof, DofSet
 from updyn.errors import ModelError
 from updyn.nonlinear.element import NonlinearElement, check_number
 
-__all__ = ["LocalElement", "place_element"]
+__all__ = ["LocalElement", "Place", "place_element"]
+
+#: One DOF, two DOFs, or weights of DOFs.
+Place = str | Dof | Iterable[str | Dof] | Mapping[str, float]
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,11 +36,7 @@ class LocalElement:
         return out
 
 
-def place_element(
-    element: NonlinearElement,
-    dofs: str | Dof | Iterable[str | Dof] | Mapping[str, float],
-    what: str,
-) -> LocalElement:
+def place_element(element: NonlinearElement, dofs: Place, what: str) -> LocalElement:
     """Return an element on one DOF, between two DOFs, or on DOFs with weights.
 
     `what` names the element in errors. Raises ModelError for other numbers of DOFs or an element

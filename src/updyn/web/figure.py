@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 from nicegui.element import Element
 
@@ -22,8 +21,8 @@ class FigureView(Element, component="figure.js"):
     def __init__(
         self,
         figure: Figure,
-        on_pick: Callable[[float, float], Any] = lambda *_: None,
-        on_row: Callable[[int], Any] = lambda _: None,
+        on_pick: Callable[[float, float], object] = lambda *_: None,
+        on_row: Callable[[int], object] = lambda _: None,
     ) -> None:
         super().__init__()
         self.draw(figure)

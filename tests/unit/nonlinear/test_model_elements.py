@@ -34,14 +34,14 @@ def model() -> updyn.Model:
     ],
 )
 def test_the_deformation_is_a_combination_of_dofs(model, dofs, column) -> None:
-    local = model.with_nonlinear("joint", JOINT, dofs).nonlinear["joint"]
+    local = model.with_elements({"joint": (JOINT, dofs)}).nonlinear["joint"]
     assert local.column(model.dofs).tolist() == column
-    K = model.with_nonlinear("joint", JOINT, dofs).linearised().stiffness.toarray()
+    K = model.with_elements({"joint": (JOINT, dofs)}).linearised().stiffness.toarray()
     assert pytest.approx(model.stiffness.toarray() + 500.0 * np.outer(column, column)) == K
 
 
 def test_changes_of_groups_keep_the_elements(model) -> None:
-    model = model.with_nonlinear("joint", JOINT, "2:X")
+    model = model.with_elements({"joint": (JOINT, "2:X")})
     changed = (
         model.scaled({"springs": {"stiffness": 2.0}}),
         model.with_damping({"springs": {"loss_factor": 0.1}}),
@@ -57,12 +57,12 @@ def test_changes_of_groups_keep_the_elements(model) -> None:
 
 
 def test_elements_without_stiffness_at_rest_add_no_group(model) -> None:
-    cubic = model.with_nonlinear("stop", updyn.CubicSpring(1e9), ["1:X", "2:X"])
+    cubic = model.with_elements({"stop": (updyn.CubicSpring(1e9), ["1:X", "2:X"])})
     assert list(cubic.linearised().groups) == list(model.groups)
 
 
 def test_linear_methods_refuse_the_model(model, tmp_path) -> None:
-    model = model.with_nonlinear("joint", JOINT, "2:X")
+    model = model.with_elements({"joint": (JOINT, "2:X")})
     calls = (
         lambda: updyn.response(model, [1.0], ["1:X"], ["1:X"]),
         lambda: updyn.modes(model, 1),
@@ -94,5 +94,5 @@ def test_linear_methods_refuse_the_model(model, tmp_path) -> None:
 )
 def test_wrong_elements_are_refused(model, name, element, dofs, error, message) -> None:
     with pytest.raises(error) as found:
-        model.with_nonlinear(name, element, dofs)
+        model.with_elements({name: (element, dofs)})
     assert message in str(found.value)

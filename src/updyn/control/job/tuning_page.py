@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import asyncio
 from pathlib import Path
-from typing import Any
 
-from nicegui import events, run, ui
+from nicegui import run, ui
 
 from updyn.control.job.settings import TUNING
 from updyn.control.job.tuning import (
@@ -22,6 +21,7 @@ from updyn.errors import UpdynError
 from updyn.report.formats import capitalize_first
 from updyn.web.figure import FigureView
 from updyn.web.pages.frame import show_errors, watch
+from updyn.web.pages.watch import ValueChange
 from updyn.web.workspace import Workspace
 
 __all__ = ["show_tuning"]
@@ -106,7 +106,7 @@ class _Tuning:
             slider.props(f'aria-label="{name}"').classes("flex-1 min-w-24")
             shown = ui.label(f"{gain.value:.4g}").classes("w-20 text-right")
 
-        async def move(event: events.ValueChangeEventArguments[Any]) -> None:
+        async def move(event: ValueChange) -> None:
             value = gain.value * 10.0 ** float(event.value)
             shown.set_text(f"{value:.4g}")
             self._values[gain.path] = value

@@ -77,6 +77,14 @@ class PeriodicResponse:
         Kind of the linear model, and its error if it is reduced.
     geometry : Geometry, optional
         Positions of the nodes.
+
+    Examples
+    --------
+    >>> from updyn.demos import chain
+    >>> model = chain.build().with_elements({"stop": (updyn.CubicSpring(1e9), "12:X")})
+    >>> found = updyn.response(model, [1.0, 1.5, 2.0], ["12:X"], ["12:X"], level=5.0)
+    >>> found.harmonics.shape
+    (3, 8, 1, 1)
     """
 
     freq: RealArray
@@ -128,7 +136,7 @@ def respond_at_level(
     if not model.nonlinear:
         raise ModelError(
             "level: the model has no nonlinear elements, so its response is proportional to the"
-            " force; leave level= out, or add some by model.with_nonlinear"
+            " force; leave level= out, or add some by model.with_elements"
         )
     rows, columns = DofSet(responses), DofSet(references)
     read = model.dofs.match(rows, "response")

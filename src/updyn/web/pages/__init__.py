@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from html import escape
-from typing import Any
 
 from fastapi import FastAPI, Query
 from fastapi.responses import HTMLResponse
@@ -25,7 +24,7 @@ from updyn.web.workspace import Workspace
 __all__ = ["PAGES", "add_pages"]
 
 #: The pages that are no steps of a job, by address: name, and function that fills the page.
-PAGES: Mapping[str, tuple[str, Callable[[Workspace], Any]]] = {
+PAGES: Mapping[str, tuple[str, Callable[[Workspace], object]]] = {
     "/": ("Start", start.show),
     "/job": ("Job file", job.show),
     "/plan": ("Plan", task_page("plan")),
@@ -33,7 +32,7 @@ PAGES: Mapping[str, tuple[str, Callable[[Workspace], Any]]] = {
     "/plant": ("Plant", task_page("plant")),
 }
 #: Functions that fill the pages of the steps, by address.
-_STEP_PAGES: Mapping[str, Callable[[Workspace], Any]] = {
+_STEP_PAGES: Mapping[str, Callable[[Workspace], object]] = {
     "/measurement": measurement.show,
     "/model": model.show,
     "/unknowns": unknowns.show,
@@ -42,7 +41,7 @@ _STEP_PAGES: Mapping[str, Callable[[Workspace], Any]] = {
     "/results": results.show,
 }
 #: Pages that another page opens, which the navigation does not list.
-_OPENED: Mapping[str, tuple[str, Callable[[Workspace], Any]]] = {
+_OPENED: Mapping[str, tuple[str, Callable[[Workspace], object]]] = {
     "/table": ("Table", table.show),
     "/correlate": ("Correlation", task_page("correlate")),
     "/compare": ("Methods", task_page("compare")),

@@ -40,7 +40,7 @@ def add_frame(
     places: Mapping[str, str],
     current: str,
     name: str,
-    fill: Callable[[Workspace], Any],
+    fill: Callable[[Workspace], object],
 ) -> Callable[[], Awaitable[None]]:
     """Return a function that builds the page `name` at `current` with its frame, then calls `fill`.
 

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
-
-from nicegui import events, ui
+from nicegui import ui
 
 from updyn.errors import UpdynError
 from updyn.web.looking import JobView
 from updyn.web.pages.frame import run_slow, show_fault, watch
+from updyn.web.pages.watch import ValueChange
 from updyn.web.project import describe_error
 from updyn.web.workspace import Workspace
 
@@ -55,7 +54,7 @@ async def show(workspace: Workspace) -> None:
         return
     document = workspace.open_document
 
-    def store_text(event: events.ValueChangeEventArguments[Any]) -> None:
+    def store_text(event: ValueChange) -> None:
         document.type(str(event.value))
 
     with ui.row().classes("items-center"):

@@ -6,7 +6,7 @@ import functools
 from typing import Any
 
 import numpy as np
-from nicegui import binding, events, ui
+from nicegui import binding, ui
 
 from updyn.arrays import NumberArray, RealArray
 from updyn.frf import reference_noun, unit
@@ -25,6 +25,7 @@ from updyn.web.looking import (
 )
 from updyn.web.pages.frame import navigate_after, run_slow, show_errors, watch
 from updyn.web.pages.job import has_no_job, show_view_errors
+from updyn.web.pages.watch import ValueChange
 from updyn.web.settings import WEB_PAGE
 from updyn.web.workspace import Workspace
 
@@ -239,7 +240,7 @@ class _Measurement:
         """Show a selection of responses to hold out of the fit."""
         test = self._test
 
-        def set_validation(event: events.ValueChangeEventArguments[Any]) -> None:
+        def set_validation(event: ValueChange) -> None:
             names = [name for name in test.holdable if name in (event.value or ())]
             show_errors(self._edit)("responses held out", edits.hold_out(names, self._test.number))
 

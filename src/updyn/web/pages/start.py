@@ -15,6 +15,7 @@ from updyn.demos import DEMOS, Demo
 from updyn.errors import UpdynError
 from updyn.frf import QUANTITIES, TRANSMISSIBILITY
 from updyn.web.pages.frame import complain, navigate_after, show_errors, show_fault
+from updyn.web.pages.watch import ValueChange
 from updyn.web.project import describe_error
 from updyn.web.recognition import Recognised
 from updyn.web.workspace import Workspace
@@ -204,24 +205,24 @@ class _NewJobCard:
     def _show_form(self) -> None:
         workspace = self._workspace
 
-        async def choose_model(event: events.ValueChangeEventArguments[Any]) -> None:
+        async def choose_model(event: ValueChange) -> None:
             if (event.value or "") != workspace.new_job.model:
                 workspace.new_job.model = event.value or ""
                 await self._read(workspace.recognise_new_model)
 
-        async def choose_measurement(event: events.ValueChangeEventArguments[Any]) -> None:
+        async def choose_measurement(event: ValueChange) -> None:
             job = workspace.new_job
             if (event.value or "") != job.measurement:
                 job.measurement, job.reading = event.value or "", {}
                 await self._read(workspace.view_new_measurement)
 
-        async def choose_quantity(event: events.ValueChangeEventArguments[Any]) -> None:
+        async def choose_quantity(event: ValueChange) -> None:
             quantity = "" if event.value == _UNKNOWN else event.value
             if quantity != workspace.new_job.quantity:
                 workspace.new_job.quantity = quantity
                 await self._read(workspace.view_new_measurement)
 
-        def set_name(event: events.ValueChangeEventArguments[Any]) -> None:
+        def set_name(event: ValueChange) -> None:
             workspace.new_job.name = event.value or ""
             self._update()
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from nicegui import events, run, ui
+from nicegui import run, ui
 
 from updyn.errors import UpdynError
 from updyn.io.inventory import Item
@@ -14,6 +14,7 @@ from updyn.web.charts import frf_chart
 from updyn.web.figure import FigureView
 from updyn.web.form import REQUIRED
 from updyn.web.pages.frame import complain, navigate_after, show_fault
+from updyn.web.pages.watch import ValueChange
 from updyn.web.project import describe_error
 from updyn.web.settings import WEB_PAGE
 from updyn.web.table_form import FORM_NAMES, Entry, Key, TableForm
@@ -168,7 +169,7 @@ class _TablePage:
         shown.classes(width).props("hide-bottom-space")
         self._shown[entry.key] = shown
 
-        async def store(event: events.ValueChangeEventArguments[Any]) -> None:
+        async def store(event: ValueChange) -> None:
             value = event.value
             is_whole = isinstance(value, float) and value.is_integer()
             self._form.set(entry.key, int(value) if is_whole else value)
@@ -196,20 +197,20 @@ class _TablePage:
         self._draw_form.refresh()
         await self._update()
 
-    async def _choose_parts(self, event: events.ValueChangeEventArguments[Any]) -> None:
+    async def _choose_parts(self, event: ValueChange) -> None:
         self._form.choose_parts(event.value)
         await self._redraw()
 
-    async def _choose_array(self, event: events.ValueChangeEventArguments[Any]) -> None:
+    async def _choose_array(self, event: ValueChange) -> None:
         self._form.choose_array(bool(event.value))
         await self._redraw()
 
-    async def _choose_pattern(self, event: events.ValueChangeEventArguments[Any]) -> None:
+    async def _choose_pattern(self, event: ValueChange) -> None:
         table = self._table
         self._form.choose_file(table.pattern if event.value else table.first_file)
         await self._redraw()
 
-    async def _turn_page(self, event: events.ValueChangeEventArguments[Any]) -> None:
+    async def _turn_page(self, event: ValueChange) -> None:
         self._page = int(event.value)
         await self._redraw()
 

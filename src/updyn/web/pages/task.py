@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from typing import Any, TypeGuard
 from urllib.parse import quote
 
-from nicegui import events, ui
+from nicegui import ui
 
 from updyn.group import is_number
 from updyn.registry import load_object
@@ -16,6 +16,7 @@ from updyn.web.form import written_table
 from updyn.web.pages.frame import embed_page, show_errors, show_fault, watch
 from updyn.web.pages.job import has_no_job
 from updyn.web.pages.picks import listen_for_picks
+from updyn.web.pages.watch import ValueChange
 from updyn.web.tasks import TASKS, Field
 from updyn.web.worker import Worker
 from updyn.web.workspace import Workspace
@@ -182,14 +183,14 @@ def _show_entry(workspace: Workspace, task: str, field: Field) -> Any:
 
     if field.kind == "choice":
 
-        def commit_choice(event: events.ValueChangeEventArguments[Any]) -> None:
+        def commit_choice(event: ValueChange) -> None:
             show_errors(workspace.enter)(task, field.key, str(event.value or ""))
 
         choices = list(dict.fromkeys([*field.choices, text]))
         select = ui.select(choices, value=text, label=label, on_change=commit_choice)
         return select.classes("min-w-40")
 
-    def store_entry(event: events.ValueChangeEventArguments[Any]) -> None:
+    def store_entry(event: ValueChange) -> None:
         show_errors(workspace.note)(task, field.key, str(event.value or ""))
 
     def commit_entry() -> None:

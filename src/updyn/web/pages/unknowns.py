@@ -21,6 +21,7 @@ from updyn.web.looking import (
 from updyn.web.pages.frame import embed_page, run_slow, show_errors, show_fault, watch
 from updyn.web.pages.job import has_no_job, show_view_errors
 from updyn.web.pages.picks import listen_for_picks
+from updyn.web.pages.watch import ValueChange
 from updyn.web.project import describe_error
 from updyn.web.workspace import Workspace
 
@@ -154,10 +155,8 @@ class _Choices:
                 box._props["aria-label"] = f"{group} {quantity}"
                 self._boxes[group, quantity] = box
 
-    def _make_toggle_handler(
-        self, group: str, quantity: str
-    ) -> Callable[[events.ValueChangeEventArguments[Any]], None]:
-        def change(event: events.ValueChangeEventArguments[Any]) -> None:
+    def _make_toggle_handler(self, group: str, quantity: str) -> Callable[[ValueChange], None]:
+        def change(event: ValueChange) -> None:
             names = self._find_chosen_groups()
             if bool(event.value) == (group in names[quantity]):
                 return  # the box already agrees with the job

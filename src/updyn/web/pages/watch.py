@@ -5,14 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from nicegui import ui
+from nicegui import events, ui
 
 from updyn.web.settings import WEB_PAGE
 
-__all__ = ["watch"]
+__all__ = ["ValueChange", "watch"]
+
+#: The event of a field whose value has changed.
+ValueChange = events.ValueChangeEventArguments[Any]
 
 
-def watch(version: Callable[[], object], refresh: Callable[[], Any]) -> None:
+def watch(version: Callable[[], object], refresh: Callable[[], object]) -> None:
     """Call `refresh` whenever the returned value has changed, also by another tab or a run.
 
     Call this before the value is shown, to detect later changes.

@@ -23,8 +23,8 @@ ELEMENTS = {
 @pytest.mark.parametrize("name", ELEMENTS)
 @pytest.mark.parametrize("damping", [{"loss_factor": 0.1}, {"stiffness_damping": 0.01}])
 def test_derivatives_are_exact(name: str, damping) -> None:
-    model = two_masses(**damping).with_nonlinear("a", ELEMENTS[name], ["1:X", "2:X"])
-    model = model.with_nonlinear("b", ELEMENTS["cubic"], "1:X")
+    model = two_masses(**damping).with_elements({"a": (ELEMENTS[name], ["1:X", "2:X"])})
+    model = model.with_elements({"b": (ELEMENTS["cubic"], "1:X")})
     balance, rng, h = balance_of(model, 4), np.random.default_rng(4), 1e-7
     x, omega = 0.3 * rng.standard_normal((2, 9)), 7.0
     found, direction = balance.evaluate(x, omega), rng.standard_normal((2, 9))
@@ -42,7 +42,7 @@ def test_derivatives_are_exact(name: str, damping) -> None:
 def test_the_mean_meets_the_real_stiffness() -> None:
     """u + c u^2 with structural damping: A_0 + c (A_0^2 + |A_1|^2 / 2) = 0 for one harmonic."""
     c = 0.4
-    model = oscillator(loss=0.3).with_nonlinear("a", updyn.PolynomialSpring({2: c}), "1:X")
+    model = oscillator(loss=0.3).with_elements({"a": (updyn.PolynomialSpring({2: c}), "1:X")})
     found = solve_first(balance_of(model, 1, level=0.3), 0.8)
     assert found is not None
     mean, real, imag = found.x[0]
@@ -51,7 +51,7 @@ def test_the_mean_meets_the_real_stiffness() -> None:
 
 
 def test_a_large_force_is_reached_by_smaller_ones() -> None:
-    model = oscillator(viscous=0.02).with_nonlinear("a", updyn.Backlash(40.0, gap=0.1), "1:X")
+    model = oscillator(viscous=0.02).with_elements({"a": (updyn.Backlash(40.0, gap=0.1), "1:X")})
     balance = balance_of(model, 9, level=30.0)
     found = solve_first(balance, 2.0)
     assert found is not None
@@ -60,7 +60,7 @@ def test_a_large_force_is_reached_by_smaller_ones() -> None:
 
 
 def test_truncation_error_is_that_of_fewer_harmonics() -> None:
-    model = oscillator(viscous=0.1).with_nonlinear("a", updyn.CubicSpring(2.0), "1:X")
+    model = oscillator(viscous=0.1).with_elements({"a": (updyn.CubicSpring(2.0), "1:X")})
     many = solve_first(balance_of(model, 25), 0.6)
     assert many is not None
     for harmonics in (1, 3, 5):

@@ -13,7 +13,7 @@ FOLDING = np.linspace(0.3, 2.5, 60) / (2 * np.pi)
 
 
 def duffing(**damping: float) -> updyn.Model:
-    return oscillator(**damping).with_nonlinear("spring 3", updyn.CubicSpring(0.5), "1:X")
+    return oscillator(**damping).with_elements({"spring 3": (updyn.CubicSpring(0.5), "1:X")})
 
 
 @pytest.fixture(scope="module")
@@ -73,8 +73,8 @@ def test_motion_between_the_turning_points_is_unstable(folded) -> None:
 def test_many_harmonics_are_the_time_response() -> None:
     """Two masses, a cubic spring between them and quadratic damping, against DOP853."""
     model = two_masses(stiffness_damping=0.002)
-    model = model.with_nonlinear("cubic", updyn.CubicSpring(80.0), ["1:X", "2:X"])
-    model = model.with_nonlinear("bend", updyn.PolynomialSpring({2: -30.0, 3: 40.0}), "1:X")
+    model = model.with_elements({"cubic": (updyn.CubicSpring(80.0), ["1:X", "2:X"])})
+    model = model.with_elements({"bend": (updyn.PolynomialSpring({2: -30.0, 3: 40.0}), "1:X")})
     freq, F = np.linspace(0.9, 1.9, 5), np.array([0.0, 20.0])
     found = updyn.response(model, freq, ["1:X", "2:X"], ["2:X"], level=20.0, harmonics=17)
     C = 0.002 * K2
@@ -108,7 +108,7 @@ def test_many_harmonics_are_the_time_response() -> None:
 )
 def test_one_harmonic_is_the_describing_function(element) -> None:
     """F = |Z(omega) + N(A)| A for structural damping, the closed N of each element."""
-    model = oscillator(loss=0.1).with_nonlinear("element", element, "1:X")
+    model = oscillator(loss=0.1).with_elements({"element": (element, "1:X")})
     freq, at = np.linspace(0.6, 1.6, 5) / (2 * np.pi), ["1:X"]
     import warnings
 
@@ -129,7 +129,7 @@ def test_one_harmonic_is_the_describing_function(element) -> None:
 
 
 def test_quantities_references_and_signs() -> None:
-    model = two_masses(loss_factor=0.1).with_nonlinear("a", updyn.CubicSpring(50.0), "1:X")
+    model = two_masses(loss_factor=0.1).with_elements({"a": (updyn.CubicSpring(50.0), "1:X")})
     freq = [1.0, 1.5, 2.0]
     plain = updyn.response(model, freq, ["1:X", "2:X"], ["1:X", "2:X"], level=30.0)
     signed = updyn.response(
@@ -156,7 +156,7 @@ def test_a_table_of_loss_factors_that_is_constant_is_the_loss_factor() -> None:
     for damping in ({"loss_factor": 0.1}, {"loss_factor": 0.1, "loss_table": table}):
         groups = {"spring": updyn.Group([[1.0]], **damping), "mass": updyn.Group(mass=[[1.0]])}
         model = updyn.Model.from_groups(groups, at)
-        model = model.with_nonlinear("a", updyn.CubicSpring(0.5), "1:X")
+        model = model.with_elements({"a": (updyn.CubicSpring(0.5), "1:X")})
         freq = np.linspace(0.12, 0.45, 6)
         found.append(updyn.response(model, freq, at, at, level=0.3))
     assert found[1].values == pytest.approx(found[0].values, rel=1e-8)
@@ -166,8 +166,8 @@ def test_a_table_of_loss_factors_that_is_constant_is_the_loss_factor() -> None:
 
 def test_a_vanishing_level_is_the_linearised_model() -> None:
     model = two_masses(loss_factor=0.1)
-    model = model.with_nonlinear("joint", updyn.JenkinsElement(100.0, 5.0), ["1:X", "2:X"])
-    model = model.with_nonlinear("drag", updyn.CoulombFriction(1.0, transition=2.0), "2:X")
+    model = model.with_elements({"joint": (updyn.JenkinsElement(100.0, 5.0), ["1:X", "2:X"])})
+    model = model.with_elements({"drag": (updyn.CoulombFriction(1.0, transition=2.0), "2:X")})
     freq = np.linspace(1.0, 2.0, 3)
     found = updyn.response(model, freq, ["1:X"], ["2:X"], level=1e-5, harmonics=1)
     linear = updyn.response(model.linearised(), freq, ["1:X"], ["2:X"])
@@ -181,7 +181,7 @@ def test_a_free_model_is_solved_with_odd_harmonics() -> None:
     }
     model = updyn.Model.from_groups(groups, ["1:X", "2:X"])
     freq = np.linspace(2.0, 4.5, 10)
-    odd = model.with_nonlinear("a", updyn.CubicSpring(200.0), ["1:X", "2:X"])
+    odd = model.with_elements({"a": (updyn.CubicSpring(200.0), ["1:X", "2:X"])})
     found = updyn.response(odd, freq, ["1:X"], ["2:X"], level=40.0)
     assert not found.harmonics[:, ::2].any()
     assert np.abs(found.harmonics[:, 3]).max() > 1e-4
@@ -189,7 +189,7 @@ def test_a_free_model_is_solved_with_odd_harmonics() -> None:
     held = odd.with_element("weak", ["1:X"], stiffness=1e-6)
     expected = updyn.response(held, freq, ["1:X"], ["2:X"], level=40.0)
     assert found.values == pytest.approx(expected.values, rel=1e-5)
-    uneven = model.with_nonlinear("a", updyn.PolynomialSpring({2: 1.0}), ["1:X", "2:X"])
+    uneven = model.with_elements({"a": (updyn.PolynomialSpring({2: 1.0}), ["1:X", "2:X"])})
     with pytest.raises(SolverError, match="free at 0 Hz and an element is not odd"):
         updyn.response(uneven, freq, ["1:X"], ["2:X"], level=1.0)
 

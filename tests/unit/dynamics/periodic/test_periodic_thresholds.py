@@ -29,7 +29,8 @@ def test_a_winding_is_a_whole_number_to_a_tenth(monkeypatch, winding, count):
     monkeypatch.setattr(stability, "_find_poles", lambda *_: np.zeros(0, dtype=complex))
     monkeypatch.setattr(stability, "_Determinant", lambda *_: None)
     monkeypatch.setattr(stability, "_wind", lambda *_: next(windings))
-    balance = SimpleNamespace(fourier=SimpleNamespace(harmonics=np.array([0, 1])))
+    transfer, fourier = SimpleNamespace(rational=()), SimpleNamespace(harmonics=np.array([0, 1]))
+    balance = SimpleNamespace(transfer=transfer, fourier=fourier)
     found = SimpleNamespace(jacobian=np.eye(1), omega=1.0)
     assert stability.count_unstable(balance, found) == count
 
@@ -47,13 +48,13 @@ class Determinant:
         return self.slope * nu
 
 
-def test_points_around_a_pole_reach_three_half_widths():
+def test_points_are_a_half_width_from_a_pole():
     determinant = Determinant(0.0)
     stability._wind(determinant, np.array([-0.1 + 2j]), 1.0)
     (nu,) = determinant.asked
-    for point in (1.7, 1.9, 2.0, 2.1, 2.3):
+    for point in (1.9, 2.1):
         assert np.isclose(nu, point, rtol=0.0, atol=1e-12).any()
-    assert len(nu) == 9 + 5
+    assert len(nu) == 9 + 2
 
 
 @pytest.mark.parametrize(("turn", "rounds"), [(1.19, 1), (1.21, 2)])
@@ -75,8 +76,8 @@ class Rational:
         return np.full(len(self.theta), -0.1 + 2j), np.arange(len(self.theta))
 
 
-@pytest.mark.parametrize(("stiffness", "kept"), [(0.009, 0), (0.011, 1)])
-def test_elements_move_a_mode_from_a_loop_gain_of_a_tenth(stiffness, kept):
+@pytest.mark.parametrize(("stiffness", "kept"), [(0.09, 0), (0.11, 1)])
+def test_elements_move_a_mode_from_a_loop_gain_of_one(stiffness, kept):
     """The gain is stiffness over half width."""
     transfer = SimpleNamespace(rational=Rational(np.ones(1)))
     balance = SimpleNamespace(transfer=transfer, n_elements=1)

@@ -88,7 +88,7 @@ def test_unstable_exponents_are_multipliers_beyond_one(name: str) -> None:
     case = CASES[name]
     dofs = case.model.dofs.labels
     balance = balance_of(
-        case.model.with_nonlinear("a", case.element, dofs), case.harmonics, level=case.level
+        case.model.with_elements({"a": (case.element, dofs)}), case.harmonics, level=case.level
     )
     start = solve_first(balance, float(case.omega[0]))
     assert start is not None
@@ -104,7 +104,7 @@ def test_unstable_exponents_are_multipliers_beyond_one(name: str) -> None:
 
 def test_sliding_friction_is_stable() -> None:
     model = oscillator(loss=0.02)
-    model = model.with_nonlinear("a", updyn.JenkinsElement(0.5, slip_force=0.1), "1:X")
+    model = model.with_elements({"a": (updyn.JenkinsElement(0.5, slip_force=0.1), "1:X")})
     balance = balance_of(model, 7, level=0.2)
     start = solve_first(balance, 0.8)
     assert start is not None
@@ -118,8 +118,10 @@ def sliding_masses() -> updyn.Model:
     groups = {"springs": updyn.Group(K, stiffness_damping=0.02), "m": updyn.Group(mass=np.eye(3))}
     model = updyn.Model.from_groups(groups, ["1:X", "2:X", "3:X"])
     slider, cubic = updyn.JenkinsElement(20.0, slip_force=1.0), updyn.CubicSpring(1.0)
-    model = model.with_nonlinear("a", slider, "1:X").with_nonlinear("b", slider, ["2:X", "1:X"])
-    return model.with_nonlinear("c", cubic, "2:X").with_nonlinear("d", cubic, ["3:X", "2:X"])
+    model = model.with_elements({"a": (slider, "1:X")}).with_elements(
+        {"b": (slider, ["2:X", "1:X"])}
+    )
+    return model.with_elements({"c": (cubic, "2:X")}).with_elements({"d": (cubic, ["3:X", "2:X"])})
 
 
 def test_sticking_elements_are_stable_springs() -> None:

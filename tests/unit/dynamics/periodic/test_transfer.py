@@ -33,7 +33,7 @@ def chain(n: int, **damping) -> updyn.Model:
 
 def build(model: updyn.Model, tier: str | None = "dense", accuracy: float = 1e-6) -> Transfer:
     """Transfer from an element between the first DOFs and a force at the last to the first."""
-    model = model.with_nonlinear("joint", updyn.CubicSpring(1.0), ["1:X", "2:X"])
+    model = model.with_elements({"joint": (updyn.CubicSpring(1.0), ["1:X", "2:X"])})
     first, last = np.array([0]), np.array([model.n_dofs - 1])
     lines = np.linspace(0.1, 6.0, 40)
     return Transfer.build(
