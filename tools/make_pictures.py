@@ -70,7 +70,7 @@ def nonlinear() -> Figure:
     for axes, (title, (element, levels)) in zip(
         figure.subplots(1, 2), elements.items(), strict=True
     ):
-        model = linear.with_nonlinear("element", element, ["1:X", "2:X"])
+        model = linear.with_elements({"element": (element, ["1:X", "2:X"])})
         for level, colour in zip(levels, colours, strict=True):
             found = updyn.response(model, freq, ["2:X"], ["2:X"], level=level)
             (branch,) = found.branches
