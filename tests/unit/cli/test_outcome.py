@@ -26,6 +26,7 @@ from updyn.comparison import Comparison, Row
 from updyn.demos import chain
 from updyn.text_table import display_width
 from updyn.updating.judge.claim import PARTS, Claim
+from updyn.updating.judge.identifiability import Identifiability
 from updyn.updating.judge.trust import Trust
 from updyn.updating.result import UpdateResult
 
@@ -240,12 +241,9 @@ def test_tables_of_modes_have_fifteen_rows() -> None:
 
 def test_a_check_prints_two_undetermined_combinations_and_the_advice() -> None:
     names = [f"part{k}.mass" for k in range(4)]
-    directions = tuple({name: 1.0} for name in names)
-    found = SimpleNamespace(
-        rank=0, n_parameters=4, condition=math.inf, collinearity=math.inf,
-        null_directions=directions, determined_directions=(), advice="Add a sensor.",
-    )  # fmt: skip
-    lines = brief._brief_identifiability(found).splitlines()  # type: ignore[arg-type]
+    directions = [{name: 1.0} for name in names]
+    found = Identifiability(0, 4, math.inf, (0.0,) * 4, directions, [], math.inf, "Add a sensor.")
+    lines = brief._brief_identifiability(found).splitlines()
     assert lines[0].startswith("The data determine 0 of 4 unknowns")
     assert [line.split(":")[0].strip() for line in lines[1:3]] == [
         "undetermined combination 1",
