@@ -191,8 +191,11 @@ def show_errors(action: Callable[..., Any]) -> Callable[..., None]:
 def show_fault(entry: ui.input | ui.select | ui.number, fault: str, hint: str = "") -> None:
     """Show the fault of an entry below it: a missing entry as a hint, others as an error."""
     is_missing = fault == REQUIRED
+    entry.without_auto_validation()  # which would clear the fault after the handlers of a change
     entry.error = fault if fault and not is_missing else None
-    entry.props["hint"] = fault if is_missing else hint
+    text = fault if is_missing else hint
+    if entry.props.get("hint", "") != text:  # each update resets what is being typed
+        entry.props["hint"] = text
 
 
 def complain(text: str) -> None:
