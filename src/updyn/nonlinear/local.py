@@ -39,32 +39,30 @@ class LocalElement:
 def place_element(element: NonlinearElement, dofs: Place, what: str) -> LocalElement:
     """Return an element on one DOF, between two DOFs, or on DOFs with weights.
 
-    `what` names the element in errors. Raises ModelError for other numbers of DOFs or an element
-    that is none, OptionError for a weight that is not finite, DofError for a label.
+    `what` names the element in errors. Raises ModelError for another number of DOFs or another
+    type of element, OptionError for a weight that is not finite, DofError for an invalid label.
     """
     if not hasattr(element, "over_period"):
         raise ModelError(
             f"{what}: expected a nonlinear element such as CubicSpring, found"
             f" {type(element).__name__}"
         )
-    signed: dict[str | Dof, float]
+    ends: list[str | Dof]
     if isinstance(dofs, Mapping):
-        signed = dict(zip(dofs.keys(), dofs.values(), strict=True))
+        ends, signs = list(dofs), list(dofs.values())
     elif isinstance(dofs, str | Dof):
-        signed = {dofs: 1.0}
+        ends, signs = [dofs], [1.0]
     else:
-        ends = list(dofs)
+        ends, signs = list(dofs), [1.0, -1.0]
         if len(ends) not in (1, 2):
             raise ModelError(
                 f"{what}: expected one degree of freedom, two, or a mapping of labels to weights;"
                 f" found {len(ends)}"
             )
-        signed = dict(zip(ends, (1.0, -1.0), strict=False))
-    given = DofSet(signed)
-    if not len(given):
+    if not ends:
         raise ModelError(f"{what}: expected at least one degree of freedom, found none")
     weights = {}
-    for dof, weight in zip(given, signed.values(), strict=True):
+    for dof, weight in zip(DofSet(ends), signs, strict=False):
         check_number(f"{what}: weight of {dof}", weight, "1", least=-np.inf)
         weights[str(abs(dof))] = float(dof.sign * weight)
     if not any(weights.values()):

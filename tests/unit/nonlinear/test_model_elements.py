@@ -84,6 +84,7 @@ def test_linear_methods_refuse_the_model(model, tmp_path) -> None:
         ("a", 5.0, "1:X", ModelError, "expected a nonlinear element such as CubicSpring, found f"),
         ("a", JOINT, ["1:X", "2:X", "3:X"], ModelError, "found 3"),
         ("a", JOINT, [], ModelError, "found 0"),
+        ("a", JOINT, ["1:X", "1:X"], DofError, "DOF 1:X occurs twice"),
         ("a", JOINT, {}, ModelError, "at least one degree of freedom"),
         ("a", JOINT, {"1:X": 0.0}, ModelError, "all weights are 0"),
         ("a", JOINT, {"1:X": np.nan}, OptionError, "weight of 1:X is nan"),
