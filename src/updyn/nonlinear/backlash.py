@@ -133,9 +133,8 @@ class Backlash:
 
         Notes
         -----
-        The exact first harmonic of the law; an offset adds a mean force, and is not possible with
-        damping (nan). For light damping, c omega << k, it is (k + i c omega)
-        (1 - (2 / pi) (asin d + d sqrt(1 - d^2))), d = gap / (2
+        The exact first harmonic of the law; nan with both damping and an offset. For light damping,
+        c omega << k, it is (k + i c omega) (1 - (2 / pi) (asin d + d sqrt(1 - d^2))), d = gap / (2
         A): the dead zone (Slotine & Li, Applied Nonlinear Control, 1991, chapter 5; Gelb & Vander
         Velde, Multiple-Input Describing Functions and Nonlinear System Design, 1968, appendix B).
         """
@@ -230,9 +229,8 @@ class Backlash:
 
 def _contact_phase(d: RealArray, a: RealArray, psi2: RealArray) -> RealArray:
     """Return the phase of contact with a flank while the shaft relaxes, by bisection."""
-    twist = (
-        np.sin(psi2) - d
-    )  # of the shaft over A, at the end of contact with the other flank, half a turn before
+    # Of the shaft over A, at the end of contact with the other flank, half a turn before.
+    twist = np.sin(psi2) - d
     low, high = psi2 - np.pi, np.full(np.shape(psi2), 0.5 * np.pi)
     safe = np.where(a > 0, a, 1.0)
     for _ in range(DESCRIBING.bisections):

@@ -6,16 +6,15 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from updyn.arrays import ComplexArray, RealArray
-from updyn.nonlinear.element import PeriodForce, check_number, diagonal
+from updyn.arrays import RealArray
+from updyn.nonlinear.element import AmplitudeElement, PeriodForce, check_number, diagonal
 
 __all__ = ["QuadraticDamper"]
 
 
 @dataclass(frozen=True, slots=True)
-class QuadraticDamper:
+class QuadraticDamper(AmplitudeElement):
     """A damper with the force f = c |v| v.
 
     Parameters
@@ -27,6 +26,12 @@ class QuadraticDamper:
     ------
     OptionError
         If the coefficient is not above 0.
+
+    Notes
+    -----
+    The describing function for the amplitude V of the velocity is 8 c V / (3 pi) (odd square law;
+    Gelb & Vander Velde, Multiple-Input Describing Functions and Nonlinear System Design, 1968,
+    appendix B).
 
     Examples
     --------
@@ -73,25 +78,5 @@ class QuadraticDamper:
         """
         return 0.0, 0.0
 
-    def describing(self, amplitude: ArrayLike, omega: ArrayLike) -> ComplexArray:
-        """Return the describing function, 8 c V / (3 pi).
-
-        Parameters
-        ----------
-        amplitude : array_like of float
-            V of the velocity in m/s (rad/s).
-        omega : array_like of float
-            In rad/s; has no influence.
-
-        Returns
-        -------
-        ndarray of complex
-            In N s/m.
-
-        Notes
-        -----
-        Gelb & Vander Velde, Multiple-Input Describing Functions and Nonlinear System Design, 1968,
-        appendix B (odd square law).
-        """
-        V, _ = np.broadcast_arrays(np.asarray(amplitude, dtype=np.float64), np.asarray(omega))
-        return np.asarray(8.0 * self.coefficient / (3.0 * np.pi) * V, dtype=np.complex128)
+    def _describe(self, A: RealArray) -> RealArray:
+        return np.asarray(8.0 * self.coefficient / (3.0 * np.pi) * A)

@@ -10,6 +10,7 @@ returns the steady loop.
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import ClassVar, Protocol
 
@@ -21,7 +22,7 @@ from updyn.arrays import ComplexArray, RealArray
 from updyn.errors import OptionError
 from updyn.group import is_number
 
-__all__ = ["NonlinearElement", "PeriodForce", "check_number", "diagonal"]
+__all__ = ["AmplitudeElement", "NonlinearElement", "PeriodForce", "check_number", "diagonal"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -106,6 +107,34 @@ class NonlinearElement(Protocol):
         """
 
 
+class AmplitudeElement(ABC):
+    """Base of elements whose describing function is the same at every frequency."""
+
+    __slots__ = ()
+
+    def describing(self, amplitude: ArrayLike, omega: ArrayLike) -> ComplexArray:
+        """Return the describing function, the first harmonic of the force over that of the motion.
+
+        Parameters
+        ----------
+        amplitude : array_like of float
+            Amplitude of `quantity`, above 0 and without a mean: m or m/s (rad or rad/s).
+        omega : array_like of float
+            In rad/s; has no influence.
+
+        Returns
+        -------
+        ndarray of complex
+            In N/m or N s/m (N m/rad or N m s/rad).
+        """
+        A, _ = np.broadcast_arrays(np.asarray(amplitude, dtype=np.float64), np.asarray(omega))
+        return np.asarray(self._describe(A), dtype=np.complex128)
+
+    @abstractmethod
+    def _describe(self, A: RealArray) -> RealArray | ComplexArray:
+        """Return the describing function at some amplitudes."""
+
+
 def diagonal(values: RealArray) -> sp.csr_array:
     """Return a sparse diagonal matrix, shape (n, n)."""
     n = len(values)
@@ -115,9 +144,8 @@ def diagonal(values: RealArray) -> sp.csr_array:
 def check_number(what: str, value: object, unit: str, *, least: float | None = None) -> None:
     """Raise OptionError unless `value` is above 0, or at least `least` if that is given."""
     if is_number(value) and math.isfinite(value):
-        if least is None and value > 0.0:
-            return
-        if least is not None and value >= least:
+        is_allowed = value > 0.0 if least is None else value >= least
+        if is_allowed:
             return
     limit = "above 0" if least is None else f"of at least {least:g}"
     if least == -math.inf:

@@ -8,15 +8,15 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from updyn.arrays import ComplexArray, RealArray
+from updyn.arrays import RealArray
 from updyn.errors import OptionError
-from updyn.nonlinear.element import PeriodForce, check_number, diagonal
+from updyn.nonlinear.element import AmplitudeElement, PeriodForce, check_number, diagonal
 
 __all__ = ["CoulombFriction"]
 
 
 @dataclass(frozen=True, slots=True)
-class CoulombFriction:
+class CoulombFriction(AmplitudeElement):
     """Dry friction: a constant torque against the velocity; sticks up to a breakaway torque.
 
     Parameters
@@ -33,6 +33,13 @@ class CoulombFriction:
     ------
     OptionError
         If a number is out of its range.
+
+    Notes
+    -----
+    The describing function for the amplitude V of the velocity is that of a relay, 4 level / (pi
+    V), without transition and breakaway torque (Slotine & Li, Applied Nonlinear Control, 1991,
+    chapter 5; Gelb & Vander Velde, Multiple-Input Describing Functions and Nonlinear System Design,
+    1968, appendix B).
 
     Examples
     --------
@@ -117,28 +124,8 @@ class CoulombFriction:
             )
         return 0.0, self.level / self.transition
 
-    def describing(self, amplitude: ArrayLike, omega: ArrayLike) -> ComplexArray:
-        """Return the describing function, 4 level / (pi A), without the breakaway torque.
-
-        Parameters
-        ----------
-        amplitude : array_like of float
-            A of the velocity in rad/s, above 0.
-        omega : array_like of float
-            In rad/s; has no influence.
-
-        Returns
-        -------
-        ndarray of complex
-            In N m s/rad.
-
-        Notes
-        -----
-        The describing function of a relay (Slotine & Li 1991, chapter 5; Gelb & Vander Velde 1968,
-        appendix B).
-        """
-        A, _ = np.broadcast_arrays(np.asarray(amplitude, dtype=np.float64), np.asarray(omega))
-        return np.asarray(4.0 * self.level / (np.pi * A), dtype=np.complex128)
+    def _describe(self, A: RealArray) -> RealArray:
+        return np.asarray(4.0 * self.level / (np.pi * A))
 
     def amplitude(self, modulus: ArrayLike, omega: ArrayLike) -> RealArray:
         """Return the amplitude at which |N| has a value.

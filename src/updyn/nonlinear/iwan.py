@@ -6,18 +6,17 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.special import gamma
 
 from updyn.arrays import ComplexArray, RealArray
-from updyn.nonlinear.element import PeriodForce, check_number
-from updyn.nonlinear.masing import follow_loop
+from updyn.nonlinear.element import check_number
+from updyn.nonlinear.masing import MasingElement
 
 __all__ = ["IwanJoint"]
 
 
 @dataclass(frozen=True, slots=True)
-class IwanJoint:
+class IwanJoint(MasingElement):
     """The four-parameter Iwan model of a joint (Segalman, J. Appl. Mech. 72 (2005) 752).
 
     Jenkins elements in parallel, whose slip deformations have the density R x^chi up to a largest
@@ -31,7 +30,7 @@ class IwanJoint:
     stiffness : float
         K_T at vanishing amplitude, above 0, in N/m (N m/rad).
     chi : float
-        Power of the density, above -1 and at most 0 for joints; up to 10.
+        Power of the density, above -1; at most 0 for joints.
     beta : float
         Stiffness that slips last, over that which slips before; 0 or above.
 
@@ -39,6 +38,12 @@ class IwanJoint:
     ------
     OptionError
         If a number is out of its range.
+
+    Notes
+    -----
+    With y = A / `largest_slip`, the describing function is K_T (1 - B y^(chi + 1)) in microslip;
+    from macroslip on, it is nan. The imaginary part follows from the energy lost in a period,
+    proportional to A^(chi + 3) (Segalman 2005), the real part from Masing's branches.
 
     Examples
     --------
@@ -54,9 +59,6 @@ class IwanJoint:
     beta: float
 
     parameters: ClassVar[tuple[str, ...]] = ("slip_force", "stiffness", "chi", "beta")
-    has_memory: ClassVar[bool] = True
-    quantity: ClassVar[str] = "receptance"
-    is_odd: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         check_number("Iwan joint: slip_force", self.slip_force, "N")
@@ -73,22 +75,6 @@ class IwanJoint:
     def largest_slip(self) -> float:
         """Deformation of macroslip in m (rad)."""
         return self.slip_force / (self.stiffness * self._shape)
-
-    def over_period(self, u: RealArray, v: RealArray) -> PeriodForce:
-        """Return the steady force at each sample, of a motion that has grown from rest.
-
-        Parameters
-        ----------
-        u : ndarray, shape (n,)
-            Deformation in m (rad).
-        v : ndarray, shape (n,)
-            Velocity in m/s (rad/s); has no influence.
-
-        Returns
-        -------
-        PeriodForce
-        """
-        return follow_loop(self._load, u)
 
     def _load(self, x: RealArray) -> tuple[RealArray, RealArray, RealArray]:
         """Return the initial loading curve, (F_S / shape) g(x / largest_slip)."""
@@ -114,38 +100,7 @@ class IwanJoint:
         )
         return scale * g, self.stiffness * slope, np.stack(by, axis=1)
 
-    def at_rest(self) -> tuple[float, float]:
-        """Return stiffness and damping for vanishing amplitude.
-
-        Returns
-        -------
-        (float, float)
-            In N/m and N s/m.
-        """
-        return self.stiffness, 0.0
-
-    def describing(self, amplitude: ArrayLike, omega: ArrayLike) -> ComplexArray:
-        """Return the describing function in microslip; nan from macroslip on.
-
-        Parameters
-        ----------
-        amplitude : array_like of float
-            A of the deformation in m (rad).
-        omega : array_like of float
-            In rad/s; has no influence.
-
-        Returns
-        -------
-        ndarray of complex
-            In N/m.
-
-        Notes
-        -----
-        With y = A / `largest_slip`, it is K_T (1 - B y^(chi + 1)). The imaginary part follows from
-        the energy lost in a period, proportional to A^(chi + 3) (Segalman 2005), the real
-        part from Masing's branches.
-        """
-        A, _ = np.broadcast_arrays(np.asarray(amplitude, dtype=np.float64), np.asarray(omega))
+    def _describe(self, A: RealArray) -> ComplexArray:
         p = self.chi + 2.0
         # With x = A (1 - cos t) / 2 on a branch, both parts are integrals of powers of sin(t / 2).
         wallis = 0.5 * np.sqrt(np.pi) * gamma(p + 0.5) / gamma(p + 1.0)

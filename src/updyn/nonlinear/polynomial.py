@@ -2,24 +2,82 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.special import gamma
 
-from updyn.arrays import ComplexArray, RealArray
+from updyn.arrays import RealArray
 from updyn.errors import OptionError
-from updyn.nonlinear.element import PeriodForce, check_number, diagonal
+from updyn.nonlinear.element import AmplitudeElement, PeriodForce, check_number, diagonal
 
-__all__ = ["PolynomialSpring", "describe_power"]
+__all__ = ["PolynomialForce", "PolynomialSpring"]
+
+
+class PolynomialForce(AmplitudeElement):
+    """Base of springs whose force is a polynomial of the deformation."""
+
+    __slots__ = ()
+
+    has_memory: ClassVar[bool] = False
+    quantity: ClassVar[str] = "receptance"
+
+    @abstractmethod
+    def _terms(self) -> Mapping[int, float]:
+        """Return the coefficients by power."""
+
+    @property
+    def is_odd(self) -> bool:
+        """Whether all powers are odd."""
+        return all(power % 2 for power in self._terms())
+
+    def over_period(self, u: RealArray, v: RealArray) -> PeriodForce:
+        """Return the force at each sample.
+
+        Parameters
+        ----------
+        u : ndarray, shape (n,)
+            Deformation in m (rad).
+        v : ndarray, shape (n,)
+            Velocity in m/s (rad/s); has no influence.
+
+        Returns
+        -------
+        PeriodForce
+            Its derivatives by parameters are by the coefficients, in their order.
+        """
+        force, slope, columns = np.zeros_like(u), np.zeros_like(u), []
+        for power, value in self._terms().items():
+            lower = u ** (power - 1)
+            columns.append(lower * u)
+            force += value * columns[-1]
+            slope += power * value * lower
+        return PeriodForce(force, diagonal(slope), np.zeros_like(u), np.stack(columns, axis=1))
+
+    def at_rest(self) -> tuple[float, float]:
+        """Return stiffness and damping for vanishing amplitude.
+
+        Returns
+        -------
+        (float, float)
+            In N/m and N s/m.
+        """
+        return float(self._terms().get(1, 0.0)), 0.0
+
+    def _describe(self, A: RealArray) -> RealArray:
+        out = np.zeros(A.shape)
+        for power, value in self._terms().items():
+            if power % 2:
+                out += value * _describe_power(power) * A ** (power - 1)
+        return out
 
 
 @dataclass(frozen=True, slots=True)
-class PolynomialSpring:
+class PolynomialSpring(PolynomialForce):
     """A spring with the force f = sum of c_p u^p.
 
     Parameters
@@ -32,6 +90,12 @@ class PolynomialSpring:
     OptionError
         If a power is not a whole number of at least 1, or a coefficient is not finite.
 
+    Notes
+    -----
+    The describing function is the sum of b_p c_p A^(p - 1) over odd powers p, with b_p = (2 / pi)
+    integral of sin^(p + 1) over half a period: 3/4 for p = 3 and 5/8 for p = 5 (Gelb & Vander
+    Velde, Multiple-Input Describing Functions and Nonlinear System Design, 1968, appendix B).
+
     Examples
     --------
     >>> import numpy as np
@@ -43,8 +107,6 @@ class PolynomialSpring:
     coefficients: Mapping[int, float]
 
     parameters: ClassVar[tuple[str, ...]] = ("coefficients",)
-    has_memory: ClassVar[bool] = False
-    quantity: ClassVar[str] = "receptance"
 
     def __post_init__(self) -> None:
         if not isinstance(self.coefficients, Mapping) or not self.coefficients:
@@ -63,72 +125,10 @@ class PolynomialSpring:
     def __reduce__(self) -> tuple[object, ...]:
         return PolynomialSpring, (dict(self.coefficients),)
 
-    @property
-    def is_odd(self) -> bool:
-        """Whether all powers are odd."""
-        return all(power % 2 for power in self.coefficients)
-
-    def over_period(self, u: RealArray, v: RealArray) -> PeriodForce:
-        """Return the force at each sample.
-
-        Parameters
-        ----------
-        u : ndarray, shape (n,)
-            Deformation in m (rad).
-        v : ndarray, shape (n,)
-            Velocity in m/s (rad/s); has no influence.
-
-        Returns
-        -------
-        PeriodForce
-            Its derivatives by parameters are by the coefficients, in their order.
-        """
-        force, slope, columns = np.zeros_like(u), np.zeros_like(u), []
-        for power, value in self.coefficients.items():
-            columns.append(u**power)
-            force += value * columns[-1]
-            slope += value * power * u ** (power - 1)
-        return PeriodForce(force, diagonal(slope), np.zeros_like(u), np.stack(columns, axis=1))
-
-    def at_rest(self) -> tuple[float, float]:
-        """Return stiffness and damping for vanishing amplitude.
-
-        Returns
-        -------
-        (float, float)
-            In N/m and N s/m.
-        """
-        return float(self.coefficients.get(1, 0.0)), 0.0
-
-    def describing(self, amplitude: ArrayLike, omega: ArrayLike) -> ComplexArray:
-        """Return the describing function, the sum of b_p c_p A^(p - 1) over odd powers p.
-
-        Parameters
-        ----------
-        amplitude : array_like of float
-            A of the deformation in m (rad), without a mean.
-        omega : array_like of float
-            In rad/s; has no influence.
-
-        Returns
-        -------
-        ndarray of complex
-            In N/m.
-
-        Notes
-        -----
-        b_p = (2 / pi) integral of sin^(p + 1) over half a period: 3/4 for p = 3 and 5/8 for p = 5
-        (Gelb & Vander Velde, Multiple-Input Describing Functions and Nonlinear System Design,
-        1968, appendix B).
-        """
-        A, _ = np.broadcast_arrays(np.asarray(amplitude, dtype=np.float64), np.asarray(omega))
-        out = np.zeros(A.shape, dtype=np.complex128)
-        for power, value in self.coefficients.items():
-            if power % 2:
-                out += value * describe_power(power) * A ** (power - 1)
-        return out
+    def _terms(self) -> Mapping[int, float]:
+        return self.coefficients
 
 
-def describe_power(power: float) -> float:
+def _describe_power(power: float) -> float:
     """Return the first harmonic of |sin|^p sign(sin), for a real power p."""
     return float(2.0 / np.sqrt(np.pi) * gamma(0.5 * power + 1.0) / gamma(0.5 * power + 1.5))

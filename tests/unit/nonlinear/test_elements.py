@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import scipy.integrate
+from scipy.special import roots_jacobi
 
 from updyn.errors import OptionError
 from updyn.nonlinear import ELEMENTS
@@ -118,8 +119,6 @@ def test_jenkins_is_a_slider_in_series_with_a_spring() -> None:
 
 def test_iwan_joint_is_a_sum_of_sliders() -> None:
     """The density of slip deformations in Gauss-Jacobi points, each a Jenkins element."""
-    from scipy.special import roots_jacobi
-
     u, v = period(150, np.random.default_rng(8))
     y, w = roots_jacobi(400, 0.0, IWAN.chi)
     slip = IWAN.largest_slip * 0.5 * (y + 1.0)
