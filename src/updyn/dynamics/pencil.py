@@ -42,7 +42,7 @@ from updyn.linalg.settings import SPARSE_SOLVER
 from updyn.linalg.solver import probe_load, unit_scale
 from updyn.linalg.threads import use_one_thread
 
-__all__ = ["Pencil", "PencilCache", "StateWeights", "saves_time"]
+__all__ = ["Pencil", "PencilCache", "StateWeights", "decompose", "saves_time"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -128,6 +128,21 @@ def saves_time(system: AffineSystem, state: State, n_lines: int, least: int) -> 
     return weights is not None and weights.saves_time(n_lines, least)
 
 
+def decompose(
+    S: ComplexArray,
+) -> tuple[ComplexArray, ComplexArray, tuple[ComplexArray, IndexArray]] | None:
+    """Return eigenvalues, eigenvectors and the LU factors and pivots of these; overwrites S.
+
+    None if the eigenvectors are not independent.
+    """
+    theta, X = scipy.linalg.eig(S, overwrite_a=True, check_finite=False)
+    factors, pivots, singular = lapack.zgetrf(X)
+    size = np.abs(X).sum(axis=0).max()
+    if singular or lapack.zgecon(factors, size)[0] < PENCIL.least_condition:
+        return None
+    return theta, X, (factors, pivots)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class _Lines:
     """Coefficients of K and M, and of the columns of U, at some lines."""
@@ -208,22 +223,21 @@ class Pencil:
         scale, mass = unit_scale(P.diagonal()), _transform_symmetric(L, M)
         if weights.is_common:
             theta, Q = _modes(mass)
-            V = _solve_lower(L, Q, trans="T")
+            modes = _solve_lower(L, Q, trans="T")
             check = _Check.of((K, M), scale, None)
-            return cls(V, V, 1.0 - sigma * theta, theta, weights, check)
+            return cls(modes, modes, 1.0 - sigma * theta, theta, weights, check)
         delta, Q = _modes(_transform_symmetric(L, D))
         root = 1.0 / np.sqrt(1.0 + 1j * delta)
         S = root[:, None] * (Q.T @ mass @ Q) * root
-        theta, X = scipy.linalg.eig(S, overwrite_a=True, check_finite=False)
-        factors, pivots, singular = lapack.zgetrf(X)
-        size = np.abs(X).sum(axis=0).max()
-        if singular or lapack.zgecon(factors, size)[0] < PENCIL.least_condition:
+        decomposed = decompose(np.asarray(S, dtype=np.complex128))
+        if decomposed is None:
             return None
+        roots, X, lu = decomposed
         F = _solve_lower(L, Q, trans="T") * root
-        V, W = F @ X, lapack.zgetrs(factors, pivots, F.T)[0].T
+        V, W = F @ X, lapack.zgetrs(*lu, F.T)[0].T
         correction = _correct(system, weights, V, W)
         check = _Check.of((K, M, D) if D.any() else (K, M), scale, correction)
-        return cls(V, W, 1.0 - sigma * theta, theta, weights, check, correction)
+        return cls(V, W, 1.0 - sigma * roots, roots, weights, check, correction)
 
     @use_one_thread
     def solve(

@@ -15,11 +15,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy.linalg
 from scipy.linalg import lapack
 
 from updyn.arrays import ComplexArray, IndexArray, RealArray
-from updyn.dynamics.affine import AffineSystem
+from updyn.dynamics.affine import AffineSystem, Term
+from updyn.dynamics.pencil import decompose
 from updyn.dynamics.reduction import Reduction
 from updyn.dynamics.settings import LINE_SOLVER, PENCIL
 from updyn.errors import OptionError, SolverError
@@ -72,7 +72,7 @@ class Transfer:
             tier = "dense" if system.n <= LINE_SOLVER.dense_dofs else "reduced"
         if tier == "dense":
             observed, V = np.arange(system.n), np.eye(system.n)
-            stack = np.stack([_whole(term.rows, term.local, system.n) for term in system.terms])
+            stack = np.stack([_whole(term, system.n) for term in system.terms])
             source = "model"
         elif tier == "reduced":
             whole = (0.0, float(lines[-1]))
@@ -140,14 +140,12 @@ class Transfer:
         system, state = self.system, self.system.start
         if any(t.table is not None and state.loss[i] for i, t in enumerate(system.terms)):
             return None
-        sums = {}
-        for what in ("stiffness", "mass", "viscous"):
-            sums[what] = state.factor * np.array([t.quantity == what for t in system.terms])
-        shape = (system.n, system.n)
-        K = ((sums["stiffness"] * (1.0 + 1j * state.loss)) @ self.stack).reshape(shape)
-        M = (sums["mass"] @ self.stack).reshape(shape)
-        damping = (sums["stiffness"] + sums["mass"]) * state.rate + sums["viscous"]
-        C = (damping @ self.stack).reshape(shape)
+        kind, shape = np.array([t.quantity for t in system.terms]), (system.n, system.n)
+        stiffness = np.where(kind == "stiffness", state.factor, 0.0)
+        mass = np.where(kind == "mass", state.factor, 0.0)
+        K = ((stiffness * (1.0 + 1j * state.loss)) @ self.stack).reshape(shape)
+        M = (mass @ self.stack).reshape(shape)
+        C = ((state.factor * state.rate) @ self.stack).reshape(shape)
         if C.any():
             return _Rational.first_order(K, C, M, self.inputs, self.outputs, omega)
         return _Rational.second_order(K, M, self.inputs, self.outputs, omega)
@@ -194,13 +192,11 @@ class _Rational:
     ) -> _Rational | None:
         """Return C (A - p slope)^-1 B, or None if the eigenvectors are not independent."""
         solved = np.linalg.solve(A, np.hstack([slope, B]))
-        theta, X = scipy.linalg.eig(solved[:, : len(A)], check_finite=False)
-        factors, pivots, singular = lapack.zgetrf(X)
-        if singular or lapack.zgecon(factors, np.abs(X).sum(axis=0).max())[0] < (
-            PENCIL.least_condition
-        ):
+        decomposed = decompose(solved[:, : len(A)])
+        if decomposed is None:
             return None
-        columns = lapack.zgetrs(factors, pivots, solved[:, len(A) :])[0]
+        theta, X, lu = decomposed
+        columns = lapack.zgetrs(*lu, solved[:, len(A) :])[0]
         return cls(C @ X, theta, columns, centre, power)
 
     def at(self, s: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
@@ -221,22 +217,21 @@ class _Rational:
         return s[kept], at[kept]
 
 
-def _whole(rows: IndexArray, local: object, n: int) -> RealArray:
+def _whole(term: Term, n: int) -> RealArray:
     """Return the matrix of a term on all DOFs, shape (n, n)."""
-    out = np.zeros((n, n))
-    dense = local if isinstance(local, np.ndarray) else local.toarray()  # type: ignore[attr-defined]
-    out[np.ix_(rows, rows)] = dense
+    out, local = np.zeros((n, n)), term.local
+    out[np.ix_(term.rows, term.rows)] = local if isinstance(local, np.ndarray) else local.toarray()
     return out
 
 
 def _solve_static(K: RealArray, inputs: RealArray, outputs: RealArray) -> RealArray | None:
     """Return H at 0 Hz, or None if K is singular to rounding."""
     scale = np.sqrt(np.maximum(np.abs(K.diagonal()), np.finfo(np.float64).tiny))
+    scaled = K / scale / scale[:, None]
     try:
-        X = np.linalg.solve(K / scale / scale[:, None], inputs / scale[:, None])
+        X = np.linalg.solve(scaled, inputs / scale[:, None])
     except np.linalg.LinAlgError:
         return None
-    scaled = K / scale / scale[:, None]
     if np.linalg.cond(scaled) > 1.0 / PENCIL.least_condition**1.5:
         return None
     return np.asarray((outputs / scale) @ X)
