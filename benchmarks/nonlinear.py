@@ -58,11 +58,11 @@ class Structure:
             "masses": updyn.Group(mass=self.M, viscous=viscous),
         }
         model = updyn.Model.from_groups(groups, self.labels)
-        for number, (element, ends) in enumerate(self.elements):
-            model = model.with_elements(
-                {f"element {number}": (element, [self.labels[i] for i in ends])}
-            )
-        return model
+        elements = {
+            f"element {number}": (element, [self.labels[i] for i in ends])
+            for number, (element, ends) in enumerate(self.elements)
+        }
+        return model.with_elements(elements)
 
     def respond(self, **options) -> updyn.PeriodicResponse:
         options = {"harmonics": self.harmonics, **options}
@@ -184,7 +184,7 @@ def force_of(structure: Structure, q: np.ndarray, v: np.ndarray) -> np.ndarray:
 
 def over_time() -> None:
     """A period of the two cubic springs by DOP853, by number of harmonics."""
-    (structure,) = structures()[:1]
+    structure = structures()[0]
     print(f"\n{structure.name}: largest error of a period, over its largest displacement")
     n, M, C, K = len(structure.M), structure.M, structure.C, structure.K
     for harmonics in (3, 5, 7, 11, 15):
@@ -229,7 +229,7 @@ def multipliers(structure: Structure, branch: Branch, point: int) -> np.ndarray:
 
 def stability() -> None:
     """Stability on the branch of the two cubic springs, against Floquet multipliers."""
-    (structure,) = structures()[:1]
+    structure = structures()[0]
     (branch,) = structure.respond(harmonics=11).branches
     points, same, pairs = range(0, len(branch.freq), 5), 0, 0
     for point in points:

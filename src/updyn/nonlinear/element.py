@@ -103,7 +103,7 @@ class NonlinearElement(Protocol):
         Returns
         -------
         ndarray of complex
-            In N/m or N s/m; nan where no closed form exists.
+            In N/m or N s/m; nan if no closed form exists.
         """
 
 

@@ -23,7 +23,7 @@ from updyn.dynamics.periodic.settings import BALANCE
 from updyn.dynamics.periodic.transfer import Transfer
 from updyn.nonlinear.element import NonlinearElement, PeriodForce
 
-__all__ = ["Balance", "Evaluation"]
+__all__ = ["Balance", "Evaluation", "make_fourier"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,9 +86,8 @@ class Balance:
         R = f.to_complex(x) + np.einsum("kef,fk->ek", H[:, :n, :n], forces)
         by_omega = np.einsum("kef,fk->ek", slope[:, :n, :n], forces)
         by_omega += np.einsum("kef,fk->ek", H[:, :n, :n], f.to_complex(np.array(T_omega)))
-        first = int(np.searchsorted(f.harmonics, 1))
-        R[:, first] -= self.level * H[first, :n, n]
-        by_omega[:, first] -= self.level * slope[first, :n, n]
+        R[:, f.first] -= self.level * H[f.first, :n, n]
+        by_omega[:, f.first] -= self.level * slope[f.first, :n, n]
         J = f.to_real(np.einsum("kef,fkc->ekfc", H[:, :n, :n], tangents))
         J = J.reshape(n * f.size, n * f.size) + np.eye(n * f.size)
         return Evaluation(x, omega, f.to_real(R), J, f.to_real(by_omega), forces, tuple(period))
@@ -96,16 +95,16 @@ class Balance:
     def linear(self, omega: float) -> RealArray:
         """Return the deformations without the elements, (n_e, n_c)."""
         H, _ = self.transfer.at(np.array([omega]))
-        n, first = self.n_elements, int(np.searchsorted(self.fourier.harmonics, 1))
-        Q = np.zeros((n, len(self.fourier.harmonics)), dtype=np.complex128)
-        Q[:, first] = self.level * H[0, :n, n]
-        return self.fourier.to_real(Q)
+        n, f = self.n_elements, self.fourier
+        Q = np.zeros((n, len(f.harmonics)), dtype=np.complex128)
+        Q[:, f.first] = self.level * H[0, :n, n]
+        return f.to_real(Q)
 
     def respond(self, found: Evaluation) -> ComplexArray:
         """Return the harmonics of the responses, (n_h, n_out - n_e), in m (rad)."""
-        n, H = self.n_elements, self.receptances(found.omega)[0][:, self.n_elements :]
+        n, first = self.n_elements, self.fourier.first
+        H = self.receptances(found.omega)[0][:, n:]
         out = -np.einsum("kof,fk->ko", H[:, :, :n], found.forces)
-        first = int(np.searchsorted(self.fourier.harmonics, 1))
         out[first] += self.level * H[first, :, n]
         return np.asarray(out)
 

@@ -113,7 +113,7 @@ def _advance(
     step: float,
     lines: RealArray,
 ) -> tuple[float, _Step]:
-    """Return the length of a successful step and its result; SolverError if there is none."""
+    """Return the length of a successful step and its result; SolverError if every step fails."""
     while step >= CONTINUATION.least_step:
         taken = _take_step(balance, scale, now, t, step, lines)
         if taken is not None:
@@ -143,8 +143,8 @@ def _find_corner(
 ) -> tuple[RealArray, RealArray]:
     """Return the tangent beyond a corner ahead, in both directions, that along `t` first.
 
-    An element without a smooth force, such as a slider, gives a branch corners, where it may turn
-    by more than a right angle.
+    An element without a smooth force, such as a slider, gives a branch corners, at which it may
+    turn by more than a right angle.
     """
     beyond = balance.evaluate(*scale.unpack(scale.pack(now.x, now.omega) + step * t))
     n = np.linalg.svd(scale.border(beyond, t)[:-1])[2][-1]

@@ -53,6 +53,11 @@ class Fourier:
         """Number of coordinates n_c."""
         return int(self.synthesis.shape[1])
 
+    @property
+    def first(self) -> int:
+        """Position of the harmonic 1."""
+        return int(np.searchsorted(self.harmonics, 1))
+
     def to_complex(self, x: RealArray) -> ComplexArray:
         """Return complex amplitudes along axis 1 from coordinates, (m, n_c, ...)."""
         n = len(self.harmonics)

@@ -35,7 +35,7 @@ class Branch:
     Parameters
     ----------
     freq : ndarray of float, shape (n_p,)
-        Frequency in Hz of each point; it falls where the branch turns back.
+        Frequency in Hz of each point; not monotonic if the branch has turning points.
     harmonics : ndarray of complex, shape (n_p, n_h, n_responses)
         Amplitudes of the harmonics of the responses, in the quantity of the response.
     stable : ndarray of bool, shape (n_p,)
@@ -67,7 +67,7 @@ class PeriodicResponse:
     level : float
         Force amplitude in N (N m).
     stable : ndarray of bool, shape (n_f, n_references)
-        Whether the periodic motion is stable. Where it is not, a structure does not show it.
+        Whether the periodic motion is stable. Unstable motion is not observed.
     truncation : ndarray of float, shape (n_f, n_references)
         Estimated error by the harmonics that were left out: amplitude of the next ones over that of
         all, the largest of an element.
@@ -135,8 +135,8 @@ def respond_at_level(
     power = QUANTITIES[check_force_quantity(quantity)]
     if not model.nonlinear:
         raise ModelError(
-            "level: the model has no nonlinear elements, so its response is proportional to the"
-            " force; leave level= out, or add some by model.with_elements"
+            "level: the model has no nonlinear elements; leave level= out, as the response is"
+            " proportional to the force, or add elements by model.with_elements"
         )
     rows, columns = DofSet(responses), DofSet(references)
     read = model.dofs.match(rows, "response")
@@ -200,7 +200,7 @@ def respond_at_level(
 
 
 def _check_options(
-    lines: RealArray, level: object, harmonics: object, samples: object, sweep: object
+    lines: RealArray, level: object, harmonics: int, samples: int, sweep: object
 ) -> None:
     if not is_number(level) or not 0.0 < level < np.inf:
         raise OptionError(
@@ -210,19 +210,19 @@ def _check_options(
         raise OptionError(
             "level: a line at 0 Hz has no period; expected lines above 0 Hz", key=("freq",)
         )
-    if not isinstance(harmonics, int) or isinstance(harmonics, bool) or harmonics < 1:
-        raise OptionError(
-            f"harmonics {harmonics!r}: expected a whole number of at least 1", key=("harmonics",)
-        )
-    least = 4 * (harmonics + BALANCE.next_harmonics)
-    if not isinstance(samples, int) or isinstance(samples, bool) or samples < least:
-        raise OptionError(
-            f"samples {samples!r}: expected a whole number of at least {least} for {harmonics}"
-            " harmonics",
-            key=("samples",),
-        )
+    _check_whole("harmonics", harmonics, 1)
+    _check_whole(
+        "samples", samples, 4 * (harmonics + BALANCE.next_harmonics), f" for {harmonics} harmonics"
+    )
     if sweep not in SWEEPS:
         raise OptionError(f"sweep {sweep!r}: {suggest(str(sweep), SWEEPS)}", key=("sweep",))
+
+
+def _check_whole(name: str, value: object, least: int, why: str = "") -> None:
+    if not isinstance(value, int) or isinstance(value, bool) or value < least:
+        raise OptionError(
+            f"{name} {value!r}: expected a whole number of at least {least}{why}", key=(name,)
+        )
 
 
 def _higher_lines(lines: RealArray, top: int) -> RealArray:

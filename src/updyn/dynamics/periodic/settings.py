@@ -69,7 +69,8 @@ class ContinuationSettings:
     #: [1] Smallest amplitude in the scale of an element, as a share of its largest so far. Effort:
     #: smaller motions are followed less closely.
     least_amplitude: float = 0.01
-    #: [1] Share of the band beyond its ends where a branch may turn. Effort: a rule of thumb.
+    #: [1] Share of the band, beyond its ends, within which a branch may turn. Effort: a rule of
+    #: thumb.
     beyond_band: float = 0.5
 
 

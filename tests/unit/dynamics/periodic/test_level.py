@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 import pytest
 
@@ -73,8 +75,10 @@ def test_motion_between_the_turning_points_is_unstable(folded) -> None:
 def test_many_harmonics_are_the_time_response() -> None:
     """Two masses, a cubic spring between them and quadratic damping, against DOP853."""
     model = two_masses(stiffness_damping=0.002)
-    model = model.with_elements({"cubic": (updyn.CubicSpring(80.0), ["1:X", "2:X"])})
-    model = model.with_elements({"bend": (updyn.PolynomialSpring({2: -30.0, 3: 40.0}), "1:X")})
+    bend = updyn.PolynomialSpring({2: -30.0, 3: 40.0})
+    model = model.with_elements(
+        {"cubic": (updyn.CubicSpring(80.0), ["1:X", "2:X"]), "bend": (bend, "1:X")}
+    )
     freq, F = np.linspace(0.9, 1.9, 5), np.array([0.0, 20.0])
     found = updyn.response(model, freq, ["1:X", "2:X"], ["2:X"], level=20.0, harmonics=17)
     C = 0.002 * K2
@@ -110,8 +114,6 @@ def test_one_harmonic_is_the_describing_function(element) -> None:
     """F = |Z(omega) + N(A)| A for structural damping, the closed N of each element."""
     model = oscillator(loss=0.1).with_elements({"element": (element, "1:X")})
     freq, at = np.linspace(0.6, 1.6, 5) / (2 * np.pi), ["1:X"]
-    import warnings
-
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UpdynWarning)
         found = updyn.response(model, freq, at, at, level=0.5, harmonics=1, samples=2048)

@@ -118,10 +118,14 @@ def sliding_masses() -> updyn.Model:
     groups = {"springs": updyn.Group(K, stiffness_damping=0.02), "m": updyn.Group(mass=np.eye(3))}
     model = updyn.Model.from_groups(groups, ["1:X", "2:X", "3:X"])
     slider, cubic = updyn.JenkinsElement(20.0, slip_force=1.0), updyn.CubicSpring(1.0)
-    model = model.with_elements({"a": (slider, "1:X")}).with_elements(
-        {"b": (slider, ["2:X", "1:X"])}
+    return model.with_elements(
+        {
+            "a": (slider, "1:X"),
+            "b": (slider, ["2:X", "1:X"]),
+            "c": (cubic, "2:X"),
+            "d": (cubic, ["3:X", "2:X"]),
+        }
     )
-    return model.with_elements({"c": (cubic, "2:X")}).with_elements({"d": (cubic, ["3:X", "2:X"])})
 
 
 def test_sticking_elements_are_stable_springs() -> None:
