@@ -28,6 +28,7 @@ __all__ = [
     "FRF",
     "QUANTITIES",
     "ROUNDING",
+    "SWEEPS",
     "TRANSMISSIBILITY",
     "check_band",
     "check_decay",
@@ -42,6 +43,8 @@ __all__ = [
 QUANTITIES = {"receptance": 0, "mobility": 1, "accelerance": 2}
 #: Quantity of a response over the motion of a base or of another sensor.
 TRANSMISSIBILITY = "transmissibility"
+#: Directions in which the frequency of a sine changes.
+SWEEPS = ("up", "down")
 #: Suffix to the unit of displacement.
 _POWER_UNITS = {"receptance": "", "mobility": "/s", "accelerance": "/s²"}
 #: Dimensions of the variables of a dataset.
@@ -137,6 +140,13 @@ class FRF:
     force : str or Dof, optional
         Of a transmissibility between two sensors: DOF of the model where the only force acts, of
         unknown size.
+    level : float or array_like of float, shape (n_f,), optional
+        Amplitude of the force of each reference, in N (N m), above 0: of all lines, or of each
+        line; kept with the shape (n_f,). Of a stepped or swept sine, whose response depends on it
+        if the structure is not linear. None if it is not stated.
+    sweep : {"up", "down"}, optional
+        Direction in which the frequency of a stated level changed, which selects one of several
+        steady responses.
 
     Raises
     ------
@@ -168,6 +178,8 @@ class FRF:
     decay: float
     base: DofSet | None
     force: Dof | None
+    level: RealArray | None
+    sweep: str | None
 
     def __init__(
         self,
@@ -184,6 +196,8 @@ class FRF:
         decay: float = 0.0,
         base: Iterable[str | Dof] | None = None,
         force: str | Dof | None = None,
+        level: ArrayLike | None = None,
+        sweep: str | None = None,
     ) -> None:
         set_ = partial(object.__setattr__, self)
         set_("quantity", check_quantity(quantity))
@@ -211,6 +225,40 @@ class FRF:
         set_("base", None if base is None else _check_base(base))
         set_("force", None if force is None else _check_force(force))
         self._check_excitation()
+        set_("level", None if level is None else self._check_level(level))
+        set_("sweep", None if sweep is None else self._check_sweep(sweep))
+
+    def _check_level(self, level: ArrayLike) -> RealArray:
+        """Return the force amplitude of each line, shape (n_f,)."""
+        with key_path("level"):
+            if self.quantity == TRANSMISSIBILITY:
+                raise DataError(
+                    "level: the amplitude of a force, but the data are a transmissibility"
+                )
+            given = _numbers("level", level, np.float64)
+            if given.shape not in ((), self.freq.shape):
+                raise DataError(
+                    f"level: expected one number, or one for each of {len(self.freq)} lines, found"
+                    f" shape {given.shape}"
+                )
+            array = np.broadcast_to(given, self.freq.shape).copy()
+            wrong = ~(np.isfinite(array) & (array > 0.0))
+            if wrong.any():
+                i = int(np.argmax(wrong))
+                raise DataError(
+                    f"level at {self.freq[i]:g} Hz is {array[i]:g}; expected a force amplitude"
+                    " above 0 in N"
+                )
+        array.flags.writeable = False
+        return array
+
+    def _check_sweep(self, sweep: object) -> str:
+        with key_path("sweep"):
+            if sweep not in SWEEPS:
+                raise DataError(f"sweep {sweep!r}: {suggest(str(sweep), SWEEPS)}")
+            if self.level is None:
+                raise DataError("sweep: given without a level; state the force amplitude, too")
+        return str(sweep)
 
     def _check_excitation(self) -> None:
         """Refuse a base or a force that the quantity does not have, and both at once."""
@@ -276,6 +324,7 @@ class FRF:
             f"FRF({self.quantity}, {len(self.freq)} lines {self.freq[0]:g}-{self.freq[-1]:g} Hz, "
             f"{len(self.responses)} responses x {len(self.references)} references"
             + (f", window exp(-{self.decay:g} t)" if self.decay else "")
+            + (f", {self.level_text}" if self.level is not None else "")
             + ")"
         )
 
@@ -300,6 +349,7 @@ class FRF:
             "coherence": "" if self.coherence is None else "known",
             "variance": "" if self.variance is None else "known",
             "window": f"exp(-{self.decay:g} t)" if self.decay else "",
+            "level": self.level_text,
             "source": self.source,
         }
         picture = curves(self.freq, shown, ("frequency (Hz)", title))
@@ -307,6 +357,16 @@ class FRF:
 
     def __reduce__(self) -> tuple[object, ...]:
         return FRF, tuple(getattr(self, f.name) for f in fields(self))  # makes arrays read-only
+
+    @property
+    def level_text(self) -> str:
+        """Force amplitude and direction of the sweep as text; empty if no level is stated."""
+        if self.level is None:
+            return ""
+        units = {"N m" if "R" in label else "N" for label in self.references.labels}
+        low, high = (f"{limit:.6g}" for limit in (self.level.min(), self.level.max()))
+        size = low if low == high else f"{low} to {high}"
+        return f"level {size} {' or '.join(sorted(units))}{f' {self.sweep}' if self.sweep else ''}"
 
     # -- conversion ----------------------------------------------------------------------------
     @property
@@ -406,6 +466,36 @@ class FRF:
         more: dict[str, Any] = {"base": base, "force": force}
         return replace(self, **more)
 
+    def with_level(self, level: ArrayLike | None, sweep: str | None = None) -> FRF:
+        """Return the same values with another statement of their level.
+
+        Parameters
+        ----------
+        level : float or array_like of float, shape (n_f,), or None
+            Force amplitude in N (N m), of all lines or of each line.
+        sweep : {"up", "down"}, optional
+            Direction in which the frequency changed.
+
+        Returns
+        -------
+        FRF
+            The same values.
+
+        Raises
+        ------
+        DataError
+            If a level is not above 0, the number of levels is not that of the lines, or the values
+            are a transmissibility.
+
+        Examples
+        --------
+        >>> frf = updyn.FRF([5.0, 6.0], [[[1.2]], [[1.1]]], ["4:Z"], ["1:Z"], "accelerance")
+        >>> frf.with_level(20.0, "up").level
+        array([20., 20.])
+        """
+        more: dict[str, Any] = {"level": level, "sweep": sweep}
+        return replace(self, **more)
+
     # -- selection -----------------------------------------------------------------------------
     def select(
         self,
@@ -488,6 +578,8 @@ class FRF:
             whole = getattr(self, name)
             if whole is not None:
                 parts[name] = whole[at]
+        if self.level is not None:
+            parts["level"] = self.level[keep]
         return replace(
             self,
             freq=self.freq[keep],
@@ -615,11 +707,11 @@ class FRF:
         xarray.Dataset
             Variables ``frf`` and, if present, ``coherence``, ``variance`` and the geometry:
             ``xyz`` in m by ``node``, ``trace`` (lines to draw), ``face`` (faces to draw),
-            ``node_axes`` (displacement directions).
+            ``node_axes`` (displacement directions); and ``level`` (N) by line.
         """
         import xarray as xr
 
-        data = {"frf": (_DIMS, self.values)}
+        data: dict[str, tuple[tuple[str, ...], NumberArray]] = {"frf": (_DIMS, self.values)}
         for name in ("coherence", "variance"):
             if getattr(self, name) is not None:
                 data[name] = (_DIMS, getattr(self, name))
@@ -632,6 +724,10 @@ class FRF:
             attrs["base"] = " ".join(self.base.labels)
         if self.force is not None:
             attrs["force"] = str(self.force)
+        if self.sweep is not None:
+            attrs["sweep"] = self.sweep
+        if self.level is not None:
+            data["level"] = (_DIMS[:1], self.level)
         coords = {
             "freq": self.freq,
             "response": self.responses.labels,
@@ -639,6 +735,8 @@ class FRF:
         }
         out = xr.Dataset(data, coords=coords, attrs=attrs)
         out["freq"].attrs["units"] = "Hz"
+        if self.level is not None:
+            out["level"].attrs["units"] = "N"
         if self.geometry is not None:
             out["node"] = ("node", self.geometry.nodes)
             out["xyz"] = (("node", "axis"), self.geometry.xyz, {"units": "m"})
@@ -751,6 +849,8 @@ class FRF:
             decay=_attribute(data, "decay", 0.0),
             base=str(data.attrs["base"]).split() if "base" in data.attrs else None,
             force=str(data.attrs["force"]) if "force" in data.attrs else None,
+            level=_level(data),
+            sweep=str(data.attrs["sweep"]) if "sweep" in data.attrs else None,
             **arrays,
         )
 
@@ -878,6 +978,18 @@ def _square(label: str) -> Unit | None:
     inner = re.fullmatch(r"\((.+)\)\s*(?:\^2|\*\*2|²)", label)
     found = find_ratio(inner[1]) if inner else None
     return Unit(found.kind, found.factor**2) if found else None
+
+
+def _level(data: xr.Dataset) -> NumberArray | None:
+    """Return the force amplitude of a dataset: a variable over the lines, or an attribute."""
+    if "level" in data.variables:
+        if data["level"].dims not in ((), _DIMS[:1]):
+            raise DataError(
+                f"dataset: 'level' has dimensions {data['level'].dims}; expected {_DIMS[:1]}"
+            )
+        return np.asarray(data["level"].values)
+    level = _attribute(data, "level")
+    return None if level is None else np.asarray(level)
 
 
 def _geometry(data: xr.Dataset) -> Geometry | None:

@@ -197,6 +197,7 @@ def response_like(
     """
     lines = frf.freq if freq is None else check_lines(freq)
     blank = np.zeros((len(lines), *frf.values.shape[1:]))
+    frf = frf.with_level(None)
     frf = replace(frf, freq=lines, values=blank, coherence=None, variance=None, averages=None)
     model.dofs.match(frf.references, "reference")
     system = AffineSystem.compile(model).with_decay(frf.decay)

@@ -450,6 +450,11 @@ def write_frf(frf: FRF, path: str | Path) -> None:
         head.append(f"# base: {' '.join(frf.base.labels)}")
     if frf.force is not None:
         head.append(f"# force: {frf.force}")
+    if frf.level is not None:
+        levels = frf.level[:1] if (frf.level == frf.level[0]).all() else frf.level
+        head.append(f"# level: {' '.join(map(repr, levels.tolist()))}")
+    if frf.sweep is not None:
+        head.append(f"# sweep: {frf.sweep}")
     if frf.source:
         head += [f"# source: {line}" for line in frf.source.split("\n")]
     parts = {"re": frf.values.real, "im": frf.values.imag}

@@ -8,6 +8,8 @@ from collections.abc import Collection, Iterable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from updyn.errors import FormatError
 from updyn.io.settings import FILE_TEXT
 from updyn.io.text_numbers import parse_real
@@ -35,7 +37,7 @@ _COMMENT = re.compile(r"#+\s*([^\W\d_][^:=]{0,30}?)\s*[:=][ \t]?(.*)")
 #: Names of comments that state the unit of all values.
 UNITS = ("unit", "units")
 #: Comments on the excitation of a transmissibility.
-EXCITATION = ("base", "force")
+EXCITATION = ("base", "force", "level", "sweep")
 #: Names of comments that would change the meaning of the numbers and are not supported.
 _MEANINGS = {
     *UNITS,
@@ -139,10 +141,20 @@ def read_averages(head: Comments, path: str | Path) -> int | None:
 
 
 def read_excitation(head: Comments, path: str | Path) -> dict[str, Any]:
-    """Return the base and the force of a transmissibility that comments state, as items."""
-    base, force = (single_comment(head, name, path) for name in EXCITATION)
-    items: dict[str, object] = {} if base is None else {"base": base.split()}
-    return items if force is None else {**items, "force": force}
+    """Return base, force, level and sweep that comments state, as items."""
+    stated = {name: single_comment(head, name, path) for name in EXCITATION}
+    items: dict[str, Any] = {name: text for name, text in stated.items() if text is not None}
+    if "base" in items:
+        items["base"] = items["base"].split()
+    if "level" in items:
+        try:
+            levels = np.array([parse_real(cell) for cell in items["level"].split()])
+        except ValueError as error:
+            raise FormatError(
+                f"level: {items['level']!r}; expected a number in N, or one for each line", path
+            ) from error
+        items["level"] = levels if len(levels) > 1 else levels[0]
+    return items
 
 
 def read_decay(head: Comments, path: str | Path) -> float:

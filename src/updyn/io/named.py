@@ -28,6 +28,8 @@ and an FRF is::
     decay                   of an exponential window whose damping is in H, in 1/s, optional
     base, force             of a transmissibility: labels of the moving base, or label of the only
                             force, optional
+    level, sweep            amplitude of the force in N (N m), one number or n_f; "up" or "down";
+                            optional
     nodes, xyz, lines, axes, faces
                             geometry, optional
 """
@@ -98,6 +100,8 @@ _FRF = (
     "decay",
     "base",
     "force",
+    "level",
+    "sweep",
 )
 #: Names of the items of FRFs.
 FRF_ITEMS = (*_FRF, *_GEOMETRY, *_MARKS)
@@ -276,7 +280,17 @@ def build_frf(
             decay=as_number(items["decay"], "decay", path) if "decay" in items else 0.0,
             base=as_dofs(items["base"], "base", path) if "base" in items else None,
             force=_text(items, "force", path) or None,
+            level=_level(items, path),
+            sweep=_text(items, "sweep", path) or None,
         )
+
+
+def _level(items: Items, path: str | Path) -> NumberArray | None:
+    """Return the force amplitude: one number, or one for each line."""
+    if "level" not in items:
+        return None
+    level = as_vector(items["level"], "level", path)
+    return level.reshape(()) if len(level) == 1 else level
 
 
 def _values_key(items: Items, path: str | Path) -> str:
@@ -392,6 +406,10 @@ def frf_items(frf: FRF) -> dict[str, Any]:
         items["base"] = frf.base.labels
     if frf.force is not None:
         items["force"] = str(frf.force)
+    if frf.level is not None:
+        items["level"] = frf.level
+    if frf.sweep is not None:
+        items["sweep"] = frf.sweep
     return {**items, **_geometry_items(frf.geometry)}
 
 

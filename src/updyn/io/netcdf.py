@@ -9,7 +9,8 @@ the convention of the netCDF library). For programs that cannot write this, two 
     response, reference                    labels such as "12:-Z"
     coherence, variance *                  with the same dimensions
     node, xyz, trace, face, node_axes *    geometry
-    attributes quantity, averages *, source *, decay *, base *, force *
+    level *                                N, by freq, or an attribute
+    attributes quantity, averages *, source *, decay *, base *, force *, sweep *
 
 Modes are the dataset of `ModeSet.to_xarray`, of kind "modes", without loss of digits.
 """

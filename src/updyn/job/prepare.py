@@ -34,7 +34,7 @@ from updyn.job.folder import RESERVED, outputs
 from updyn.job.job_table import JOB_TABLES
 from updyn.job.prepared import Prepared, PreparedTest
 from updyn.job.recorded import estimate_from_records
-from updyn.job.schema import Job
+from updyn.job.schema import Job, TestTable
 from updyn.job.trace_lines import with_trace_lines
 from updyn.job.unknowns import choose_unknowns
 from updyn.linalg.solver import check_backend
@@ -220,8 +220,28 @@ def read_measurement(job: Job) -> FRF:
             )
             raise OptionError(text, key=("test", "averages"))
         frf = replace(frf, averages=table.averages)
+    frf = _add_level(table, frf)
     with key_path("test"):
         return frf.select(band=table.band, exclude=table.exclude or ())
+
+
+def _add_level(table: TestTable, frf: FRF) -> FRF:
+    """Return a measurement with the level and the sweep of the job; refuse a contradiction."""
+    if table.level is None and table.sweep is None:
+        return frf
+    level: float | RealArray | None = frf.level if table.level is None else table.level
+    with key_path("test"):
+        for key, given, stated in (
+            ("level", table.level, frf.level),
+            ("sweep", table.sweep, frf.sweep),
+        ):
+            if given is not None and stated is not None and (np.asarray(stated) != given).any():
+                raise OptionError(
+                    f"test.{key} = {given!r}, but {table.source} states the {frf.level_text}; leave"
+                    " it out",
+                    key=(key,),
+                )
+        return frf.with_level(level, table.sweep or frf.sweep)
 
 
 def _estimate_from_records(job: Job) -> FRF:

@@ -369,6 +369,12 @@ class TestTable(Table):
         default=None,
         description="transmissibility between two sensors: DOF of the force of unknown size",
     )
+    level: float | None = Field(
+        default=None, gt=0, description="amplitude of the force in N (N m) of a sine test"
+    )
+    sweep: Literal["up", "down"] | None = Field(
+        default=None, description="direction in which the frequency of that test changed"
+    )
     repair: Texts | None = Field(default=None, min_length=1)  # data faults to repair
     name: str = ""
     grounded: Texts | None = None  # the configuration: fixed DOFs and added masses
@@ -386,7 +392,8 @@ class TestTable(Table):
     @property
     def of_frfs(self) -> list[str]:
         """Keys that the table gives and that apply only to FRFs."""
-        keys = [*self.reader_options, "repeats", "averages", "exclude", "base", "force", "repair"]
+        keys = [*self.reader_options, "repeats", "averages", "exclude", "base", "force"]
+        keys += ["level", "sweep", "repair"]
         return [key for key in keys if getattr(self, key) is not None]
 
     @property

@@ -96,6 +96,8 @@ def joined_frfs(frfs: Sequence[FRF], names: Sequence[str]) -> FRF:
         geometry=_joined_geometry(frfs, names),
         source="\n".join(frf.source for frf in frfs if frf.source),
         decay=first.decay,
+        level=first.level,
+        sweep=first.sweep,
     )
 
 
@@ -105,6 +107,11 @@ def _check_same_lines(first: FRF, other: FRF, name: str, its: str) -> None:
         raise DataError(
             f"{its} contains the decay of a window of {other.decay:g} 1/s, {name} of"
             f" {first.decay:g} 1/s; write them to separate files"
+        )
+    if other.level_text != first.level_text:
+        raise DataError(
+            f"{its} has the {other.level_text or 'level not stated'}, {name} the"
+            f" {first.level_text or 'level not stated'}; write them to separate files"
         )
     if other.quantity != first.quantity:
         raise DataError(

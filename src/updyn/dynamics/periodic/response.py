@@ -18,14 +18,12 @@ from updyn.dynamics.periodic.settings import BALANCE
 from updyn.dynamics.periodic.stability import count_unstable
 from updyn.dynamics.periodic.transfer import Transfer
 from updyn.errors import ModelError, OptionError, SolverError, UpdynWarning, suggest
-from updyn.frf import FRF, QUANTITIES, check_force_quantity, check_lines
+from updyn.frf import FRF, QUANTITIES, SWEEPS, check_force_quantity, check_lines
 from updyn.geometry import Geometry
 from updyn.group import is_number
 from updyn.model import Model
 
 __all__ = ["Branch", "PeriodicResponse", "respond_at_level"]
-
-SWEEPS = ("up", "down")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,6 +75,8 @@ class PeriodicResponse:
         Kind of the linear model, and its error if it is reduced.
     geometry : Geometry, optional
         Positions of the nodes.
+    sweep : {"up", "down"}
+        Direction of the sweep that reaches `values`.
 
     Examples
     --------
@@ -99,6 +99,7 @@ class PeriodicResponse:
     branches: tuple[Branch, ...]
     source: str
     geometry: Geometry | None = None
+    sweep: str = "up"
 
     @property
     def frf(self) -> FRF:
@@ -111,6 +112,8 @@ class PeriodicResponse:
             self.quantity,
             geometry=self.geometry,
             source=f"{self.source}, level {self.level:g}",
+            level=self.level,
+            sweep=self.sweep,
         )
 
 
@@ -196,6 +199,7 @@ def respond_at_level(
         tuple(branches),
         transfer.source,
         model.geometry,
+        sweep,
     )
 
 

@@ -224,6 +224,8 @@ def fingerprint(
         measured += [*frf.responses.labels, "/", *frf.references.labels]
         if frf.quantity == TRANSMISSIBILITY:
             measured += [*(() if frf.base is None else frf.base.labels), "/", str(frf.force)]
+        if frf.level is not None:
+            measured += [frf.level, str(frf.sweep)]
         for array in (frf.variance, frf.coherence):
             measured.append("None" if array is None else array)
     unknowns: dict[str, list[object]] = {}

@@ -100,6 +100,12 @@ def _check(first: FRF, other: FRF, number: int) -> None:
             f"average: repeat {number} has the decay of a window of {other.decay:g} 1/s left, the"
             f" first of {first.decay:g} 1/s; measure all with one window"
         )
+    if other.level_text != first.level_text:
+        raise DataError(
+            f"average: repeat {number} has the {other.level_text or 'level not stated'}, the first"
+            f" the {first.level_text or 'level not stated'}; fit levels as tests of one structure"
+            " (`updyn.update_jointly`)"
+        )
     if len(other.freq) != len(first.freq) or (other.freq != first.freq).any():
         what = f"has {len(other.freq)} lines, the first {len(first.freq)}"
         if len(other.freq) == len(first.freq):
