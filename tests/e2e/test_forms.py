@@ -32,7 +32,7 @@ def window(chromium, tmp_path_factory):
     """A project with a job for each test, in one window."""
     folder = tmp_path_factory.mktemp("project")
     job = find_demo("chain").write_inputs(folder)
-    for name in ("boxes", *(f"pause{between}" for between in PAUSES)):
+    for name in ("boxes", "tabs", *(f"pause{between}" for between in PAUSES)):
         (folder / f"{name}.toml").write_bytes(job.read_bytes())
     with serving(folder) as server, browsing(chromium, server) as (page, heard):
         yield server, page, folder
@@ -75,6 +75,28 @@ def test_all_that_is_typed_quickly_is_saved(window, between):
     for label, text in PLAN.items():  # as the job says
         shown = page.get_by_label(label, exact=True).input_value()
         assert shown.replace("22.0", "22") == text
+
+
+def test_a_value_of_another_tab_does_not_replace_what_is_being_typed(window):
+    server, page, _ = window
+    job = open_job(window, "tabs")
+    visit(page, f"{server.base}/plan")
+    page.get_by_label("sensors *", exact=True).fill("3")
+    band = page.get_by_label("band, from and to (Hz) *", exact=True)
+    band.click()
+    page.keyboard.press("Control+a")
+    other = page.context.new_page()
+    visit(other, f"{server.base}/plan")
+    other.get_by_label("band, from and to (Hz) *", exact=True).fill("1, 5")
+    other.keyboard.press("Enter")
+    other.get_by_text(f"{job.name} (edited)").wait_for()
+    other.get_by_label("forces", exact=True).fill("2")
+    other.keyboard.press("Enter")
+    expect(page.get_by_label("forces", exact=True)).to_have_value("2", timeout=PATIENCE)
+    page.keyboard.type("0.6, 22")
+    other.close()
+    save(page, job)
+    assert table(job, "plan") == {"n_sensors": 3, "n_references": 2, "band": [0.6, 22.0]}
 
 
 def test_boxes_clicked_quickly_are_all_taken(window):

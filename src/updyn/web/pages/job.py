@@ -5,6 +5,7 @@ from __future__ import annotations
 from nicegui import ui
 
 from updyn.errors import UpdynError
+from updyn.web.entry import TextEntry
 from updyn.web.looking import JobView
 from updyn.web.pages.frame import run_slow, show_fault, watch
 from updyn.web.pages.watch import ValueChange
@@ -58,7 +59,7 @@ async def show(workspace: Workspace) -> None:
         document.type(str(event.value))
 
     with ui.row().classes("items-center"):
-        copy = ui.input("Another name", placeholder="job-2.toml").classes("w-60")
+        copy = TextEntry("Another name", placeholder="job-2.toml").classes("w-60")
 
         def save_as() -> None:
             try:

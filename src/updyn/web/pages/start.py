@@ -14,6 +14,7 @@ from nicegui import events, run, ui
 from updyn.demos import DEMOS, Demo
 from updyn.errors import UpdynError
 from updyn.frf import QUANTITIES, TRANSMISSIBILITY
+from updyn.web.entry import TextEntry
 from updyn.web.pages.frame import complain, navigate_after, show_errors, show_fault
 from updyn.web.pages.watch import ValueChange
 from updyn.web.project import describe_error
@@ -240,7 +241,7 @@ class _NewJobCard:
             quantities = [_UNKNOWN, *QUANTITIES, TRANSMISSIBILITY]
             self._quantity = ui.select(quantities, value=_UNKNOWN, label="measured quantity")
             self._quantity.classes("flex-1 min-w-56").on_value_change(choose_quantity)
-            self._name = ui.input("Name of the job *", value=workspace.new_job.name)
+            self._name = TextEntry("Name of the job *", value=workspace.new_job.name)
             self._name.classes("flex-1 min-w-56").on_value_change(set_name)
         with ui.row().classes("items-center"):
             self._create = ui.button("Create the job", on_click=self._write).props("no-caps")

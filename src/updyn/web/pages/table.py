@@ -11,6 +11,7 @@ from nicegui import run, ui
 from updyn.errors import UpdynError
 from updyn.io.inventory import Item
 from updyn.web.charts import frf_chart
+from updyn.web.entry import TextEntry
 from updyn.web.figure import FigureView
 from updyn.web.form import REQUIRED
 from updyn.web.pages.frame import complain, navigate_after, show_fault
@@ -147,7 +148,7 @@ class _TablePage:
         label = f"{entry.label} *" if entry.required else entry.label
         value = self._form.get(entry.key)
         if entry.kind in ("text", "texts"):
-            shown: Any = ui.input(label, value=value, placeholder=entry.example)
+            shown: Any = TextEntry(label, value=value, placeholder=entry.example)
             shown.props("debounce=300")
         elif entry.kind == "item":
             shown = ui.select(self._item_names(value), value=value or None, label=label)

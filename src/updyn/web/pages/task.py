@@ -12,6 +12,7 @@ from nicegui import ui
 from updyn.group import is_number
 from updyn.registry import load_object
 from updyn.web import edits
+from updyn.web.entry import TextEntry
 from updyn.web.form import written_table
 from updyn.web.pages.frame import embed_page, show_errors, show_fault, watch
 from updyn.web.pages.job import has_no_job
@@ -27,7 +28,7 @@ __all__ = ["show_controls", "show_worker", "task_page"]
 def show_controls(workspace: Workspace, task: str, *, begin: str) -> None:
     """Show the results folder and the buttons of a task; `begin` labels the start button."""
     with ui.row().classes("items-center"):
-        folder = ui.input("Folder for the results", value=workspace.proposed_folder(task))
+        folder = TextEntry("Folder for the results", value=workspace.proposed_folder(task))
         folder.classes("w-80")
         start = show_errors(lambda: workspace.begin(task, folder.value))
         buttons = [ui.button(begin, on_click=start).props("no-caps")]
@@ -196,7 +197,7 @@ def _show_entry(workspace: Workspace, task: str, field: Field) -> Any:
     def commit_entry() -> None:
         show_errors(workspace.enter)(task, field.key, str(entry.value or ""))
 
-    entry = ui.input(label, value=text, on_change=store_entry).classes("min-w-56")
+    entry = TextEntry(label, value=text, on_change=store_entry).classes("min-w-56")
     return entry.on("blur", commit_entry).on("keydown.enter", commit_entry)
 
 
