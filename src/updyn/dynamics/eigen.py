@@ -7,15 +7,17 @@ motions, 1 / s for rigid-body motions. The relative error of lambda is about eps
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
+from typing import TypeVar
 
 import numpy as np
 import scipy.linalg as sl
 
 from updyn.arrays import NumberArray, RealArray
-from updyn.dynamics.settings import EIGEN
+from updyn.dynamics.lanczos import BlockLanczos, RealPencil
+from updyn.dynamics.settings import EIGEN, LANCZOS
 from updyn.errors import SolverError
 from updyn.group import Matrix
 from updyn.linalg.direct import Direct, factorise
@@ -34,6 +36,9 @@ __all__ = [
 
 
 Pairs = tuple[NumberArray, NumberArray]
+T = TypeVar("T")
+#: Relative difference up to which eigenvalues are equal.
+_SAME = 1e-6
 
 
 @use_one_thread
@@ -64,11 +69,15 @@ def weakest_dof(K: Matrix, M: Matrix) -> int:
 @use_one_thread
 def pairs_up_to(K: Matrix, M: Matrix, value: float, most: int) -> Pairs:
     """Return the eigenpairs up to a value in 1/s2 and the next one, `most` pairs at most."""
-    number = _count_below(K, M, value) if np.isfinite(value) else None
-    n = min(20 if number is None else number + 1, most)
-    if number is not None and number < most and _is_lanczos(K, M, n):
-        with suppress(SolverError):
-            return _solve_up_to(K, M, value, number)
+    number, n = None, min(20, most)
+    if np.isfinite(value):
+        pencil = RealPencil(K, M)
+        number = _count_below(pencil, value)
+    if number is not None:
+        n = min(number + 1, most)
+        if number < most and _is_lanczos(K, M, n):
+            with suppress(SolverError):
+                return _solve_up_to(pencil, value, number)
     found = real_pairs(K, M, n)
     while found[0][-1] <= value and n < most:
         n = min(2 * n, most)
@@ -82,24 +91,19 @@ def real_pairs(K: Matrix, M: Matrix, n: int) -> Pairs:
 
     K and M must be positive semidefinite except for rounding.
     """
-    share = EIGEN.dense_shift
+    if _is_lanczos(K, M, n):
+        return _solve_large(RealPencil(K, M), n, _first_shift(K, M))
     if _has_few_masses(M):
-        crude = fine = partial(_few_masses, K, M, n)
-    elif _is_dense(K.shape[0], n):
-        crude = fine = partial(_dense, K.toarray(), M.toarray(), n)
+        solve = partial(_few_masses, K, M, n)
     else:
-        crude, fine, share = (
-            partial(_sparse, K, M, n, tolerance=1e-2),
-            partial(_solve_counted, K, M, n),
-            EIGEN.sparse_shift,
-        )
-    shift, value = _definite(crude, _first_shift(K, M))
+        solve = partial(_dense, K.toarray(), M.toarray(), n)
+    shift, (value, _) = _definite(solve, _first_shift(K, M))
     try:
-        return fine(_second_shift(value, shift, share))
+        return solve(_second_shift(value, shift, EIGEN.dense_shift))
     except SolverError:
         if value[0] >= 0:
             raise
-        return fine(shift)
+        return solve(shift)
 
 
 def all_pairs(
@@ -117,7 +121,7 @@ def all_dense_pairs(
     k: RealArray, m: RealArray, n: int
 ) -> tuple[NumberArray, NumberArray, tuple[RealArray, RealArray, RealArray]]:
     """Return `all_pairs` of dense matrices."""
-    shift, value = _definite(partial(_dense, k, m, n), _first_shift(k, m))
+    shift, (value, _) = _definite(partial(_dense, k, m, n), _first_shift(k, m))
     for s in dict.fromkeys((_second_shift(value, shift, EIGEN.dense_shift), shift)):
         try:
             nu, V = _decompose(k, m, s, 0)
@@ -134,14 +138,14 @@ def _is_dense(n_dofs: int, n_modes: int) -> bool:
     return n_dofs <= EIGEN.dense_dofs or 4 * (n_modes + EIGEN.additional_modes) > n_dofs
 
 
-def _definite(solve: Callable[[float], Pairs], shift: float) -> tuple[float, NumberArray]:
-    """Return a shift s for which K + s M is definite, and the eigenvalues found with it."""
+def _definite(solve: Callable[[float], T], shift: float) -> tuple[float, T]:
+    """Return a shift s for which K + s M is definite, and the result with it."""
     for _ in range(3):
         try:
-            return shift, solve(shift)[0]
+            return shift, solve(shift)
         except SolverError:
             shift *= 1e3
-    return shift, solve(shift)[0]
+    return shift, solve(shift)
 
 
 def _first_shift(K: Matrix | RealArray, M: Matrix | RealArray) -> float:
@@ -225,53 +229,48 @@ def _factor(A: Matrix) -> Direct:
         raise SolverError(_SINGULAR) from error
 
 
-def _sparse(
-    K: Matrix, M: Matrix, n: int, shift: float, tolerance: float = 0.0, basis: int | None = None
-) -> Pairs:
-    """Return modes by shift-invert Lanczos, ARPACK mode 3 (Grimes, Lewis & Simon, SIMAX 1994)."""
-    from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
+def _solve_large(pencil: RealPencil, n: int, shift: float) -> Pairs:
+    """Return modes of a large model, with a shift suitable for them, and prove that none is missed.
 
-    lu = _factor(K + shift * M)
-    N = K.shape[0]
-    inverse = LinearOperator((N, N), matvec=lu.solve, dtype=np.float64)
-    # A fixed start without massless motions makes the result repeatable.
-    start = lu.solve(M @ np.random.default_rng(0).standard_normal(N))
-    try:
-        value, vectors = eigsh(
-            K, k=n, M=M, sigma=-shift, which="LM", OPinv=inverse, v0=start, tol=tolerance, ncv=basis
-        )
-    except ArpackError as error:
-        raise SolverError(f"the eigenvalue solver failed: {error}") from error
-    # One more inverse step removes rounding errors by massless motions from the vectors.
-    vectors = lu.solve(M @ vectors)
-    order = np.argsort(value, kind="stable")
-    return value[order], vectors[:, order]
+    The proof is Sylvester's law of inertia.
+    """
 
+    def begin(at: float) -> BlockLanczos:
+        return BlockLanczos.begin(pencil, at)
 
-def _solve_counted(K: Matrix, M: Matrix, n: int, shift: float) -> Pairs:
-    """Compute modes and prove by Sylvester's law of inertia that none below the last was missed."""
-    for value, vectors in _solve_twice(K, M, n + EIGEN.additional_modes, shift):
-        at = _find_gap(value, n)
-        there = None if at is None else _count_below(K, M, 0.5 * (value[at - 1] + value[at]))
+    def estimate(at: float) -> tuple[BlockLanczos, RealArray]:
+        process = begin(at)
+        return process, process.solve(n, LANCZOS.crude_tolerance)[0]
+
+    shift, (process, value) = _definite(estimate, shift)
+    second = _second_shift(value, shift, EIGEN.sparse_shift)
+    if not LANCZOS.least_shift * second <= shift <= LANCZOS.most_shift * second:
+        try:
+            process = begin(second)
+        except SolverError:
+            if value[0] >= 0:
+                raise
+            process = begin(shift)
+    for again in (False, True):
+        found, vectors = (process.repeat() if again else process).solve(n + EIGEN.additional_modes)
+        at = _find_gap(found, n)
+        there = None if at is None else _count_below(pencil, 0.5 * (found[at - 1] + found[at]))
         if there is None or there == at:
-            return value[:n], vectors[:, :n]
+            return found[:n], vectors[:, :n]
     raise _make_count_error(there, at)
 
 
-def _solve_up_to(K: Matrix, M: Matrix, most: float, number: int) -> Pairs:
+def _solve_up_to(pencil: RealPencil, most: float, number: int) -> Pairs:
     """Return the eigenpairs below a value, whose number is known, and the next one."""
-    wanted = min(number + EIGEN.additional_modes, K.shape[0] - 1)
-    for value, vectors in _solve_twice(K, M, wanted, EIGEN.sparse_shift * most):
-        found = int(np.count_nonzero(value < most))
-        if found == number:
-            return value[: number + 1], vectors[:, : number + 1]
-    raise _make_count_error(number, found)
-
-
-def _solve_twice(K: Matrix, M: Matrix, n: int, shift: float) -> Iterator[Pairs]:
-    """Yield n modes, then those with a larger basis, which finds modes that the first missed."""
-    yield _sparse(K, M, n, shift)
-    yield _sparse(K, M, n, shift, basis=min(2 * n + 40, K.shape[0] - 1))
+    process = BlockLanczos.begin(pencil, EIGEN.sparse_shift * most)
+    for again in (False, True):
+        wanted = number + EIGEN.additional_modes
+        value, vectors = (process.repeat() if again else process).solve(wanted)
+        # The value may be an eigenvalue itself, which rounding counts or not.
+        below, up_to = (int((value < f * most).sum()) for f in (1 - _SAME, 1 + _SAME))
+        if below <= number <= up_to:
+            return value[: up_to + 1], vectors[:, : up_to + 1]
+    raise _make_count_error(number, up_to)
 
 
 def _make_count_error(there: int | None, found: int | None) -> SolverError:
@@ -282,15 +281,15 @@ def _make_count_error(there: int | None, found: int | None) -> SolverError:
 
 def _find_gap(value: RealArray, n: int) -> int | None:
     """Return the number of values before the first gap after the n-th; None without a gap."""
-    gaps = np.flatnonzero(np.diff(value) > 1e-6 * np.abs(value[1:])) + 1
+    gaps = np.flatnonzero(np.diff(value) > _SAME * np.abs(value[1:])) + 1
     gaps = gaps[gaps >= n]
     return int(gaps[0]) if gaps.size else None
 
 
-def _count_below(K: Matrix, M: Matrix, value: float) -> int | None:
+def _count_below(pencil: RealPencil, value: float) -> int | None:
     """Return the number of eigenvalues below a value; None if the factors do not show it."""
     try:
-        return _factor(K - value * M).negative
+        return pencil.factor(-value).negative
     except SolverError:  # the value is an eigenvalue
         return None
 

@@ -75,8 +75,8 @@ class EigenSettings:
     #: rounding errors of the lowest eigenvalues grow with the shift, those of the highest become
     #: smaller; a rule of thumb between both.
     dense_shift: float = 0.01
-    #: [1] Shift of the second sparse pass, as a share of the highest wanted eigenvalue. Rounding: a
-    #: larger one needs more Lanczos iterations, a smaller one makes K + s M of a free model nearly
+    #: [1] Shift of Lanczos processes, as a share of the highest wanted eigenvalue. Rounding: a
+    #: larger one needs more iterations, a smaller one makes K + s M of a free model nearly
     #: singular; a rule of thumb between both.
     sparse_shift: float = 0.1
     #: [1] First shift, as a share of the largest diagonal ratio K/M. Rounding: K + s M is then
@@ -88,6 +88,31 @@ class EigenSettings:
     #: [1] Share of the largest eigenvalue below which one is zero. Rounding: rounding; eps times
     #: several hundred DOFs is below 1e-12.
     zero_share: float = 1e-12
+
+
+@dataclass(frozen=True)
+class LanczosSettings:
+    """Block Lanczos for large models."""
+
+    #: [vectors] Size of a block. Effort: on a solid of 10,000 DOFs a solve with 8 columns takes
+    #: twice the time of one, and smaller blocks need fewer vectors in all.
+    block: int = 8
+    #: [1] Residual of a converged mode relative to 1 / (lambda + s). Rounding: eigenvalues have its
+    #: square as an error, and vectors are improved by one more step.
+    tolerance: float = 1e-9
+    #: [1] Residual of the modes that determine the shift. Effort: the shift needs no digits.
+    crude_tolerance: float = 1e-2
+    #: [1] Directions of a block below this share of their squared norm, and modes below this share
+    #: of the largest 1 / (lambda + s), vanish. Rounding: rounding times some hundred vectors.
+    vanishing: float = 1e-13
+    #: [1] Range of first shifts, relative to the best one, that are kept. Rounding: for smaller
+    #: ones, K + s M of a free model is nearly singular; larger ones converge slowly.
+    least_shift: float = 1e-3
+    most_shift: float = 3.0
+    #: [vectors] Least size of a basis that is restarted, and vectors for each wanted mode. Effort:
+    #: memory; smaller ones need more solves.
+    most_vectors: int = 300
+    vectors_per_mode: int = 6
 
 
 @dataclass(frozen=True)
@@ -260,6 +285,7 @@ AFFINE = AffineSettings()
 BASIS = BasisSettings()
 CERTIFICATE = CertificateSettings()
 EIGEN = EigenSettings()
+LANCZOS = LanczosSettings()
 LINE_SOLVER = LineSolverSettings()
 STATIC_CONDENSATION = StaticCondensationSettings()
 PENCIL = PencilSettings()

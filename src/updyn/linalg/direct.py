@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -15,7 +16,7 @@ from updyn.linalg.superlu import SuperLU
 if TYPE_CHECKING:
     from updyn.group import Matrix
 
-__all__ = ["factorise"]
+__all__ = ["Direct", "Refactorisation", "factorise"]
 
 _SUPERLU = "superlu"
 
@@ -38,17 +39,27 @@ class Direct:
         return np.asarray(self.factors(columns)).reshape(B.shape)
 
 
+class Refactorisation:
+    """Factorisation of matrices with one sparsity pattern by the fastest backend that succeeds."""
+
+    def __init__(self, pattern: Matrix) -> None:
+        name, self._backend = check_backend(None), None
+        if name != _SUPERLU:
+            with suppress(RuntimeError):  # such as a pattern without its diagonal
+                self._backend = BACKENDS[name](pattern, real=not np.iscomplexobj(pattern))
+
+    def factor(self, A: Matrix) -> Direct:
+        """Return the factors of A, valid until the next call; RuntimeError if exactly singular."""
+        if self._backend is not None:
+            with suppress(RuntimeError):  # it may be nearly singular
+                return Direct(self._backend.factor(A), self._backend)
+        # Pivots on the diagonal count the negative eigenvalues.
+        superlu = SuperLU(A, pivot_threshold=0.0)
+        return Direct(superlu.factor(A), superlu)
+
+
 def factorise(A: Matrix) -> Direct:
     """Return the factors by the fastest backend that succeeds; RuntimeError if exactly singular."""
     A = sp.csc_array(A)
     A.sort_indices()
-    name = check_backend(None)
-    if name != _SUPERLU:
-        try:
-            backend = BACKENDS[name](A, real=not np.iscomplexobj(A))
-            return Direct(backend.factor(A), backend)
-        except RuntimeError:  # it may be nearly singular
-            pass
-    # Pivots on the diagonal count the negative eigenvalues.
-    superlu = SuperLU(A, pivot_threshold=0.0)
-    return Direct(superlu.factor(A), superlu)
+    return Refactorisation(A).factor(A)
