@@ -480,7 +480,7 @@ def correlate(job: Path, /, *, out: Path | None = None, verbose: Verbose = False
     """
     from updyn.job import job_analysis, job_selection, load_job, prepare
     from updyn.job.modes import correlation_at_start, start_modes, start_modes_text
-    from updyn.job.start import StartAgreement, start_correlation
+    from updyn.job.start import StartAgreement, compute_start_frf, start_correlation
     from updyn.modal import ModeSet
 
     loaded = load_job(job)
@@ -498,8 +498,9 @@ def correlate(job: Path, /, *, out: Path | None = None, verbose: Verbose = False
             brief = brief_modes(modes, LAYOUT.table_rows, output_width())
             outcome.append("\n".join(filter(None, [test.name, brief])))
             continue
-        found = start_correlation(test, ready.parameters)
-        agreement = agreements[test.name] = StartAgreement.of(test, found, table)
+        computed = compute_start_frf(test, ready.parameters)
+        found = start_correlation(test, computed)
+        agreement = agreements[test.name] = StartAgreement.of(test, computed, table)
         compared = StartComparison(ready, test.name, agreement.figures, found, faults, modes)
         details.append(join_sections(CORRELATE, compared))
         outcome.append(brief_start(compared, output_width()))

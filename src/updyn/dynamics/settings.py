@@ -105,13 +105,16 @@ class LanczosSettings:
     #: [1] Directions of a block below this share of their squared norm, and modes below this share
     #: of the largest 1 / (lambda + s), vanish. Rounding: rounding times some hundred vectors.
     vanishing: float = 1e-13
-    #: [1] Range of first shifts, relative to the best one, that are kept. Rounding: for smaller
-    #: ones, K + s M of a free model is nearly singular; larger ones converge slowly.
+    #: [1] Least first shift, relative to the best one, that is kept. Rounding: for smaller ones,
+    #: K + s M of a free model is nearly singular.
     least_shift: float = 1e-3
+    #: [1] Largest first shift, relative to the best one, that is kept. Effort: larger ones converge
+    #: slowly.
     most_shift: float = 3.0
-    #: [vectors] Least size of a basis that is restarted, and vectors for each wanted mode. Effort:
-    #: memory; smaller ones need more solves.
+    #: [vectors] Least size of a basis that is restarted. Effort: memory; smaller ones need more
+    #: solves.
     most_vectors: int = 300
+    #: [vectors] Vectors for each wanted mode in a basis that is restarted. Effort: as above.
     vectors_per_mode: int = 6
 
 

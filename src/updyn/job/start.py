@@ -36,6 +36,7 @@ __all__ = [
     "StartAgreement",
     "agreements_at_start",
     "choose_tier",
+    "compute_start_frf",
     "counterparts_at_start",
     "start_correlation",
     "start_folder",
@@ -50,11 +51,25 @@ def start_model(test: PreparedTest, unknowns: ParameterSet | Selection) -> Model
     return chosen.parameters.at_start(chosen.start_of(test.model))
 
 
-def start_correlation(test: PreparedTest, unknowns: ParameterSet | Selection) -> Correlation:
-    """Correlate a model at the start values of its unknowns with all FRFs of a test."""
-    frf, model = test.frf, start_model(test, unknowns)
-    backend = test.job.method.backend
-    return correlate(response_like(model, frf, tier=choose_tier(test), backend=backend), frf)
+def compute_start_frf(test: PreparedTest, unknowns: ParameterSet | Selection) -> FRF:
+    """Return the FRF of a model at the start values of its unknowns, at all lines of a test.
+
+    If the model is reduced, the other lines that the page draws are included, so that one reduced
+    model serves all.
+    """
+    from updyn.report.data import fine_grid
+
+    frf, tier, lines = test.frf, choose_tier(test), test.frf.freq
+    model, backend = start_model(test, unknowns), test.job.method.backend
+    if tier == "reduced" and test.job.output.report:
+        drawn = frf.freq[frf.freq > 0.0]
+        lines = np.union1d(lines, fine_grid([model], drawn, reduced=True))
+    return response_like(model, frf, lines, tier=tier, backend=backend)
+
+
+def start_correlation(test: PreparedTest, computed: FRF) -> Correlation:
+    """Correlate the result of `compute_start_frf` with all FRFs of a test."""
+    return correlate(computed.select(lines=test.frf.freq), test.frf)
 
 
 def choose_tier(test: PreparedTest) -> str | None:
@@ -69,8 +84,8 @@ def choose_tier(test: PreparedTest) -> str | None:
 class StartAgreement:
     """FRFs of a model at the start of its unknowns, and their agreement with the data of the fit.
 
-    `computed` are on all lines and channels of the test, `figures` as `Correlation.figures`;
-    `modes` are those of test and model, if they are known.
+    `computed` is the result of `compute_start_frf`, `figures` as `Correlation.figures`; `modes` are
+    those of test and model, if they are known.
     """
 
     computed: FRF
@@ -79,13 +94,13 @@ class StartAgreement:
 
     @classmethod
     def of(
-        cls, test: PreparedTest, found: Correlation, modes: ModalTable | None = None
+        cls, test: PreparedTest, computed: FRF, modes: ModalTable | None = None
     ) -> StartAgreement:
-        """Return the agreement from the correlation with all FRFs of a test."""
+        """Return the agreement of the result of `compute_start_frf`."""
         fitted = test.fitted
         assert isinstance(fitted, FRF)
-        computed = found.computed.select(lines=fitted.freq, responses=fitted.responses)
-        return cls(found.computed, correlate(computed, fitted).figures(), modes)
+        at_fitted = computed.select(lines=fitted.freq, responses=fitted.responses)
+        return cls(computed, correlate(at_fitted, fitted).figures(), modes)
 
 
 def agreements_at_start(
@@ -96,7 +111,7 @@ def agreements_at_start(
     for test in ready.tests:
         if isinstance(test.data, FRF):
             with suppress(SolverError):
-                found[test.name] = StartAgreement.of(test, start_correlation(test, unknowns))
+                found[test.name] = StartAgreement.of(test, compute_start_frf(test, unknowns))
     return found
 
 

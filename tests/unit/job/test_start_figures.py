@@ -11,7 +11,11 @@ import pytest
 
 import updyn
 from updyn.cli import main
+from updyn.job import load_job, prepare
+from updyn.job.start import agreements_at_start, start_model
 from updyn.model import Group, Model
+from updyn.report import data
+from updyn.report.start import Start
 
 LINES = np.linspace(0.5, 40.0, 80)
 N = 6
@@ -157,3 +161,31 @@ def test_the_curve_of_the_start_is_that_of_the_unknowns(folder: Path) -> None:
         assert row.test is not None
         assert row.start.frequency == pytest.approx(row.test.frequency, rel=1e-9)
         assert row.start.loss_factor == pytest.approx(row.test.loss_factor, rel=1e-9)
+
+
+def test_a_reduced_start_model_is_solved_once_for_test_and_page(folder, monkeypatch) -> None:
+    path = folder / "job.toml"
+    path.write_text(JOB.format(method='tier = "reduced"'), encoding="utf-8")
+    ready = prepare(load_job(path))
+    (agreement,) = agreements_at_start(ready, ready.parameters).values()
+    computed = agreement.computed
+    assert len(computed.freq) > len(LINES)
+    model = start_model(ready.tests[0], ready.parameters)
+    channels = computed.responses, computed.references, "accelerance"
+    exact = updyn.response(model, computed.freq, *channels).values
+    largest = np.abs(exact).max(axis=(1, 2), keepdims=True)
+    assert (np.abs(computed.values - exact) / largest).max() < 1e-6
+    # The page needs no other lines.
+    monkeypatch.setattr(data, "response_like", None)
+    start = Start(
+        model=model,
+        data=ready.tests[0].data,
+        parameters=ready.parameters,
+        identifiability=None,
+        covariance=np.eye(len(ready.parameters)),
+        options={"tier": "reduced"},
+        computed=computed,
+    )
+    made = data.gather_start(start)
+    np.testing.assert_array_equal(made.grid, computed.freq)
+    np.testing.assert_array_equal(made.before_curve, computed.values)
