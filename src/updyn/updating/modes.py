@@ -17,7 +17,7 @@ from updyn.modal import ModeSet
 from updyn.modal.sensitivity import derivative_forces
 from updyn.model import Model
 from updyn.sensitivity import Unknowns
-from updyn.updating.judge.counterparts import identify_modes_for
+from updyn.updating.judge.counterparts import identify_modes_for, limit_size
 from updyn.updating.judge.modal_table import ModalTable, compare_modes
 from updyn.updating.judge.settings import EFFORT
 from updyn.updating.judge.verdict import explain_rejection
@@ -123,9 +123,24 @@ def compare_start_modes(
 ) -> ModalTable:
     """Compare the modes of the test, or the given ones, with those of the model before any update.
 
-    For models with more than `largest` DOFs (20,000) the table has only a note.
+    For models with more than `largest` DOFs (20,000) the table has only a note. Of many FRFs, some
+    references (or responses, if these are fewer) are used, with a note.
     """
-    return _make_table(model, None, modes or data, (), largest)
+    test = modes or data
+    if isinstance(test, ModeSet):
+        return _make_table(model, None, test, (), largest)
+    return _make_table(model, None, *_use_few(test), largest)
+
+
+def _use_few(frf: FRF) -> tuple[FRF, tuple[str, ...]]:
+    """Return FRFs whose modes are identified in seconds, and a note on those left out."""
+    few = limit_size(frf)
+    for name in ("references", "responses"):
+        used, there = len(getattr(few, name)), len(getattr(frf, name))
+        if used < there:
+            note = f"The modes of the test are those of {used} of {there} {name}"
+            return few, (f"{note}; updyn modes uses all.",)
+    return frf, ()
 
 
 def frequency_sensitivities(

@@ -10,7 +10,9 @@ import scipy.linalg
 
 import updyn
 from updyn.errors import OptionError
+from updyn.updating.judge import counterparts
 from updyn.updating.judge.modal_table import compare_modes
+from updyn.updating.modes import compare_start_modes
 
 N = 5
 K0 = 2e4 * (2 * np.eye(N) - np.eye(N, k=1) - np.eye(N, k=-1))
@@ -153,3 +155,20 @@ def test_a_joint_result_is_refused():
     result = updyn.JointResult({"a": updated()})
     with pytest.raises(OptionError, match="result of one test, found JointResult"):
         updyn.modal_table(result)
+
+
+def test_modes_before_a_fit_are_those_of_few_references_with_a_note(monkeypatch):
+    settings = dataclasses.replace(counterparts.COUNTERPARTS, most_values=2 * 5 * 300)
+    monkeypatch.setattr(counterparts, "COUNTERPARTS", settings)
+    freq = np.linspace(3.0, 60.0, 300)
+    clean = updyn.response(model().scaled(TRUE), freq, LABELS, LABELS, "accelerance")
+    rng = np.random.default_rng(3)
+    noise = rng.standard_normal((2, *clean.values.shape))
+    frf = dataclasses.replace(
+        clean, values=clean.values * (1.0 + 0.01 * (noise[0] + 1j * noise[1]))
+    )
+    table = compare_start_modes(model(), frf)
+    assert table.notes[0].startswith("The modes of the test are those of 2 of 5 references")
+    np.testing.assert_allclose(table.test.frequency, frequencies(changed=True), rtol=1e-3)
+    one = compare_start_modes(model(), frf.select(references=LABELS[:1]))
+    assert not any("references" in note for note in one.notes)

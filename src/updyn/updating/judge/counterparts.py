@@ -14,11 +14,12 @@ from itertools import combinations
 import numpy as np
 import scipy.special
 
-from updyn.arrays import IndexArray
+from updyn.arrays import IndexArray, RealArray
 from updyn.correlation.clusters import PairingRule, pair_clusters, pair_frequencies
 from updyn.correlation.modes import undamped_modes
 from updyn.correlation.settings import MODE_PAIRING
 from updyn.correlation.shapes import find_moving
+from updyn.dofs import Dof, DofSet
 from updyn.dynamics.excitation import hold_base
 from updyn.dynamics.modes import Modes
 from updyn.errors import DataError, InputError, SolverError
@@ -32,7 +33,7 @@ from updyn.updating.judge.claim import Claim
 from updyn.updating.judge.settings import COUNTERPARTS, EFFORT
 from updyn.variants import build_variants
 
-__all__ = ["Counterparts", "Pair", "find_counterparts", "identify_modes_for"]
+__all__ = ["Counterparts", "Pair", "find_counterparts", "identify_modes_for", "limit_size"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,7 +141,7 @@ def _find_in_frfs(model: Model, frf: FRF) -> Counterparts:
     if len(frf.freq) * longer > COUNTERPARTS.most_values_per_reference:
         return _without_identification(found)
     try:
-        identified = identify_modes_for(model, _limit_size(frf))
+        identified = identify_modes_for(model, limit_size(frf))
     except (InputError, np.linalg.LinAlgError):
         identified = None
     if identified is not None:
@@ -177,13 +178,30 @@ def identify_modes_for(model: Model, frf: FRF) -> ModeSet:
     return identify_modes(frf, damping=damping)
 
 
-def _limit_size(frf: FRF) -> FRF:
+def limit_size(frf: FRF) -> FRF:
     """Return FRFs of a size identified in seconds, with all channels of the longer side."""
+    # By reciprocity, both sides excite the modes.
     n_lines, n_responses, n_references = frf.values.shape
     most = max(1, COUNTERPARTS.most_values // (n_lines * max(n_responses, n_references)))
+    power = np.abs(frf.values) ** 2
     if n_responses >= n_references:
-        return frf.select(references=list(frf.references[:most]))
-    return frf.select(responses=list(frf.responses[:most]))
+        return frf.select(references=_choose_strongest(power.sum(axis=1), frf.references, most))
+    return frf.select(responses=_choose_strongest(power.sum(axis=2), frf.responses, most))
+
+
+def _choose_strongest(power: RealArray, dofs: DofSet, most: int) -> list[Dof]:
+    """Return at most `most` DOFs that together are strong at every line, for powers (n_f, n)."""
+    n = len(dofs)
+    level = np.log(np.maximum(power, np.finfo(np.float64).tiny))
+    level -= level.max(axis=1, keepdims=True)
+    chosen: list[int] = []
+    reached = np.full((len(level), 1), level.min())
+    while len(chosen) < min(most, n):
+        gains = np.maximum(level, reached).mean(axis=0)
+        gains[chosen] = -np.inf
+        chosen.append(int(np.argmax(gains)))
+        reached = np.maximum(reached, level[:, chosen[-1:]])
+    return [dofs[i] for i in sorted(chosen)]
 
 
 # -- comparing ------------------------------------------------------------------------------------

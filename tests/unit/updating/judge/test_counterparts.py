@@ -13,13 +13,13 @@ from updyn.updating.judge.counterparts import (
     Counterparts,
     Pair,
     _find_in_frfs,
-    _limit_size,
     _needs_identification,
     _pairs_most,
     _sensor_subsets,
     _try_common_factor,
     _try_without_sensors,
     find_counterparts,
+    limit_size,
 )
 from updyn.updating.judge.settings import COUNTERPARTS
 
@@ -310,7 +310,21 @@ def test_modes_are_identified_from_at_most_sixty_thousand_values():
     frf = updyn.FRF(
         np.arange(1.0, 1001.0), np.ones((1000, 20, 5)), labels, labels[:5], "accelerance"
     )
-    assert _limit_size(frf).values.shape == (1000, 20, 3)
+    assert limit_size(frf).values.shape == (1000, 20, 3)
+
+
+def test_the_references_kept_excite_all_modes():
+    # The second reference excites the lower half of the band only, the third the upper half; the
+    # first is loudest on average, but weak at most lines.
+    lines = np.arange(1.0, 1001.0)
+    values = np.full((1000, 30, 4), 1e-3 + 0j)
+    values[:500, :, 1] = values[500:, :, 2] = 1.0
+    values[::100, :, 0] = 1.2
+    dofs = [f"{k}:X" for k in range(1, 31)]
+    frf = updyn.FRF(lines, values, dofs, dofs[:4], "receptance")
+    assert limit_size(frf).references.labels == ["2:X", "3:X"]
+    swapped = updyn.FRF(lines, values.transpose(0, 2, 1), dofs[:4], dofs, "receptance")
+    assert limit_size(swapped).responses.labels == ["2:X", "3:X"]
 
 
 @pytest.mark.parametrize(("n_lines", "is_refused"), [(7, True), (8, False)])
@@ -373,7 +387,7 @@ def test_up_to_a_million_values_of_a_force_are_searched_for_modes(
 
     place = "updyn.updating.judge.counterparts."
     monkeypatch.setattr(f"{place}find_resonance_peaks", lambda frf: None)
-    monkeypatch.setattr(f"{place}_limit_size", lambda frf: frf)
+    monkeypatch.setattr(f"{place}limit_size", lambda frf: frf)
     monkeypatch.setattr(f"{place}identify_modes_for", refuse)
     frf = SimpleNamespace(freq=range(n_lines), responses=range(1000), references=range(1))
     statement = _find_in_frfs(None, frf).statement
