@@ -81,6 +81,11 @@ def test_the_readers_load_no_identification_of_modes():
     assert fresh("import sys\nimport updyn.io\nprint('updyn.modal' in sys.modules)") == "False"
 
 
+def test_the_commands_load_no_optimiser():
+    code = "import sys\nimport updyn.cli.commands\nprint('scipy.optimize' in sys.modules)"
+    assert fresh(code) == "False"
+
+
 def seconds(code: str) -> float:
     """Least time of one statement in five fresh interpreters: noise of the machine only adds."""
     timed = f"import time\nt = time.perf_counter()\n{code}\nprint(time.perf_counter() - t)"

@@ -23,6 +23,7 @@ from updyn.cli.terminal import (
     encode_anything,
     print_error,
     print_note,
+    print_text,
     warnings_as_notes,
 )
 from updyn.errors import OptionError, UpdynError
@@ -78,20 +79,30 @@ _ABOUT = {
 }
 
 
+_TITLE = "Finite-element model updating from measured frequency response functions."
+_EXIT_CODES = (
+    "Exit codes: 0 converged, and the verdict holds in all parts that were asked for; 2 bad input;"
+    " 3 ended without that, results written; 130 stopped by the user, 143 by SIGTERM."
+)
+#: Words that print the list of commands.
+_HELP: tuple[list[str], ...] = ([], ["--help"], ["-h"])
+
+
+def list_commands() -> str:
+    """Return the help of the program: its commands by name, without importing them or cyclopts."""
+    listed = {name: _ABOUT.get(name, "") for name in sorted(COMMANDS)}
+    listed |= {"--help, -h": "Print this list; updyn COMMAND --help prints the options of one."}
+    listed |= {"--version": "Print the version."}
+    width = max(map(len, listed))
+    rows = "\n".join(f"  {name:<{width}}  {about}".rstrip() for name, about in listed.items())
+    return f"Usage: updyn COMMAND\n\n{_TITLE}\n\n{rows}\n\n{_EXIT_CODES}"
+
+
 def app(*, listed: bool = False) -> App:
     """Return the command line, without importing commands; `listed` adds their descriptions."""
     from cyclopts import App
 
-    made = App(
-        name="updyn",
-        version=__version__,
-        help="Finite-element model updating from measured frequency response functions.",
-        help_epilogue=(
-            "Exit codes: 0 converged, and the verdict holds in all parts that were asked for; 2 bad"
-            " input; 3 ended without that, results written; 130 stopped by the user, 143 by"
-            " SIGTERM."
-        ),
-    )
+    made = App(name="updyn", version=__version__, help=_TITLE, help_epilogue=_EXIT_CODES)
     for name in COMMANDS:
         about = {"help": _ABOUT[name]} if listed and name in _ABOUT else {}
         made.command(COMMANDS.entry(name), name=name, **about)
@@ -137,6 +148,9 @@ def _run(arguments: Sequence[str] | None) -> int:
 
 def _call(words: list[str]) -> int:
     """Call the command with this name, and return its exit code."""
+    if words in _HELP:
+        print_text(list_commands())
+        return DONE
     from cyclopts import CycloptsError
 
     made = app(listed=not any(word in COMMANDS for word in words))

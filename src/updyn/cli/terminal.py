@@ -11,7 +11,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, TextIO
 
-from updyn.cli.highlight import THEME, SummaryHighlighter
 from updyn.cli.layout import fit_text
 from updyn.cli.settings import LAYOUT
 from updyn.errors import UpdynWarning
@@ -127,6 +126,8 @@ def _ignore_closed_pipe(stream: TextIO | None) -> Iterator[None]:
 def _print_coloured(text: str, badge: Badge | None) -> None:
     """Print to the terminal, in colour if it and the user (``NO_COLOR``) allow it."""
     from rich.console import Console
+
+    from updyn.cli.highlight import THEME, SummaryHighlighter
 
     console = Console(theme=THEME, highlighter=SummaryHighlighter(badge))
     console.print(text, markup=False, emoji=False, highlight=True, soft_wrap=True)

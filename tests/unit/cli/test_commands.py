@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import os
 import re
+import subprocess
+import sys
 import warnings
 from dataclasses import replace
 from pathlib import Path
@@ -559,9 +561,20 @@ def test_the_list_of_commands_says_what_each_does(capsys: pytest.CaptureFixture[
     assert main(["--help"]) == 0
     out = capsys.readouterr().out
     for name in cli.COMMANDS:
-        assert re.search(rf"(?m)^│ {name} +[A-Z][^│]+\. *│$", out)
+        assert re.search(rf"(?m)^  {name} +[A-Z].+\.$", out)
+    for words in ([], ["-h"]):
+        assert main(words) == 0
+        assert capsys.readouterr().out == out
     assert main(["--help", "plan"]) == 0
     assert "--resume" in capsys.readouterr().out
+
+
+def test_the_list_of_commands_loads_no_library() -> None:
+    code = "import sys; from updyn.cli import main; main([]); print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    loaded = {name.split(".")[0] for name in done.stdout.splitlines()[-1].split()}
+    assert "updyn" in loaded
+    assert not loaded & {"numpy", "scipy", "rich", "cyclopts", "pydantic"}
 
 
 def test_wrong_usage_leads_to_the_help_of_its_command(capsys: pytest.CaptureFixture[str]) -> None:

@@ -13,7 +13,7 @@ from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
+import scipy  # loads scipy.optimize on use; its import is slow
 
 from updyn.arrays import BoolArray, IndexArray, RealArray
 from updyn.correlation.clusters import cluster_modes
@@ -266,7 +266,7 @@ class Pairs:
         cost = (
             MODE_PAIRS.frequency_cost * log_ratio if target.can_distinguish_shapes else log_ratio**2
         )
-        first, second = linear_sum_assignment(macs - cost, maximize=True)
+        first, second = scipy.optimize.linear_sum_assignment(macs - cost, maximize=True)
         which = first[np.argsort(second)]
         mac_of_pairs = macs[which, np.arange(len(which))]
         spans = [which[k : k + 1] for k in range(len(which))]

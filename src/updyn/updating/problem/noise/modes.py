@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from scipy.optimize import brentq
+import scipy  # loads scipy.optimize on use; its import is slow
 from scipy.special import chdtri
 
 from updyn.arrays import RealArray
@@ -187,7 +187,7 @@ def _estimate_size(r: RealArray, std: RealArray, number: float, typical: float) 
     if excess(least) <= allowed:
         return least
     most = 2.0 * float(np.sqrt(r @ r / number))  # above the size without other deviations
-    return float(brentq(excess, least, most, xtol=1e-14, rtol=1e-10))
+    return float(scipy.optimize.brentq(excess, least, most, xtol=1e-14, rtol=1e-10))
 
 
 def choose_modal_noise(noise: Any) -> ModalNoise:
