@@ -85,6 +85,8 @@ from .uncertainty.profile import profile as profile
 from .uncertainty.sampling import sample as sample
 from .updating.diagnose import diagnose as diagnose
 from .updating.judge.causes.finding import Finding as Finding
+from .updating.judge.levels.detect import Nonlinearity as Nonlinearity
+from .updating.judge.levels.detect import detect_nonlinearity as detect_nonlinearity
 from .updating.judge.selection import cluster as cluster
 from .updating.judge.selection import cluster_jointly as cluster_jointly
 from .updating.judge.selection import select as select

@@ -1,0 +1,1 @@
+"""Dependence of measured FRFs on the force amplitude: tests, change of modes, place and kind."""
