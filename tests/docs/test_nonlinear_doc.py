@@ -26,6 +26,7 @@ def test_the_example_runs_and_folds() -> None:
     assert (np.diff(branch.freq) < 0.0).any()
     assert not branch.stable.all()
     assert found.stable.all()
+    assert namespace["change"].is_nonlinear
 
 
 def test_every_element_is_on_the_page() -> None:
