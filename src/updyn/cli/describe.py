@@ -1,4 +1,4 @@
-"""Models, measurements and results as plain text."""
+"""Models, measurements and results as plain text; slow imports are in function bodies."""
 
 from __future__ import annotations
 
@@ -16,19 +16,16 @@ from updyn.frf import FRF
 from updyn.geometry import Geometry
 from updyn.grouping import list_labels
 from updyn.io.toml_text import format_toml
-from updyn.modal import ModeSet
-from updyn.modal.level import describe_leaning
-from updyn.modal.unexplained import describe_unexplained
 from updyn.model import Group, Matrix, Model
-from updyn.signals.records import as_records
 from updyn.text_table import fit_columns, text_table
-from updyn.updating.judge.identifiability import Identifiability
-from updyn.updating.problem.parameters import ParameterSet
 
 if TYPE_CHECKING:
     import xarray
 
     from updyn.io.nastran.op2 import Contents
+    from updyn.modal import ModeSet
+    from updyn.updating.judge.identifiability import Identifiability
+    from updyn.updating.problem.parameters import ParameterSet
 
 __all__ = [
     "describe_contents",
@@ -181,6 +178,9 @@ _OF_MODES = ("scale", "quality", "phase collinearity", "std")
 
 def describe_modes(found: ModeSet, most: int | None = None, width: int | None = None) -> str:
     """Return frequencies, damping and quality of the first `most` measured modes, as text."""
+    from updyn.modal.level import describe_leaning
+    from updyn.modal.unexplained import describe_unexplained
+
     rows = []
     for k in range(len(found)):
         row = [
@@ -238,15 +238,17 @@ def describe_contents(found: Contents) -> str:
         texts.append(describe_geometry(found.geometry))
     else:
         texts.append(f"No geometry: {found.geometry}")
-    if isinstance(found.modes, ModeSet):
-        texts.append(describe_modes(found.modes))
-    else:
+    if isinstance(found.modes, str):
         texts.append(f"No modes: {found.modes}")
+    else:
+        texts.append(describe_modes(found.modes))
     return "\n".join(texts)
 
 
 def describe_records(given: xarray.DataArray) -> str:
     """Return number, length and channels of time records, as text."""
+    from updyn.signals.records import as_records
+
     records = as_records(given)
     n, _, samples = records.values.shape
     rows = []

@@ -5,16 +5,14 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING
 
-from rich.highlighter import RegexHighlighter
-from rich.text import Text
-from rich.theme import Theme
-
 from updyn.updating.judge.claim import PARTS
 
 if TYPE_CHECKING:
+    from rich.text import Text
+
     from updyn.updating.judge.badge import Badge
 
-__all__ = ["STATUS_STYLES", "THEME", "SummaryHighlighter"]
+__all__ = ["STATUS_STYLES", "STYLES", "highlight"]
 
 #: Style of the colour of a verdict.
 _BADGE_STYLES = {"good": "good", "warn": "warning", "bad": "bad"}
@@ -29,16 +27,16 @@ STATUS_STYLES = {
     "does not apply": "faint",
     "failed": "bad",
 }
-THEME = Theme(
-    {
-        "updyn.good": "bold green",
-        "updyn.warning": "bold yellow",
-        "updyn.bad": "bold red",
-        "updyn.faint": "dim",
-        "updyn.heading": "bold",
-        "updyn.doubt": "yellow",
-    }
-)
+_PREFIX = "updyn."
+#: Styles by name, for the theme of a console.
+STYLES = {
+    f"{_PREFIX}good": "bold green",
+    f"{_PREFIX}warning": "bold yellow",
+    f"{_PREFIX}bad": "bold red",
+    f"{_PREFIX}faint": "dim",
+    f"{_PREFIX}heading": "bold",
+    f"{_PREFIX}doubt": "yellow",
+}
 #: First words of the header lines of tables.
 _HEADINGS = ("unknown", "agreement", "method", r"test \(Hz\)", "sensor", "response", "group")
 #: Warnings in rows and below tables.
@@ -73,24 +71,24 @@ def _status_patterns() -> list[str]:
     return patterns
 
 
-class SummaryHighlighter(RegexHighlighter):
-    """Colours verdict, status, headings of tables and doubtful results."""
-
-    base_style = "updyn."
-    highlights = [  # noqa: RUF012
+def _list_patterns() -> list[str]:
+    """Return the patterns of all words with a style; the name of a group is that of its style."""
+    return [
         *_status_patterns(),
         rf"(?m)^(?P<heading>(?:{'|'.join(_HEADINGS)}) {{2,}}\S.*)$",
         *(rf"(?P<doubt>{doubt})" for doubt in _DOUBTS),
     ]
 
-    def __init__(self, badge: Badge | None = None) -> None:
-        self._verdict = ""
-        if badge is not None:
-            phrase = r"\s+".join(map(re.escape, badge.phrase.split()))
-            self._verdict = rf"\)\.\s+(?P<{_BADGE_STYLES[badge.colour]}>{phrase})(?=\.)"
 
-    def highlight(self, text: Text) -> None:
-        """Add the styles to a text."""
-        super().highlight(text)
-        if self._verdict:
-            text.highlight_regex(self._verdict, style_prefix=self.base_style)
+def highlight(text: str, badge: Badge | None = None) -> Text:
+    """Return text with styles of verdict, status, headings of tables and doubtful results."""
+    from rich.text import Text
+
+    patterns = _list_patterns()
+    if badge is not None:
+        phrase = r"\s+".join(map(re.escape, badge.phrase.split()))
+        patterns.append(rf"\)\.\s+(?P<{_BADGE_STYLES[badge.colour]}>{phrase})(?=\.)")
+    styled = Text(text)
+    for pattern in patterns:
+        styled.highlight_regex(pattern, style_prefix=_PREFIX)
+    return styled

@@ -29,7 +29,6 @@ from updyn.io.formats import FORMATS, find_format
 from updyn.io.items import is_file
 from updyn.io.point_files import has_fields
 from updyn.registry import Registry
-from updyn.store.result import read_result
 
 __all__ = ["FILE_KINDS", "FileKind", "read_anything"]
 
@@ -113,7 +112,7 @@ FILE_KINDS: Registry[FileKind] = Registry(
         ),
         "frf": FileKind("a measurement", read_frf, describe_frf, _make_format_test("read_frf")),
         "model": FileKind("a model", read_model, describe_model, _make_format_test("read_model")),
-        "result": FileKind("the record of a run", read_result, lambda result: result.summary()),
+        "result": "updyn.cli.result_file:RESULT",
         "uncertainty": "updyn.cli.uncertainty:UNCERTAINTY",
         "records": FileKind(
             "time records", read_records, describe_records, _is_of_records, allows_others=True

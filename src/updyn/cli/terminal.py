@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, TextIO
 
+from updyn.cli.highlight import STYLES, highlight
 from updyn.cli.layout import fit_text
 from updyn.cli.settings import LAYOUT
 from updyn.errors import UpdynWarning
@@ -126,11 +127,10 @@ def _ignore_closed_pipe(stream: TextIO | None) -> Iterator[None]:
 def _print_coloured(text: str, badge: Badge | None) -> None:
     """Print to the terminal, in colour if it and the user (``NO_COLOR``) allow it."""
     from rich.console import Console
+    from rich.theme import Theme
 
-    from updyn.cli.highlight import THEME, SummaryHighlighter
-
-    console = Console(theme=THEME, highlighter=SummaryHighlighter(badge))
-    console.print(text, markup=False, emoji=False, highlight=True, soft_wrap=True)
+    console = Console(theme=Theme(STYLES))
+    console.print(highlight(text, badge), soft_wrap=True)
 
 
 @contextmanager

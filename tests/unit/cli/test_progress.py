@@ -18,7 +18,7 @@ from rich.console import Console
 from overriding import override
 from updyn import progress as module
 from updyn.cli import main
-from updyn.cli.highlight import STATUS_STYLES, THEME, SummaryHighlighter
+from updyn.cli.highlight import STATUS_STYLES, STYLES, highlight
 from updyn.cli.progress import ProgressDisplay
 from updyn.progress import RunStage, StageClock
 from updyn.settings import PROGRESS
@@ -285,9 +285,10 @@ def test_a_pipe_gets_no_control_codes(
 )
 def test_a_verdict_has_the_colour_of_its_badge(colour: Colour, style: str) -> None:
     """On one line or two, and nowhere else."""
-    highlighter = SummaryHighlighter(Badge("Fits, does not predict", colour))
+    badge = Badge("Fits, does not predict", colour)
     for gap in (" ", "\n"):
-        text = highlighter(f"Fits: converged after 2 iterations (log). Fits, does{gap}not predict.")
+        line = f"Fits: converged after 2 iterations (log). Fits, does{gap}not predict."
+        text = highlight(line, badge)
         (span,) = text.spans
         assert text.plain[span.start : span.end] == f"Fits, does{gap}not predict"
         assert span.style == f"updyn.{style}"
@@ -299,7 +300,7 @@ def test_a_verdict_has_the_colour_of_its_badge(colour: Colour, style: str) -> No
 )
 def test_the_parts_of_a_verdict_have_colours(answer: str, style: str) -> None:
     line = f"  resembles {answer}, converged {answer},\n  validated\n  {answer}"
-    text = SummaryHighlighter()(line)
+    text = highlight(line)
     assert [str(span.style) for span in text.spans] == 3 * [f"updyn.{style}"]
     assert {text.plain[span.start : span.end] for span in text.spans} == {answer}
 
@@ -307,8 +308,8 @@ def test_the_parts_of_a_verdict_have_colours(answer: str, style: str) -> None:
 def test_every_status_has_a_colour() -> None:
     assert set(STATUSES) <= set(STATUS_STYLES)
     for status, style in STATUS_STYLES.items():
-        text = SummaryHighlighter()(f"log  {status}  12 of 12")
+        text = highlight(f"log  {status}  12 of 12")
         (span,) = text.spans
         assert text.plain[span.start : span.end] == status
         assert span.style == f"updyn.{style}"
-        assert span.style in THEME.styles
+        assert span.style in STYLES
