@@ -10,6 +10,7 @@ import updyn
 from updyn.dynamics.response import response
 from updyn.frf import FRF
 from updyn.model import Group, Model
+from updyn.remedy import Remedy
 from updyn.report.section import PageContent, select_sections
 from updyn.updating.fit.monitor import Iteration
 from updyn.updating.judge.adequacy import Suspect, add_suspects, assess_residual
@@ -120,7 +121,7 @@ def realistic(**changes):
         message=(
             "The fit converged, but one combination of unknowns changes nothing that was measured."
         ),
-        remedy="Measure at 5:Z too, or hold the mass of bay 5 at its drawing value.",
+        steps=(Remedy("Measure at 5:Z too, or hold the mass of bay 5 at its drawing value."),),
         method="maximum-likelihood",
         options={"max_iterations": 50, "tolerance": 1e-8, "tier": "dense", "backend": None},
         start=start,
@@ -240,7 +241,7 @@ def smallest():
         correlation={"before": {}, "after": {}},
         status="converged",
         message="",
-        remedy="",
+        steps=(),
         title="",
         adequacy=None,
     )
@@ -329,7 +330,7 @@ def hostile():
     return realistic(
         start=start, model=start, data=frf, lines=frf.freq, fitted_responses=("1:Z", "2:Z"), validation_responses=(),
         validation_band=None, parameters=chosen, values=values, std=dict.fromkeys(values, 0.1),
-        covariance=np.eye(2) * 0.01, at_bound={}, history=(), title=HOSTILE, message=HOSTILE, remedy=HOSTILE,
+        covariance=np.eye(2) * 0.01, at_bound={}, history=(), title=HOSTILE, message=HOSTILE, steps=(Remedy(HOSTILE),),
         options={HOSTILE: HOSTILE}, versions={"updyn": HOSTILE}, timing_s={HOSTILE: 1.0}, noise={HOSTILE: HOSTILE},
         identifiability=Identifiability(1, 2, 1e9, (1.0, 1e-9), [dict.fromkeys(values, 1.0)], [], 1e9, HOSTILE),
     )  # fmt: skip

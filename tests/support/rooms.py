@@ -20,6 +20,7 @@ ORDER = (
     ("errors",),
     ("units",),
     ("registry",),
+    ("remedy",),
     ("text_table",),
     ("style",),
     ("progress",),

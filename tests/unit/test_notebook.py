@@ -17,6 +17,7 @@ from report_case import chain, measured, realistic
 from servo_cases import two_masses
 from updyn import notebook
 from updyn.geometry import Geometry
+from updyn.remedy import Remedy
 from updyn.settings import NOTEBOOK
 from updyn.style import PAPER
 from updyn.updating.judge.causes.finding import Finding, Findings
@@ -53,7 +54,9 @@ def objects(data):
         "correlation": updyn.correlate(chain(), data),
         "mode correlation": updyn.correlate(chain(), updyn.modes(chain(), 4)),
         "modes": updyn.modes(chain(), 4),
-        "findings": Findings([Finding("sign", ("1:Z",), 0.0, 1e9, 1.0, "Wrong.", "Turn it.")]),
+        "findings": Findings(
+            [Finding("sign", ("1:Z",), 0.0, 1e9, 1.0, "Wrong.", Remedy("Turn it."))]
+        ),
     }
 
 
@@ -280,7 +283,7 @@ def test_modes_of_a_model_show_frequencies_and_loss_factors():
     ("odds", "words"), [(250.0, "2.5e+02 to 1"), (9e5, "9e+05 to 1"), (1e300, "> 1e+06 to 1")]
 )
 def test_findings_show_cause_and_remedy(odds, words):
-    one = Finding("swapped", ("1:Z", "2:Z"), 0.0, odds, 0.97, HOSTILE, "Check this.")
+    one = Finding("swapped", ("1:Z", "2:Z"), 0.0, odds, 0.97, HOSTILE, Remedy("Check this."))
     found = Findings([one, dataclasses.replace(one, channels=())])
     ((header, rows),) = tables(found)
     assert header == ["cause", "channels", "odds", "explains", "statement", "remedy"]

@@ -47,18 +47,17 @@ def describe_outcome(
 
 def _describe_verdict(result: UpdateResult | JointResult, most: int) -> list[str]:
     """Return the verdict, its parts in a line, and the first reasons of those not known to hold."""
-    from updyn.updating.next_step import split_sentences
     from updyn.updating.result import describe_ending
 
     lines = [describe_ending(result)]
     if result.trust is None:
-        return [*lines, *split_sentences(result.first.message)[:1]]
+        return [*lines, result.first.message]
     parts = [f"{name} {claim.answer}" for name, claim in result.trust.items()]
     lines.append(f"  {', '.join(parts)}")
     reasons = []
     for name, claim in result.trust.items():
         if claim.asked and claim.holds is not True:
-            reasons.append(f"  {name}: {split_sentences(claim.why)[0]}")
+            reasons.append(f"  {name}: {claim.statement}")
     return [*lines, *reasons[:most]]
 
 
@@ -69,10 +68,8 @@ def _format_next_step(result: UpdateResult | JointResult) -> list[str]:
     step = choose_next_step(result)
     place = f", {step.place}" if step.place else ""
     lines = [f"What to do next{place}: {step.advice}".removesuffix(": ")]
-    lines += [f"  {line}" for line in step.lines.splitlines()]
-    if step.remark:
-        lines.append(f"{step.remark}.")
-    return lines
+    lines += [f"  {line}" for line in step.lines]
+    return [*lines, step.remark] if step.remark else lines
 
 
 def describe_agreement(result: UpdateResult | JointResult) -> list[str]:

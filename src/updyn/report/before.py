@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from updyn import __version__
+from updyn.remedy import Remedy
 from updyn.report.agreement import compute_agreement
 from updyn.report.data import ReportData
 from updyn.report.evidence import show_start
@@ -21,7 +22,7 @@ from updyn.report.start import Start
 from updyn.report.templates import write_page
 from updyn.report.verdict import Verdict, VerdictPart, count_all_modes
 from updyn.updating.before_search import REMEDY
-from updyn.updating.next_step import NextStep, plan_test, read_step
+from updyn.updating.next_step import plan_test
 from updyn.updating.problem.parameters import Parameter
 
 __all__ = ["choose_first_step", "write_start"]
@@ -96,21 +97,23 @@ def _judge_start(content: PageContent, start: Start) -> Verdict:
     return Verdict(badge, kind, parts)
 
 
-def choose_first_step(start: Start) -> NextStep:
+def choose_first_step(start: Start) -> Remedy:
     """Return the step before the fit: a repair, another test, or the fit."""
     if start.counterparts is not None and start.counterparts.few:
-        advice = start.counterparts.remedy or REMEDY
-        return NextStep(advice, f"updyn check {start.job}", f"then {_IN_TERMINAL}")
+        return _check_again(start, start.counterparts.remedy or REMEDY)
     if start.findings:
-        step = read_step(start.findings[0].remedy)
-        if step.lines:
-            return step
-        return replace(step, lines=f"updyn check {start.job}", place=f"then {_IN_TERMINAL}")
+        step = start.findings[0].step
+        return step if step.lines else _check_again(start, str(step))
     if not start.identifiability.complete:
         step = plan_test(start.data)
         return replace(step, advice=start.identifiability.advice or step.advice)
     advice = start.identifiability.advice or "Fit the unknowns."
-    return NextStep(advice, f"updyn run {start.job}", _IN_TERMINAL)
+    return Remedy(advice, (f"updyn run {start.job}",), _IN_TERMINAL)
+
+
+def _check_again(start: Start, advice: str) -> Remedy:
+    """Return advice on data or model, and the command that checks the job after it."""
+    return Remedy(advice, (f"updyn check {start.job}",), f"then {_IN_TERMINAL}")
 
 
 def _judge_identifiability(start: Start) -> VerdictPart:

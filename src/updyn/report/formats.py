@@ -12,7 +12,6 @@ from updyn.frf import FRF, unit
 from updyn.modal import ModeSet
 from updyn.report.settings import REPORT_LIST
 from updyn.text_table import format_count
-from updyn.updating.next_step import split_sentences
 from updyn.updating.problem.parameters import Parameter
 from updyn.updating.result import UpdateResult
 from updyn.updating.result import interval as confidence_interval
@@ -58,6 +57,7 @@ _QUANTITY_WORDS = {
 }
 #: Number of places that a sentence on the residual does not name.
 _MORE = re.compile(r"and \d+ more channels or bands")
+_SENTENCE_END = re.compile(r"(?<=[.!?]) (?=[A-Z0-9])")
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
@@ -288,7 +288,7 @@ def capitalize_first(text: str) -> str:
 
 def paragraphs(text: str) -> list[str]:
     """Return a text in paragraphs of at most two sentences."""
-    sentences = split_sentences(text)
+    sentences = [sentence for sentence in _SENTENCE_END.split(text.strip()) if sentence]
     return [" ".join(sentences[at : at + 2]) for at in range(0, len(sentences), 2)]
 
 

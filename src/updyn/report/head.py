@@ -24,7 +24,6 @@ from updyn.report.residual import residual_tile
 from updyn.report.section import PageContent, ReportSection
 from updyn.report.templates import render_template
 from updyn.report.verdict import verdict
-from updyn.updating.judge.verdict import STEP
 from updyn.updating.next_step import choose_next_step
 from updyn.updating.result import JointResult, UpdateResult
 
@@ -103,7 +102,7 @@ def head(
         about=f"{unknowns}, method {result.method}; {data or extent(result.data)}",
         judgement=verdict(content),
         step=choose_next_step(content.update),
-        others=result.remedy.split(STEP)[1:],
+        others=result.steps[1:],
         key_figures=_key_figures(worst or result, figures),
         more="residual" if content.has_frfs else "",
         has_updated=True,

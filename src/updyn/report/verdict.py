@@ -10,7 +10,6 @@ from updyn.report.section import PageContent
 from updyn.updating.judge.claim import Claim
 from updyn.updating.judge.counterparts import Counterparts
 from updyn.updating.judge.trust import Trust
-from updyn.updating.next_step import split_sentences
 from updyn.updating.result import UpdateResult
 
 __all__ = ["Verdict", "VerdictPart", "count_all_modes", "verdict"]
@@ -94,8 +93,7 @@ def _judge_by_trust(content: PageContent, trust: Trust, plain: Verdict) -> Verdi
     for name, claim in trust.items():
         why = claim.why + further.get(name, "")
         if name == "plausible" and claim.holds:
-            why, *limits = split_sentences(claim.why)
-            reservation = " ".join(limits)
+            why, reservation = claim.statement, claim.further
         parts.append(VerdictPart(name.capitalize(), claim.holds, why, claim.asked))
     remarks = trust.beyond(result.status, result.message)
     return replace(plain, parts=tuple(parts), reservation=reservation, remarks=remarks)

@@ -50,6 +50,7 @@ from updyn.io.atomic import write_json
 from updyn.io.hdf5 import put_model, take_model
 from updyn.io.items import guard_reader, locate_errors
 from updyn.modal import ModeSet
+from updyn.remedy import Remedy
 from updyn.store.measured_modes import put_mode_set, take_mode_set
 from updyn.store.netcdf import (
     Array,
@@ -330,8 +331,24 @@ class _Adequacy:
             raise FormatError(f"{name}: not a valid record of a run ({error})", path) from error
 
 
+class _Steps:
+    """The advised steps as JSON text, and as the attribute ``remedy``, all that old files have."""
+
+    def store(self, data: xr.Dataset, name: str, value: tuple[Remedy, ...]) -> None:
+        Text().store(data, "remedy", "\n".join(map(str, value)))
+        _Records(Remedy).store(data, name, value)
+
+    def load(self, data: xr.Dataset, name: str, path: Path) -> tuple[object, ...]:
+        if name in data.variables:
+            return _Records(Remedy).load(data, name, path)
+        return tuple(map(Remedy, Text().load(data, "remedy", path).splitlines()))
+
+
 class _Records:
-    """Records of a dataclass, as JSON text; absent if there are no records, and in old files."""
+    """Records of a dataclass, as JSON text; absent if there are no records, and in old files.
+
+    `kind` makes a record from its fields.
+    """
 
     def __init__(self, kind: Callable[..., object]) -> None:
         self._kind = kind
@@ -345,8 +362,14 @@ class _Records:
             return ()
         try:
             return _records(self._kind, Mixed().load(data, name, path))
-        except TypeError as error:
+        except (KeyError, TypeError) as error:
             raise FormatError(f"{name}: not a valid record of a run ({error})", path) from error
+
+
+def _make_finding(**row: Any) -> Finding:
+    """Return a finding from its fields; old records have the advice as text only."""
+    step = Remedy(row.pop("remedy")) if "remedy" in row else Remedy(**row.pop("step"))
+    return Finding(**row, step=step)
 
 
 class _Trust:
@@ -369,12 +392,13 @@ class _Trust:
 
 
 def _trust_json(trust: Trust) -> dict[str, dict[str, object]]:
-    return {part: asdict(claim) for part, claim in trust.items()}
+    return {part: {**asdict(claim), "why": claim.why} for part, claim in trust.items()}
 
 
 def _claim(found: Mapping[str, Any]) -> Claim:
-    """Return a part of a verdict; old records do not state whether it was requested."""
-    return Claim(found["holds"], found["why"], found.get("asked", True))
+    """Return a part of a verdict; old records have its reason as one text only."""
+    statement = found.get("statement", found["why"])
+    return Claim(found["holds"], statement, found.get("asked", True), found.get("further", ""))
 
 
 class _Counterparts:
@@ -468,7 +492,7 @@ def _records(kind: Callable[..., _T], rows: Iterable[Mapping[str, Any]]) -> tupl
 _RESULT: dict[str, FieldFormat] = {
     "status": Text(STATUSES),
     "message": Text(),
-    "remedy": Text(),
+    "steps": _Steps(),
     "method": Text(),
     "title": Text(),
     "options": Mixed(),
@@ -483,7 +507,7 @@ _RESULT: dict[str, FieldFormat] = {
     "adequacy": _Adequacy(),
     "alternatives": _Records(Alternative),
     "trust": _Trust(),
-    "findings": _Records(Finding),
+    "findings": _Records(_make_finding),
     "modes": _Modes(),
     "counterparts": _Counterparts(),
     "lines": Array("line", variable="line", unit="Hz"),
@@ -549,7 +573,9 @@ def result_to_json(result: UpdateResult | JointResult) -> dict[str, object]:
         when: plain(result.correlation.get(when, {})) for when in ("before", "after", "validation")
     }
     return {
-        **plain_fields(result, "status", "message", "remedy", "title", "method", "options"),
+        **plain_fields(result, "status", "message", "remedy"),
+        "steps": plain_records(result.steps),
+        **plain_fields(result, "title", "method", "options"),
         "parameters": [_parameter_json(result, unknown) for unknown in result.parameters],
         "identifiability": plain_fields(result.identifiability, *_IDENTIFIABILITY),
         "correlation": correlation,
@@ -558,7 +584,7 @@ def result_to_json(result: UpdateResult | JointResult) -> dict[str, object]:
         **plain_fields(result, "timing_s", "versions"),
         "adequacy": _adequacy_json(result.adequacy),
         "trust": None if result.trust is None else _trust_json(result.trust),
-        "findings": plain_records(result.findings),
+        "findings": [{**plain(asdict(one)), "remedy": one.remedy} for one in result.findings],
         "alternatives": plain_records(result.alternatives),
         "modes": _modes_json(result.modes),
         "counterparts": None if result.counterparts is None else plain(asdict(result.counterparts)),

@@ -15,6 +15,7 @@ from typing import Any
 from updyn.errors import UpdynWarning
 from updyn.modal import ModeSet
 from updyn.model import Model
+from updyn.remedy import Remedy
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.judge.claim import Claim
 from updyn.updating.judge.counterparts import Counterparts, find_counterparts
@@ -59,9 +60,10 @@ class ModeComparison:
         return all(one.few for one in self.found)
 
     @property
-    def remedy(self) -> str:
+    def steps(self) -> tuple[Remedy, ...]:
         """Advice on models with few modes or none in common with their tests."""
-        return " ".join(dict.fromkeys(one.remedy or REMEDY for one in self.found))
+        advice = " ".join(dict.fromkeys(one.remedy or REMEDY for one in self.found))
+        return (Remedy(advice),)
 
     def warn(self) -> None:
         """Warn of tests with few modes or none in common with their model."""
@@ -89,10 +91,9 @@ class ModeComparison:
     def claim(self) -> Claim:
         """The claim that the models have modes of their tests, before the search."""
         claims = [one.claim for one in self.found]
-        statement = " ".join(dict.fromkeys(claim.why for claim in claims))
-        if not all(claim.asked for claim in claims):
-            return Claim(None, statement, asked=False)
-        return Claim(any(claim.holds for claim in claims), statement)
+        asked = all(claim.asked for claim in claims)
+        holds = any(claim.holds for claim in claims) if asked else None
+        return Claim.join(holds, [claim.why for claim in claims], asked=asked)
 
     def compare(self, models: Sequence[Model]) -> list[Counterparts]:
         """Return the counterparts of the modes of each test in other models."""

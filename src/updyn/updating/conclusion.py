@@ -8,7 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from updyn.model import Model
+from updyn.remedy import Remedy, join_remedies
 from updyn.updating.before_search import ModeComparison
+from updyn.updating.fit.methods import options_of
 from updyn.updating.fit.monitor import Iteration
 from updyn.updating.judge.alternatives import Alternative, find_differences, select_distinct
 from updyn.updating.judge.causes.finding import Finding
@@ -17,12 +19,12 @@ from updyn.updating.judge.distant import find_distant_unknowns
 from updyn.updating.judge.ending import Ending, assess_ending
 from updyn.updating.judge.trust import Trust, judge_result
 from updyn.updating.judge.verdict import (
+    Verdict,
     add_causes,
     compose_verdict,
     explain_ambiguity,
     explain_early_end,
     explain_rejection,
-    join_steps,
     rule_out_faults,
 )
 from updyn.updating.judged import Judged
@@ -39,7 +41,7 @@ class Conclusion:
 
     status: str
     message: str
-    remedy: str
+    steps: tuple[Remedy, ...]
     values: Mapping[str, float]
     std: Mapping[str, float]
     alternatives: tuple[Alternative, ...]
@@ -53,7 +55,7 @@ def conclude(setup: Setup, judged: Judged, history: Sequence[Iteration]) -> Conc
     found, causes, names = judged.judgement, judged.causes, setup.unknowns.names
     adequacy = dict(zip([p.name for p in judged.problem.all_parts], found.adequacy, strict=True))
     end = assess_ending(judged.problem, found.fit, history)
-    status, message, remedy = compose_verdict(
+    verdict = compose_verdict(
         found.fit,
         found.analysis,
         names,
@@ -62,30 +64,41 @@ def conclude(setup: Setup, judged: Judged, history: Sequence[Iteration]) -> Conc
         adequacy,
         found.rounding,
         end,
+        {name: getattr(setup.method, name) for name in options_of(setup.options.method)},
     )
     x = judged.problem.coordinates.to_values(found.fit.x) + 0.0  # + 0.0 turns -0.0 into 0.0
     values = dict(zip(names, x.tolist(), strict=True))
     std = dict(zip(names, np.sqrt(np.diag(found.covariance)).tolist(), strict=True))
     others = select_distinct(values, std, found.alternatives)
-    if others and status in ("converged", "not-identifiable"):
-        status = "not-identifiable"
+    if others and verdict.status in ("converged", "not-identifiable"):
         also, first = explain_ambiguity(find_differences(values, std, others), others)
-        message, remedy = f"{message} {also}", join_steps(first, remedy)
-    trust = _trust(judged, setup.unknowns, status, end, values, 1 + len(others))
+        verdict = Verdict(
+            "not-identifiable",
+            f"{verdict.message} {also}",
+            join_remedies([first], verdict.steps),
+        )
+    trust = _trust(judged, setup.unknowns, verdict.status, end, values, 1 + len(others))
     if causes.findings:
-        message, remedy = add_causes(causes.findings, message, remedy)
+        verdict = add_causes(verdict, causes.findings)
     if causes.is_overruling:
-        message = explain_early_end(message)
-    if status == "converged" and not trust.credible:
-        status = "not-credible"
-        message, remedy = explain_rejection(trust, message, remedy)
+        verdict = explain_early_end(verdict)
+    if verdict.status == "converged" and not trust.credible:
+        verdict = explain_rejection(verdict, trust)
     if causes.has_no_cause:
-        remedy = rule_out_faults(remedy)
+        verdict = rule_out_faults(verdict)
     pull = found.fit.regularisation
-    notes = [message, setup.selection.note, "" if pull is None else pull.note]
-    message = " ".join(filter(None, notes))
-    models = _updated_models(setup, values)
-    plain = Conclusion(status, message, remedy, values, std, others, trust, causes.findings, models)
+    notes = [verdict.message, setup.selection.note, "" if pull is None else pull.note]
+    plain = Conclusion(
+        verdict.status,
+        " ".join(filter(None, notes)),
+        verdict.steps,
+        values,
+        std,
+        others,
+        trust,
+        causes.findings,
+        _updated_models(setup, values),
+    )
     return _with_counterparts(plain, setup.before)
 
 
@@ -108,7 +121,7 @@ def _with_counterparts(plain: Conclusion, before: ModeComparison) -> Conclusion:
     if status == "converged":
         status, ended = "not-credible", "The fit converged, but its result is not credible"
     message = f"{ended}. {said}"
-    return replace(plain, trust=trust, status=status, message=message, remedy=before.remedy)
+    return replace(plain, trust=trust, status=status, message=message, steps=before.steps)
 
 
 def _updated_models(setup: Setup, values: Mapping[str, float]) -> tuple[Model, ...]:

@@ -20,7 +20,7 @@ from updyn.sensitivity import Unknowns
 from updyn.updating.judge.counterparts import identify_modes_for, limit_size
 from updyn.updating.judge.modal_table import ModalTable, compare_modes
 from updyn.updating.judge.settings import EFFORT
-from updyn.updating.judge.verdict import explain_rejection
+from updyn.updating.judge.verdict import Verdict, explain_rejection
 from updyn.updating.judge.worsened import judge_modes
 from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.result import UpdateResult, estimated_gains
@@ -114,8 +114,11 @@ def judge_by_modes(result: UpdateResult, tables: Sequence[ModalTable]) -> Update
     trust = judge_modes(result.trust, tables)
     if trust.credible or result.status != "converged":
         return replace(result, trust=trust)
-    message, remedy = explain_rejection(trust, result.message, result.remedy)
-    return replace(result, trust=trust, status="not-credible", message=message, remedy=remedy)
+    plain = Verdict(result.status, result.message, result.steps)
+    verdict = explain_rejection(plain, trust)
+    return replace(
+        result, trust=trust, status=verdict.status, message=verdict.message, steps=verdict.steps
+    )
 
 
 def compare_start_modes(

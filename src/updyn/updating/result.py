@@ -20,6 +20,7 @@ from updyn.frf import FRF
 from updyn.modal import ModeSet
 from updyn.model import Model
 from updyn.notebook import badge, card, spans, table
+from updyn.remedy import Remedy
 from updyn.text_table import format_count
 from updyn.updating.fit.monitor import Iteration
 from updyn.updating.judge.adequacy import Adequacy
@@ -30,7 +31,6 @@ from updyn.updating.judge.counterparts import Counterparts
 from updyn.updating.judge.identifiability import Identifiability
 from updyn.updating.judge.modal_table import ModalTable
 from updyn.updating.judge.trust import Trust
-from updyn.updating.judge.verdict import STEP
 from updyn.updating.problem.channels import Gains
 from updyn.updating.problem.parameters import Parameter, ParameterSet
 
@@ -68,8 +68,8 @@ class UpdateResult:
         One of `STATUSES`.
     message : str
         Explanation of the status, in a sentence.
-    remedy : str
-        Advised next action; empty if none is needed.
+    steps : tuple of Remedy
+        Advised steps, the most helpful first; empty if none is needed.
     method : str
         Name of the method.
     options : dict
@@ -151,7 +151,7 @@ class UpdateResult:
 
     status: str
     message: str
-    remedy: str
+    steps: tuple[Remedy, ...]
     method: str
     options: Mapping[str, Any]
     start: Model
@@ -180,6 +180,11 @@ class UpdateResult:
     modes: ModalTable | None = None
     counterparts: Counterparts | None = None
     kept_basis: KeptBasis | None = field(default=None, repr=False)
+
+    @property
+    def remedy(self) -> str:
+        """The advised steps as text, one a line; empty if none is needed."""
+        return "\n".join(map(str, self.steps))
 
     @property
     def frf(self) -> FRF:
@@ -325,8 +330,8 @@ class UpdateResult:
         rest = self.trust.beyond(self.status, self.message)
         if rest:
             lines.append(rest)
-        if self.remedy:
-            first, *others = self.remedy.split(STEP)
+        if self.steps:
+            first, *others = self.steps
             folded = (
                 f" ({format_count(len(others), 'further step')} in the report)" if others else ""
             )

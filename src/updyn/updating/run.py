@@ -68,7 +68,7 @@ def _result(
     return UpdateResult(
         status=conclusion.status,
         message=conclusion.message,
-        remedy=conclusion.remedy,
+        steps=conclusion.steps,
         method=setup.options.method,
         options={**assembly.record(i, judged.problem), **_further_record(setup, judged)},
         start=test.model,

@@ -37,7 +37,9 @@ CLOSING = ["Results in out: out/report.html"]
 @pytest.fixture(scope="module")
 def result() -> UpdateResult:
     claims = {name: Claim(True, "It holds.") for name in PARTS}
-    claims["determined"] = Claim(False, "The data determine 6 of 7 unknowns. More is known.")
+    claims["determined"] = Claim(
+        False, "The data determine 6 of 7 unknowns.", further="More is known."
+    )
     return replace(realistic(), trust=Trust(**claims))
 
 
@@ -79,7 +81,8 @@ def test_an_outcome_has_twenty_lines_at_most_and_its_parts_in_order(
 def test_long_verdicts_leave_fewer_rows(result: UpdateResult, width: int) -> None:
     """Of five parts of which none holds, each with a long first sentence; and wide characters."""
     why = "Most of the residual peaks of 軸受の剛性 differ from those of the test by several bands."
-    claims = {name: Claim(False, f"{why} A second sentence is not printed.") for name in PARTS}
+    more = "A second sentence is not printed."
+    claims = {name: Claim(False, why, further=more) for name in PARTS}
     hard = replace(result, trust=Trust(**claims), title="Prüfstand 軸受")
     text = fit_text(describe_outcome(hard, CLOSING, width), width)
     lines = text.splitlines()
@@ -264,7 +267,7 @@ def test_the_width_of_the_output(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_reasons_are_of_parts_that_were_asked(result: UpdateResult) -> None:
     claims = {name: Claim(True, "It holds.") for name in PARTS}
     claims["validated"] = Claim(None, "No data were held out.", asked=False)
-    claims["plausible"] = Claim(None, "The residual is not noise. It is large.")
+    claims["plausible"] = Claim(None, "The residual is not noise.", further="It is large.")
     text = describe_outcome(replace(result, trust=Trust(**claims)), CLOSING, None)
     assert (
         "validated not asked, plausible not known\n  plausible: The residual is not noise.\n"

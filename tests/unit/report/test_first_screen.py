@@ -16,6 +16,7 @@ from pages_read import values as plotted
 from programs import program
 from report_case import realistic
 from updyn.demos import chain
+from updyn.remedy import Remedy
 from updyn.report.changes import largest_changes
 from updyn.report.channels import small_curves, worst_and_median
 from updyn.report.formats import paragraphs, split_more
@@ -46,7 +47,7 @@ def exchange_sensors(good):
         good.trust, plausible=Claim(False, statement), validated=Claim(False, held_out)
     )
     return dataclasses.replace(
-        good, status="not-credible", message=message, remedy=fault.remedy, trust=trust,
+        good, status="not-credible", message=message, steps=(fault.remedy,), trust=trust,
         findings=(finding,),
     )  # fmt: skip
 
@@ -58,9 +59,8 @@ def results():
     good = fit(frf, mass="all")
     many = " ".join(f"Remark {i} on the fit." for i in range(7))
     more = "The model cannot explain channel 1 near 2 Hz; and 282 more channels or bands."
-    finding = Finding("missing-mode", (), 9.1, 1e9, 0.2, "A measured mode at 9.1 Hz is not in the model.", "Do it.", "missing-mode=9.1")  # fmt: skip
-    why = f"{good.trust.plausible.why} {finding.statement}"
-    plausible = dataclasses.replace(good.trust.plausible, why=why)
+    finding = Finding("missing-mode", (), 9.1, 1e9, 0.2, "A measured mode at 9.1 Hz is not in the model.", Remedy("Do it."), "missing-mode=9.1")  # fmt: skip
+    plausible = good.trust.plausible.add(finding.statement)
     return {
         "usable": good,
         "not-predicted": fit(frf),
@@ -69,7 +69,7 @@ def results():
         "several-remarks": dataclasses.replace(
             good,
             message=f"{good.message} {many} {more} {finding.statement}",
-            remedy=f'{many} Write repair = ["{finding.written}"] under [test].\nThen do that.',
+            steps=(Remedy.repair(f"{many} Write:", finding.written), Remedy("Then do that.")),
             trust=dataclasses.replace(good.trust, plausible=plausible),
             findings=(finding,),
         ),

@@ -17,6 +17,7 @@ from pages_read import Page
 from report_case import HOSTILE, hostile, largest, measured, realistic, smallest
 from updyn.errors import FormatError, OptionError
 from updyn.model import Group, Model
+from updyn.remedy import Remedy
 from updyn.report.page import POLICY, render
 from updyn.report.section import SECTIONS, PageContent, select_sections
 from updyn.report.templates import asset
@@ -117,12 +118,14 @@ def test_verdict_in_parts(page):
 def test_no_sentence_of_the_message_is_said_twice(page):
     """The verdict on the residual, too, is on the page once, where the message has it."""
     verdict = realistic().adequacy.verdict
-    told = Page(render(realistic(message=f"The fit ended so. {verdict}", remedy="Do this."))).words
+    told = Page(
+        render(realistic(message=f"The fit ended so. {verdict}", steps=(Remedy("Do this."),)))
+    ).words
     told = told.replace(" . ", ". ")  # after a link
     for sentence in ("The fit ended so.", verdict, "Next step Do this."):
         assert told.count(sentence) == 1
     advice = realistic().identifiability.advice
-    assert Page(render(realistic(remedy=advice))).words.count(advice) == 1
+    assert Page(render(realistic(steps=(Remedy(advice),)))).words.count(advice) == 1
 
 
 def test_what_is_not_on_the_first_screen_is_folded(page, html):

@@ -16,6 +16,7 @@ from report_case import realistic
 from updyn.correlation.figures import FIGURE_NAMES
 from updyn.correlation.modes import correlate_modes
 from updyn.model import Group, Model
+from updyn.remedy import Remedy
 from updyn.report import Start, write_start
 from updyn.report.before import choose_first_step
 from updyn.report.identifiability import combinations_map, singular_values
@@ -184,7 +185,7 @@ def test_the_page_is_drawn(start, tmp_path):
 
 
 def finding(kind: str, statement: str) -> Finding:
-    return Finding(kind, ("20:Y",), 0.0, 1e9, 0.9, statement, "What to do.")
+    return Finding(kind, ("20:Y",), 0.0, 1e9, 0.9, statement, Remedy("What to do."))
 
 
 @pytest.mark.parametrize(
@@ -270,16 +271,16 @@ def test_axes_of_modes_join_the_pairs(start, html):
 
 def test_the_next_step_before_a_fit(start):
     step = choose_first_step(start)
-    assert step.lines == "updyn run job.toml"
+    assert step.lines == ("updyn run job.toml",)
     named = replace(start, job="block.toml")
-    assert choose_first_step(named).lines == "updyn run block.toml"
-    swapped = replace(finding("swapped", "They are exchanged."), remedy=read_fault("swapped:5:Z,10:Z").remedy)  # fmt: skip
-    assert choose_first_step(replace(start, findings=(swapped,))).lines == 'repair = ["swapped:5:Z,10:Z"]'  # fmt: skip
-    other = replace(finding("no-support", "It is held."), remedy="Check the supports.")
+    assert choose_first_step(named).lines == ("updyn run block.toml",)
+    swapped = replace(finding("swapped", "They are exchanged."), step=read_fault("swapped:5:Z,10:Z").remedy)  # fmt: skip
+    assert choose_first_step(replace(start, findings=(swapped,))).lines == ('repair = ["swapped:5:Z,10:Z"]',)  # fmt: skip
+    other = replace(finding("no-support", "It is held."), step=Remedy("Check the supports."))
     step = choose_first_step(replace(start, findings=(other,)))
-    assert (step.advice, step.lines) == ("Check the supports.", "updyn check job.toml")
+    assert (step.advice, step.lines) == ("Check the supports.", ("updyn check job.toml",))
     few = replace(start.identifiability, rank=1, n_parameters=2)
-    assert choose_first_step(replace(start, identifiability=few)).lines.startswith("[plan]")
+    assert choose_first_step(replace(start, identifiability=few)).lines[0] == "[plan]"
 
 
 def test_pairs_are_drawn_by_their_mac():

@@ -16,6 +16,7 @@ from updyn.frf import FRF
 from updyn.io.hdf5 import read_model, write_model
 from updyn.modal import ModeSet
 from updyn.model import Group, Model
+from updyn.remedy import Remedy
 from updyn.store.result import read_result, result_to_json, write_result, write_result_json
 from updyn.store.values import from_text, to_text
 from updyn.updating.fit.monitor import Iteration
@@ -98,7 +99,7 @@ def sample(**changes: object) -> UpdateResult:
     everything = {
         "status": "not-identifiable",
         "message": "The data determine 2 of 3 unknowns.",
-        "remedy": "",
+        "steps": (Remedy.repair("Omit it:", "sign:1:Z", "Then run."), Remedy("Look.")),
         "method": "maximum-likelihood",
         "options": {
             "tolerance": 1e-9,
@@ -169,7 +170,7 @@ def sample(**changes: object) -> UpdateResult:
         "title": "Prüfstand 3",
         "adequacy": adequacy(),
         "trust": Trust(
-            Claim(True, "It ended."),
+            Claim(True, "It ended.", further="More steps gain nothing."),
             Claim(False, "Two of three."),
             Claim(None, "Nothing was held out."),
             Claim(True, "Half are off by less than 2 %."),
@@ -182,7 +183,7 @@ def sample(**changes: object) -> UpdateResult:
                 1e9,
                 0.8,
                 "They are exchanged.",
-                "Look.",
+                Remedy.repair("Look:", "swapped:1:Z,2:Z"),
                 "swapped:1:Z,2:Z",
                 ("sign:1:Z",),
                 of_misfit=0.7,
@@ -283,7 +284,7 @@ def test_no_field_is_forgotten():
     """A field that UpdateResult or a part of it gains has to be stored too; this list says what is."""
     stored = {
         UpdateResult: (
-            "status message remedy method options start model data lines fitted_responses"
+            "status message steps method options start model data lines fitted_responses"
             " validation_responses validation_band parameters values std covariance at_bound"
             " identifiability history noise correlation timing_s versions title adequacy"
             " alternatives trust findings modes counterparts"
@@ -293,9 +294,10 @@ def test_no_field_is_forgotten():
             " mistake remedy"
         ),
         Pair: "measured computed mac",
-        Finding: "kind channels value odds explains statement remedy written also test of_misfit",
+        Finding: "kind channels value odds explains statement step written also test of_misfit",
+        Remedy: "advice lines place remark",
         Trust: "converged determined validated plausible resembles",
-        Claim: "holds why asked",
+        Claim: "holds statement asked further",
         ModalTable: "test start updated cross_orthogonality own_orthogonality notes correlations",
         Adequacy: (
             "outcome verdict absolute chi_square p_value level responses references bands misfit"

@@ -77,7 +77,7 @@ def test_sensors_alike_and_noise_that_was_chosen_stay_as_they_are(chain12_true, 
     forced = updyn.update(chain12_true, measured(1), unknowns, starts=0, noise="estimated")
     assert forced.noise["kind"] == Estimated.kind
     assert [one.response for one in forced.adequacy.noisy] == ["10:X"]
-    assert forced.remedy.startswith('Estimate the noise of each sensor, noise = "estimated-')
+    assert forced.remedy.startswith('Estimate the noise of each sensor: noise = "estimated-')
 
 
 def test_where_the_model_is_wrong_no_sensor_is_believed_less(chain12_true, clean, add_noise):

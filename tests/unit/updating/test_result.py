@@ -9,6 +9,7 @@ import pytest
 
 from updyn.frf import FRF
 from updyn.model import Group, Model
+from updyn.remedy import Remedy
 from updyn.updating.fit.monitor import Iteration
 from updyn.updating.judge.alternatives import Alternative
 from updyn.updating.judge.identifiability import Identifiability
@@ -41,7 +42,7 @@ def result() -> UpdateResult:
     return UpdateResult(
         status="not-identifiable",
         message="The fit converged, but one combination of unknowns is open.",
-        remedy="Fix one mass.",
+        steps=(Remedy("Fix one mass."),),
         method="maximum-likelihood",
         options={"max_iterations": 50},
         start=start,
@@ -111,7 +112,7 @@ def test_a_summary_without_trouble(result):
         result,
         status="converged",
         message="The fit converged.",
-        remedy="",
+        steps=(),
         title="",
         at_bound={},
         std=dict.fromkeys(result.values, 0.01),

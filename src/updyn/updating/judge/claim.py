@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Self
 
 __all__ = ["PARTS", "Claim"]
 
@@ -14,13 +16,29 @@ PARTS = ("resembles", "converged", "determined", "validated", "plausible")
 class Claim:
     """One part of the verdict, which compares equal to True, False or None (unknown).
 
-    `why` is a sentence with the decisive figure. A claim that was not `asked`, because the data
-    were not intended to answer it, does not affect the verdict.
+    `statement` has the decisive figure, `further` are sentences that qualify it. A claim that was
+    not `asked`, because the data were not intended to answer it, does not affect the verdict.
     """
 
     holds: bool | None
-    why: str
+    statement: str
     asked: bool = True
+    further: str = ""
+
+    @classmethod
+    def join(cls, holds: bool | None, sentences: Sequence[str], *, asked: bool = True) -> Self:
+        """Return a claim on several tests from a sentence on each; equal ones appear once."""
+        first, *others = dict.fromkeys(sentences)
+        return cls(holds, first, asked, " ".join(others))
+
+    @property
+    def why(self) -> str:
+        """The reason in full."""
+        return f"{self.statement} {self.further}".strip()
+
+    def add(self, sentence: str) -> Claim:
+        """Return the claim with a further sentence."""
+        return replace(self, further=f"{self.further} {sentence}".strip())
 
     def __bool__(self) -> bool:
         return self.holds is True

@@ -22,8 +22,6 @@ from updyn.updating.judge.settings import HELD_OUT, LIST_LENGTHS, PLAUSIBILITY
 
 __all__ = ["PARTS", "Claim", "Trust", "claim_validated", "judge_result"]
 
-#: Boundary between two sentences.
-_SENTENCE = re.compile(r"(?<=\.) (?=[A-Z])")
 #: Beginning of a message on undetermined unknowns.
 _OPEN = re.compile(r"^The fit ended, but the data determine only \d+ of \d+ unknowns: ")
 #: Claim on resemblance if the modes of model and test were not compared.
@@ -85,8 +83,8 @@ class Trust(Mapping[str, Claim]):
         """Return the part of the message of a result that the claims do not contain."""
         rest = message
         for claim in self.values():
-            for sentence in _SENTENCE.split(claim.why):
-                rest = rest.replace(sentence, "")
+            for text in filter(None, [claim.statement, claim.further]):
+                rest = rest.replace(text, "")
         if status in ("converged", "not-credible"):  # the first sentence is the verdict
             rest = rest.partition(". ")[2]
         # The claim `determined` holds the number; the names of the unknowns are kept here.
@@ -155,7 +153,7 @@ def _qualify_plausible(
             "With the error that the residual shows of the model,"
             f" {', '.join(without_interval[:named])}{more} {verb} not known.",
         )
-    return Claim(True, f"{plausible.why} {distant[0].statement}.") if distant else plausible
+    return plausible.add(f"{distant[0].statement}.") if distant else plausible
 
 
 def _claim_converged(status: str, remaining_gain: float | None, misfit: float) -> Claim:
@@ -165,10 +163,10 @@ def _claim_converged(status: str, remaining_gain: float | None, misfit: float) -
     if (
         remaining_gain is not None and not misfit < PLAUSIBILITY.rounding_misfit
     ):  # deviations of rounding are meaningless
-        gain = f" Further steps could gain {remaining_gain:.1g} standard deviations."
+        gain = f"Further steps could gain {remaining_gain:.1g} standard deviations."
     if status in ("converged", "not-identifiable"):
-        return Claim(True, "The fit ended at a minimum of the misfit." + gain)
-    return Claim(False, _ENDED[status] + gain)
+        return Claim(True, "The fit ended at a minimum of the misfit.", further=gain)
+    return Claim(False, _ENDED[status], further=gain)
 
 
 def _claim_determined(status: str, rank: tuple[int, int], n_solutions: int) -> Claim:
@@ -193,7 +191,7 @@ def claim_validated(correlation: Sequence[Mapping[str, Any]]) -> Claim:
     unclear = [claim for claim in claims if claim.holds is None]
     if against or unclear:
         return (against or unclear)[0]
-    return Claim(True, " ".join(dict.fromkeys(claim.why for claim in claims)))
+    return Claim.join(True, [claim.why for claim in claims])
 
 
 def _claim_predicted(figures: Mapping[str, Any]) -> Claim:
@@ -285,11 +283,11 @@ def _claim_plausible(
                 False,
                 f"The residual rose from {first:.2g} to {residual:.2g} of the level.",
             )
-    remark = f" {findings[0].statement}" if findings else ""
+    remark = findings[0].statement if findings else ""
     if not_searched:
-        remark = f" The residual is not noise; {not_searched}."
+        remark = f"The residual is not noise; {not_searched}."
     if math.isnan(misfit):
-        return Claim(None, _HIDDEN + remark)
+        return Claim(None, _HIDDEN, further=remark)
     text = f"Half of the values are off by less than {100.0 * misfit:.2g} %."
     modal = [one["after"] for one in correlation if "modes_measured" in one.get("after", {})]
     if modal and len(modal) == len(correlation):
@@ -297,4 +295,4 @@ def _claim_plausible(
     complete = all(after["modes_paired"] == after["modes_measured"] for after in modal)
     if misfit < PLAUSIBILITY.rounding_misfit and complete:
         text = "The model reproduces the data except for rounding."
-    return Claim(True, text + remark)
+    return Claim(True, text, further=remark)

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import compress
+from types import MappingProxyType
 
 import numpy as np
 
+from updyn.remedy import Remedy, join_remedies
 from updyn.updating.fit.method import Fit
 from updyn.updating.judge.adequacy import Adequacy
 from updyn.updating.judge.alternatives import Alternative
@@ -25,32 +28,55 @@ from updyn.updating.judge.trust import Trust
 from updyn.updating.problem.noise.known import Assumed
 
 __all__ = [
-    "STEP",
+    "Verdict",
     "add_causes",
     "compose_verdict",
     "explain_ambiguity",
     "explain_early_end",
     "explain_rejection",
-    "join_steps",
     "rule_out_faults",
 ]
 
 #: Job keys that free the calibration factor of a sensor.
 _CALIBRATED = {"calibration": "responses", "force_calibration": "references"}
-#: Separator between the steps of a remedy; the most effective step comes first.
-STEP = "\n"
+
+#: Options of a method whose values are not known.
+NO_OPTIONS: Mapping[str, object] = MappingProxyType({})
 
 _CLOSER = "Start closer, or use the default method."
-_CHECK = "Check units, calibration and labels"
-_OWN_NOISE = (
-    'Estimate the noise of each sensor, noise = "estimated-by-channel": the values become more'
-    " accurate, and their standard deviations smaller."
+_OWN_NOISE = Remedy.setting(
+    "Estimate the noise of each sensor:",
+    "method",
+    "noise",
+    "estimated-by-channel",
+    "The values become more accurate, and their standard deviations smaller.",
 )
-_LONE = (
-    "Leave out the isolated lines (exclude under [test]), or give less weight to outliers"
-    ' (noise = { robust = "student-t" }); if it is a resonance, measure it with finer lines.'
+_LONE = Remedy(
+    "Leave out the isolated lines (exclude under [test]), or give less weight to outliers:",
+    ('noise = { robust = "student-t" }',),
+    "under [method] of the job",
+    "If it is a resonance, measure it with finer lines.",
 )
-_LOOK = f"{_CHECK}; look at the channels with the lowest FRAC; free other groups."
+_INSPECTION = "look at the channels with the lowest FRAC; free other groups."
+_LOOK = Remedy(f"Check units, calibration and labels; {_INSPECTION}")
+_CONTINUE = Remedy(
+    "Run it again; with a checkpoint it continues from here:",
+    ("updyn run JOB.toml --resume",),
+    "in a terminal, with the job file of this run and its --out",
+)
+_LOOK_ELSEWHERE = Remedy(f"No known fault of the data explains it (docs/verdict.md); {_INSPECTION}")
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """Status of a fit (one of `STATUSES`), its explanation, and the steps to take.
+
+    The most effective step comes first.
+    """
+
+    status: str
+    message: str
+    steps: tuple[Remedy, ...] = ()
 
 
 def compose_verdict(
@@ -62,9 +88,11 @@ def compose_verdict(
     adequacy: Mapping[str, Adequacy | None] | None = None,
     rounding: Rounding | None = None,
     end: Ending | None = None,
-) -> tuple[str, str, str]:
-    """Return status (one of `STATUSES`), message and remedy (may be empty) of a fit."""
-    status, message, remedy = _describe_end(fit, analysis, names, advice, misfit, end)
+    options: Mapping[str, object] = NO_OPTIONS,
+) -> Verdict:
+    """Return the verdict on a fit; `options` are those of its method."""
+    ended = _describe_end(fit, analysis, names, advice, misfit, end, options)
+    status, message, steps = ended.status, ended.message, ended.steps
     if status in ("converged", "stalled", "not-identifiable", "max-iterations"):
         inadequate = []
         for name, found in (adequacy or {}).items():
@@ -82,22 +110,17 @@ def compose_verdict(
         is_held = fit.reason == "unsettled" and any(map(_is_explained, inadequate))
         if is_held or (is_at_minimum and inadequate):
             known = any(map(_is_explained, inadequate))
-            remedy = join_steps(
-                _advise_on_error(inadequate),
-                remedy or ("" if known else _advise_inspection(inadequate)),
-            )
+            if not steps and not known:
+                steps = (_advise_inspection(inadequate),)
+            steps = join_remedies(_advise_on_error(inadequate), steps)
         if end is not None and end.active_bounds:
             message += _describe_active_bounds(end.active_bounds)
-            remedy = join_steps(_advise_wider_bounds(end.active_bounds), remedy)
+            steps = join_remedies([_advise_wider_bounds(end.active_bounds)], steps)
     if rounding is not None:
         message = f"{message} {rounding.message}"
-        remedy = REMEDY if status in ("converged", "stalled") else join_steps(remedy, REMEDY)
-    return status, message, remedy
-
-
-def join_steps(*steps: str) -> str:
-    """Return the non-empty steps of a remedy as one text, without duplicates."""
-    return STEP.join(dict.fromkeys(step for step in steps if step))
+        kept = () if status in ("converged", "stalled") else steps
+        steps = join_remedies(kept, [Remedy(REMEDY)])
+    return Verdict(status, message, steps)
 
 
 def _is_explained(found: Adequacy) -> bool:
@@ -106,30 +129,39 @@ def _is_explained(found: Adequacy) -> bool:
     return bool(suspects) and suspects[0].explains >= least
 
 
-def _advise_on_error(found: list[Adequacy]) -> str:
+def _advise_on_error(found: list[Adequacy]) -> list[Remedy]:
     """Return the remedy for an error that would explain the residual; empty if none is known."""
     for adequacy in found:
         if not adequacy.explained_by:
             continue
         if _is_explained(adequacy):
-            return _advise_freeing(adequacy.explained_by[0].name)
-        return (
+            return [_advise_freeing(adequacy.explained_by[0].name)]
+        advice = (
             "Look for a part that the model lacks, such as a further support or connection, or for"
             " several errors at once."
         )
-    return ""
+        return [Remedy(advice)]
+    return []
 
 
-def _advise_freeing(name: str) -> str:
+def _advise_freeing(name: str) -> Remedy:
     """Return the remedy for an unknown that is held, with the lines of the job that free it."""
     of, _, quantity = name.rpartition(".")
-    lines = f'[[parameter]] with groups = ["{of}"] and quantity = "{quantity}"'
+    advice = f"Free {name} if it can be wrong, and run again:"
     if quantity in _CALIBRATED:
-        lines = f'[[calibration]] with {_CALIBRATED[quantity]} = ["{of}"]'
-    return f"Free {name} if it can be wrong, and run again: {lines}."
+        return Remedy.table(advice, "[[calibration]]", {_CALIBRATED[quantity]: [of]})
+    return Remedy.table(advice, "[[parameter]]", {"groups": [of], "quantity": quantity})
 
 
-def _advise_inspection(found: list[Adequacy]) -> str:
+def _advise_raising(advice: str, option: str, options: Mapping[str, object]) -> Remedy:
+    """Return advice to raise an option of the method, with its double if its value is known."""
+    number = options.get(option)
+    if not isinstance(number, int):
+        return Remedy(f"{advice}.")
+    return Remedy.setting(f"{advice}:", "method", option, 2 * max(number, 1))
+
+
+def _advise_inspection(found: list[Adequacy]) -> Remedy:
     """Return the remedy for a residual that no model error explains."""
     if all(adequacy.noisy for adequacy in found):
         return _OWN_NOISE
@@ -171,10 +203,10 @@ def _describe_active_bounds(active_bounds: Sequence[ActiveBound]) -> str:
     )
 
 
-def _advise_wider_bounds(active_bounds: Sequence[ActiveBound]) -> str:
+def _advise_wider_bounds(active_bounds: Sequence[ActiveBound]) -> Remedy:
     names = ", ".join(one.name for one in active_bounds)
     its = "its bound" if len(active_bounds) == 1 else "their bounds"
-    return (
+    return Remedy(
         f"If the structure allows it, widen {its} ({names}); if not, another part of the model or"
         " the calibration is wrong, and this unknown compensates for it."
     )
@@ -189,18 +221,25 @@ def _is_decreasing(end: Ending | None) -> bool:
 
 
 def _describe_step_limit(
-    fit: Fit, analysis: Analysis, names: list[str], misfit: float, end: Ending | None
-) -> tuple[str, str]:
+    fit: Fit,
+    analysis: Analysis,
+    names: list[str],
+    misfit: float,
+    end: Ending | None,
+    options: Mapping[str, object],
+) -> tuple[str, Remedy]:
     """Return message and remedy of a fit at the step limit whose unknowns are determined."""
     message = "The largest number of steps was reached before convergence."
     if end is None:
-        return f"{message} {fit.cause}".strip(), "Raise max_iterations, or start closer."
+        advice = "Raise max_iterations, or start closer"
+        remedy = _advise_raising(advice, "max_iterations", options)
+        return f"{message} {fit.cause}".strip(), remedy
     if _is_decreasing(end):
         message += (
             f" The misfit was still falling: the values are {end.deviations:.2g} standard"
             " deviations from the next step's."
         )
-        return message, "Raise max_iterations."
+        return message, _advise_raising("Raise max_iterations", "max_iterations", options)
     if end.deviations <= FIT_END.arrived_stds:
         message += (
             f" The remaining gain is {end.deviations:.1g} standard deviations: more steps would"
@@ -211,14 +250,14 @@ def _describe_step_limit(
             " The last steps followed a valley along which the misfit hardly changes, mainly in"
             f" {', '.join(end.leading)}; {end.deviations:.2g} standard deviations remain."
         )
-    misfit_text, remedy = _describe_misfit(fit, misfit)
+    misfit_text = _describe_misfit(fit, misfit)
     if misfit_text:
-        return message + misfit_text, remedy
+        return message + misfit_text, _advise_on_misfit(fit)
     if end.deviations <= FIT_END.arrived_stds:
-        return message, "Use the values; their standard deviations hold."
+        return message, Remedy("Use the values; their standard deviations hold.")
     leading = [name for name in names if name in end.leading]
     report = analysis.report
-    return message, (
+    return message, Remedy(
         f"Add lines or sensors that tell {', '.join(leading)} apart (collinearity index"
         f" {report.collinearity:.3g}), hold one of them at a known value, or give a prior."
     )
@@ -231,10 +270,12 @@ def _describe_end(
     advice: str,
     misfit: float,
     end: Ending | None,
-) -> tuple[str, str, str]:
+    options: Mapping[str, object],
+) -> Verdict:
+    measure = (Remedy(advice),) if advice else ()
     if fit.reason == "failed":
         message = f"{fit.note or 'The fit broke down.'} {fit.cause}".strip()
-        return "failed", message, fit.remedy or _CLOSER
+        return Verdict("failed", message, (Remedy(fit.remedy or _CLOSER),))
     if fit.reason == "stopped":
         message = (
             "Stopped before convergence and assessment; the values are those of the best step so"
@@ -242,67 +283,71 @@ def _describe_end(
         )
         if not fit.R.any():
             message += " What the data determine is not known."
-        return "stopped", message, "Run it again; with a checkpoint it continues from here."
+        return Verdict("stopped", message, (_CONTINUE,))
     if fit.reason == "max-iterations":
         if analysis.report.complete:
-            return "max-iterations", *_describe_step_limit(fit, analysis, names, misfit, end)
+            message, remedy = _describe_step_limit(fit, analysis, names, misfit, end, options)
+            return Verdict("max-iterations", message, (remedy,))
         message = "The largest number of steps was reached before convergence."
         message = f"{message} {fit.cause}".strip()
-        return (
-            "max-iterations",
-            f"{message} Besides, {_describe_undetermined(analysis, names)}",
-            advice,
-        )
+        message = f"{message} Besides, {_describe_undetermined(analysis, names)}"
+        return Verdict("max-iterations", message, measure)
     if not analysis.report.complete:
-        return (
-            "not-identifiable",
-            f"The fit ended, but {_describe_undetermined(analysis, names)}",
-            advice,
-        )
+        message = f"The fit ended, but {_describe_undetermined(analysis, names)}"
+        return Verdict("not-identifiable", message, measure)
     if fit.reason == "unsettled":
         if fit.cause:
-            remedy = "State the noise, free what is held and may be wrong, or widen bounds."
-            return "stalled", fit.cause, remedy
+            advice = "State the noise, free what is held and may be wrong, or widen bounds."
+            return Verdict("stalled", fit.cause, (Remedy(advice),))
         message = (
             "The search did not settle: the residual of its best solution is not noise, and"
             " its tries did not agree. A better solution may exist."
         )
-        return "stalled", message, "Raise starts, start closer, or fix what is known."
+        advice = "Raise starts, start closer, or fix what is known"
+        return Verdict("stalled", message, (_advise_raising(advice, "starts", options),))
     if fit.reason == "unsolvable":
         message = (
             "The search ended where the model cannot be solved at the points next to it: no"
             f" minimum was reached. {fit.cause}"
         )
-        return "stalled", message.strip(), f"Start elsewhere. {REMEDY}"
+        return Verdict("stalled", message.strip(), (Remedy(f"Start elsewhere. {REMEDY}"),))
     # If the misfit is rounding, so is its change by a step.
     if fit.reason == "stalled" and not misfit < PLAUSIBILITY.rounding_misfit:
         message = f"No step lowers the misfit although its gradient is not zero. {fit.cause}"
-        return "stalled", message.strip(), "Start elsewhere or loosen bounds."
-    return "converged", *_describe_convergence(fit, analysis, names, misfit)
+        return Verdict("stalled", message.strip(), (Remedy("Start elsewhere or loosen bounds."),))
+    return _describe_convergence(fit, analysis, names, misfit)
 
 
-def add_causes(findings: Sequence[Finding], message: str, remedy: str) -> tuple[str, str]:
-    """Return message and remedy with the causes of the misfit."""
+def add_causes(verdict: Verdict, findings: Sequence[Finding]) -> Verdict:
+    """Return the verdict with the causes of the misfit."""
     # If a cause makes the result unacceptable, advice on the fit is omitted.
     statements = " ".join(finding.statement for finding in findings)
     grave = [finding for finding in findings if finding.grave]
     if grave:
-        return f"{statements} {message.partition('. ')[0].rstrip('.')}.", grave[0].remedy
-    return f"{message} {statements}", join_steps(findings[0].remedy, remedy)
+        ending = verdict.message.partition(". ")[0].rstrip(".")
+        return replace(verdict, message=f"{statements} {ending}.", steps=(grave[0].step,))
+    steps = join_remedies([findings[0].step], verdict.steps)
+    return replace(verdict, message=f"{verdict.message} {statements}", steps=steps)
 
 
-def explain_early_end(message: str) -> str:
-    """Return the message of a fit whose search was ended by a data fault."""
-    return f"{message} No further start was tried: without that fault, the model explains the data."
+def explain_early_end(verdict: Verdict) -> Verdict:
+    """Return the verdict on a fit whose search was ended by a data fault."""
+    why = "No further start was tried: without that fault, the model explains the data."
+    return replace(verdict, message=f"{verdict.message} {why}")
 
 
-def rule_out_faults(remedy: str) -> str:
-    """Return the remedy of a fit in whose data no known fault was found."""
-    return remedy.replace(_CHECK, "No known fault of the data explains it (docs/verdict.md)")
+def rule_out_faults(verdict: Verdict) -> Verdict:
+    """Return the verdict on a fit in whose data no known fault was found."""
+    steps = tuple(
+        replace(one, advice=_LOOK_ELSEWHERE.advice) if one.advice == _LOOK.advice else one
+        for one in verdict.steps
+    )
+    return replace(verdict, steps=steps)
 
 
-def explain_rejection(trust: Trust, message: str, remedy: str) -> tuple[str, str]:
-    """Return message and remedy of a converged fit whose result is not credible."""
+def explain_rejection(verdict: Verdict, trust: Trust) -> Verdict:
+    """Return the verdict on a converged fit whose result is not credible."""
+    message = verdict.message
     against = [
         claim.why
         for claim in (trust.resembles, trust.plausible, trust.validated)
@@ -310,17 +355,15 @@ def explain_rejection(trust: Trust, message: str, remedy: str) -> tuple[str, str
     ]
     reasons = " ".join(why for why in against if why not in message)
     message = message.replace("The fit converged and the data", "The data")
-    return (
-        f"The fit converged, but its result is not credible. {reasons} {message}".replace(
-            "  ", " "
-        ),
-        remedy or _LOOK,
+    message = " ".join(
+        filter(None, ["The fit converged, but its result is not credible.", reasons, message])
     )
+    return Verdict("not-credible", message, verdict.steps or (_LOOK,))
 
 
 def explain_ambiguity(
     different: Sequence[tuple[str, Sequence[float]]], others: Sequence[Alternative]
-) -> tuple[str, str]:
+) -> tuple[str, Remedy]:
     """Return message and remedy if several solutions fit equally well."""
     differing = []
     for name, values in different[: LIST_LENGTHS.named_items]:
@@ -336,12 +379,12 @@ def explain_ambiguity(
     sensors = list(dict.fromkeys(other.sensor for other in others if other.sensor))
     known = "Fix one of these unknowns where it is known"
     if not sensors:
-        return message, (
+        return message, Remedy(
             f"{known}, or measure more: a wider band, further modes, their shapes, less noise."
         )
     least_difference = min(other.difference for other in others if other.sensor)
     where = " or ".join(sensors)
-    return message, (
+    return message, Remedy(
         f"A sensor at {where} would distinguish them: there they differ by"
         f" {100.0 * least_difference:.0f} % typically. {known}."
     )
@@ -358,11 +401,8 @@ def _describe_undetermined(analysis: Analysis, names: list[str]) -> str:
     )
 
 
-def _describe_convergence(
-    fit: Fit, analysis: Analysis, names: list[str], misfit: float
-) -> tuple[str, str]:
+def _describe_convergence(fit: Fit, analysis: Analysis, names: list[str], misfit: float) -> Verdict:
     message = "The fit converged and the data determine all unknowns."
-    remedy = fit.note
     std = np.sqrt(np.diag(analysis.covariance))
     named = zip(names, std, strict=True)
     weak = [f"{n} ({100 * s:.0f} %)" for n, s in named if s > VERDICT.weak_std]
@@ -377,14 +417,19 @@ def _describe_convergence(
             f" rather than noise; the standard deviations were widened {np.sqrt(length):.2g} times"
             " for it."
         )
-    misfit_text, inspection = _describe_misfit(fit, misfit)
+    misfit_text = _describe_misfit(fit, misfit)
     if misfit_text:
-        message, remedy = message + misfit_text, inspection
-    return message, remedy
+        return Verdict("converged", message + misfit_text, (_advise_on_misfit(fit),))
+    return Verdict("converged", message, (Remedy(fit.note),) if fit.note else ())
 
 
-def _describe_misfit(fit: Fit, misfit: float) -> tuple[str, str]:
-    """Return the sentences on a misfit that noise does not explain, if any, and the remedy."""
+def _advise_on_misfit(fit: Fit) -> Remedy:
+    """Return the remedy for a misfit that noise does not explain."""
+    return replace(_LOOK, remark=fit.note)
+
+
+def _describe_misfit(fit: Fit, misfit: float) -> str:
+    """Return the sentences on a misfit that noise does not explain; may be empty."""
     known = ("stated", "variance", "coherence")
     text = ""
     if misfit > VERDICT.most_misfit and any(n.get("kind") not in known for n in fit.noise or ({},)):
@@ -400,4 +445,4 @@ def _describe_misfit(fit: Fit, misfit: float) -> tuple[str, str]:
             f" The misfit is {np.sqrt(chi_square):.3g} times what the noise explains: the model"
             " cannot fit the data, and the standard deviations were widened by the same factor."
         )
-    return text, f"{_LOOK} {fit.note}".strip() if text else ""
+    return text

@@ -76,5 +76,4 @@ def judge_modes(trust: Trust, tables: Sequence[ModalTable]) -> Trust:
     worst = max(worse, key=lambda one: one.error)
     if worst.error > MODAL_TRUST.most_error and trust.validated.holds is not False:
         return replace(trust, plausible=Claim(False, f"By the update, {worst.statement}."))
-    text = f"{trust.plausible.why} By the update, {worst.statement}."
-    return replace(trust, plausible=Claim(trust.plausible.holds, text))
+    return replace(trust, plausible=trust.plausible.add(f"By the update, {worst.statement}."))

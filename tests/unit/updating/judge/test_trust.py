@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import pytest
 
+from updyn.remedy import Remedy
 from updyn.updating.judge.badge import choose_badge
 from updyn.updating.judge.causes.finding import Finding
 from updyn.updating.judge.claim import Claim
@@ -46,7 +47,7 @@ def predicted(residual, expected, deviations, fitted=0.02):
 
 
 def finding(kind="sign", value=0.0, explains=0.9):
-    return Finding(kind, ("2:X",), value, 1e6, explains, "What is wrong.", "What to do.")
+    return Finding(kind, ("2:X",), value, 1e6, explains, "What is wrong.", Remedy("What to do."))
 
 
 def test_data_lost_in_the_noise_say_nothing_of_the_model():
@@ -252,7 +253,7 @@ def test_what_a_message_says_beyond_the_parts():
     message = f"The fit converged and the data determine all unknowns. {found.plausible.why} More."
     assert found.beyond("converged", message) == "More."
     mode = "A measured mode at 1377 Hz is not in the model."
-    missing = replace(found, plausible=replace(found.plausible, why=f"Off by 5.3 %. {mode}"))
+    missing = replace(found, plausible=Claim(True, "Off by 5.3 %.", further=mode))
     message = f"The fit converged and the data determine all unknowns. More. {mode}"
     assert missing.beyond("converged", message) == "More."
     open_ = judged("not-identifiable", rank=(2, 4))
@@ -372,3 +373,9 @@ def modal_figures(paired, error):
         "mac_min": 0.9,
         "frequency_error_rms": error,
     }
+
+
+def test_the_first_test_has_the_sentence_of_a_joined_claim():
+    claim = Claim.join(True, ["A is predicted.", "B is predicted.", "A is predicted."])
+    assert (claim.statement, claim.further) == ("A is predicted.", "B is predicted.")
+    assert claim.add("More.").why == "A is predicted. B is predicted. More."

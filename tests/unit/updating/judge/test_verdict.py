@@ -9,15 +9,24 @@ from updyn.updating.judge.adequacy import Suspect, add_suspects, assess_residual
 from updyn.updating.judge.alternatives import Alternative
 from updyn.updating.judge.ending import Ending
 from updyn.updating.judge.identifiability import analyse_identifiability
-from updyn.updating.judge.verdict import STEP, compose_verdict, explain_ambiguity
+from updyn.updating.judge.verdict import compose_verdict, explain_ambiguity
 
 NAMES = ["a.stiffness", "b.stiffness"]
 SURE, UNSURE = np.diag([1000.0, 1000.0]), np.diag([1000.0, 2.0])
 BLIND = np.array([[1000.0, 1000.0]])
 
 
+def as_texts(verdict):
+    """Status, message, and the steps as one text."""
+    return verdict.status, verdict.message, "\n".join(map(str, verdict.steps))
+
+
+def compose(*args, **options):
+    return as_texts(compose_verdict(*args, **options))
+
+
 def say(R, reason="converged", misfit=0.0, **noise):
-    return compose_verdict(
+    return compose(
         Fit(np.zeros(2), reason, R, (noise,)),
         analyse_identifiability(R, NAMES),
         NAMES,
@@ -82,7 +91,7 @@ def test_a_miss_is_said_only_where_the_noise_is_not_known():
 
 FREE_IT = (
     "Free c.mass if it can be wrong, and run again: [[parameter]] with"
-    ' groups = ["c"] and quantity = "mass".'
+    ' groups = ["c"] and quantity = "mass" at the end of the job.'
 )
 
 
@@ -94,33 +103,29 @@ def test_what_the_model_cannot_explain_is_said_with_what_to_free():
         e, np.ones(e.shape), freq, ["1:X", "2:X"], ["1:X"], n_unknowns=2, absolute=True
     )
     fit, analysis = Fit(np.zeros(2), "converged", SURE, ({},)), analyse_identifiability(SURE, NAMES)
-    status, message, remedy = compose_verdict(fit, analysis, NAMES, "", adequacy={"": found})
+    status, message, remedy = compose(fit, analysis, NAMES, "", adequacy={"": found})
     assert status == "converged"
     assert message.endswith(found.verdict)
     assert remedy.startswith("Check units")
     told = add_suspects(found, [Suspect("c", "mass", 0.9, 0.1, 0.4, confirmed=True)])
-    _, message, remedy = compose_verdict(
-        fit, analysis, NAMES, "", adequacy={"locked": told, "free": None}
-    )
+    _, message, remedy = compose(fit, analysis, NAMES, "", adequacy={"locked": told, "free": None})
     assert "Test 'locked': The model cannot explain" in message
     # Where an unknown explains it, that is the one next step.
     assert remedy == FREE_IT
     partly = add_suspects(found, [Suspect("c", "mass", 0.4, 0.1, 0.4, confirmed=True)])
-    _, _, remedy = compose_verdict(fit, analysis, NAMES, "", adequacy={"": partly})
+    _, _, remedy = compose(fit, analysis, NAMES, "", adequacy={"": partly})
     assert remedy.startswith("Look for a part that the model lacks")
     # A search whose tries do not agree may lack just that unknown; a mere hint is no reason.
     fit = Fit(np.zeros(2), "unsettled", SURE, ({},))
-    status, _, remedy = compose_verdict(fit, analysis, NAMES, "", adequacy={"": told})
+    status, _, remedy = compose(fit, analysis, NAMES, "", adequacy={"": told})
     assert status == "stalled"
-    assert remedy.startswith(f"{FREE_IT}{STEP}Raise starts")
-    assert compose_verdict(fit, analysis, NAMES, "", adequacy={"": partly})[2].startswith(
-        "Raise starts"
-    )
+    assert remedy.startswith(f"{FREE_IT}\nRaise starts")
+    assert compose(fit, analysis, NAMES, "", adequacy={"": partly})[2].startswith("Raise starts")
     fit = Fit(np.zeros(2), "converged", SURE, ({},))
     calm = assess_residual(
         e - 5.0, np.ones(e.shape), freq, ["1:X", "2:X"], ["1:X"], n_unknowns=2, absolute=True
     )
-    assert compose_verdict(fit, analysis, NAMES, "", adequacy={"": calm}) == say(SURE)
+    assert compose(fit, analysis, NAMES, "", adequacy={"": calm}) == say(SURE)
 
 
 def test_sensors_of_unlike_noise_are_to_count_by_their_own():
@@ -139,21 +144,22 @@ def test_sensors_of_unlike_noise_are_to_count_by_their_own():
         whitened_H=100.0 * ones,
     )
     fit, analysis = Fit(np.zeros(2), "converged", SURE, ({},)), analyse_identifiability(SURE, NAMES)
-    status, message, remedy = compose_verdict(fit, analysis, NAMES, "", adequacy={"": found})
+    status, message, remedy = compose(fit, analysis, NAMES, "", adequacy={"": found})
     assert status == "converged"
     assert message.endswith(" times that of most sensors at 3:X.")
-    assert remedy.startswith('Estimate the noise of each sensor, noise = "estimated-by-channel"')
+    assert remedy.startswith('Estimate the noise of each sensor: noise = "estimated-by-channel"')
 
 
 def test_answers_that_fit_equally_well_are_named_with_the_sensor_that_tells_them_apart():
     others = [Alternative({}, 1.8, "3:X", 0.314), Alternative({}, 0.4, "1:X", 0.52)]
     different = [("a.stiffness", [1.5, 0.7, 1.5]), ("b.stiffness", [0.7, 1.5, 1.0])]
     message, remedy = explain_ambiguity(different, others)
+    assert not remedy.lines
     assert message == (
         "But at least 3 answers fit the data equally well (odds within 1.8 to 1); they differ in"
         " a.stiffness (1.5, 0.7 or 1.5), b.stiffness (0.7, 1.5 or 1)."
     )
-    assert remedy == (
+    assert str(remedy) == (
         "A sensor at 3:X or 1:X would distinguish them: there they differ by 31 % typically. Fix"
         " one of these unknowns where it is known."
     )
@@ -163,7 +169,7 @@ def test_of_many_unknowns_in_which_answers_differ_three_are_named():
     different = [(f"{name}.mass", [1.0, 2.0]) for name in "abcde"]
     message, remedy = explain_ambiguity(different, [Alternative({}, 1.0)])
     assert message.endswith("a.mass (1 or 2), b.mass (1 or 2), c.mass (1 or 2) and 2 more.")
-    assert remedy == (
+    assert str(remedy) == (
         "Fix one of these unknowns where it is known, or measure more: a wider band, further modes,"
         " their shapes, less noise."
     )
@@ -188,7 +194,7 @@ def cut(deviations, share, gained, R=SURE, misfit=0.0, **noise):
     """Verdict on a fit that ran out of steps, by what was left to gain."""
     end = Ending(deviations, share, gained, ("b.stiffness",))
     fit = Fit(np.zeros(2), "max-iterations", R, (noise,))
-    return compose_verdict(fit, analyse_identifiability(R, NAMES), NAMES, "advice", misfit, end=end)
+    return compose(fit, analyse_identifiability(R, NAMES), NAMES, "advice", misfit, end=end)
 
 
 def test_more_steps_are_advised_only_where_they_help():
@@ -297,7 +303,7 @@ def test_one_quantity_explains_a_residual_from_half_of_it(share, is_explained):
     found = add_suspects(found, [Suspect("c", "mass", share, 0.2, 0.5, True)])
     assert ("No single quantity explains it" in found.verdict) is not is_explained
     fit = Fit(np.zeros(2), "converged", SURE)
-    remedy = compose_verdict(
+    remedy = compose(
         fit, analyse_identifiability(SURE, NAMES), NAMES, "advice", adequacy={"": found}
     )[2]
     assert ("Free c.mass" in remedy) is is_explained

@@ -8,6 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from updyn.frf import FRF
+from updyn.remedy import Remedy
 from updyn.updating.judge.causes.fault import find_channels, list_channels, remove_channels
 from updyn.updating.judge.causes.settings import CAUSE_ODDS, CAUSE_SEARCH, DATA_FAULT
 from updyn.updating.judge.causes.shown import DataFault, Detection
@@ -52,11 +53,10 @@ class DeadChannel(DataFault):
         return remove_channels(self, frf)
 
     @property
-    def remedy(self) -> str:
+    def remedy(self) -> Remedy:
         """Advice to the user."""
-        return (
-            f'Omit it: repair = ["{self.repair_text}"] under [test]. Check the cable and the export'
-            " of the file."
+        return Remedy.repair(
+            "Omit it:", self.repair_text, "Check the cable and the export of the file."
         )
 
     def statement(self) -> str:

@@ -9,6 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from updyn.frf import FRF, QUANTITIES
+from updyn.remedy import Remedy
 from updyn.updating.judge.causes.conjugate import ConjugatedData
 from updyn.updating.judge.causes.delay import Delay
 from updyn.updating.judge.causes.fault import FORCE, Fault
@@ -56,9 +57,9 @@ class DrivePoint(DataFault):
             yield Detection(fault, log_odds, sum(shares.values()) / len(square.labels))
 
     @property
-    def remedy(self) -> str:
+    def remedy(self) -> Remedy:
         """Advice to the user."""
-        return (
+        return Remedy(
             "Check the direction of sensor and force, the quantity that the file states, and"
             " time delays between the channels."
         )

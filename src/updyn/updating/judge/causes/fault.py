@@ -14,6 +14,7 @@ from updyn.arrays import BoolArray, ComplexArray, IndexArray, RealArray
 from updyn.dofs import Dof, DofSet
 from updyn.errors import DataError, OptionError, SolverError, in_all, suggest
 from updyn.frf import FRF, TRANSMISSIBILITY
+from updyn.remedy import Remedy
 from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.labels import list_response_labels, list_unsigned_labels
 from updyn.updating.judge.causes.settings import CAUSE_MISFIT, CAUSE_ODDS
@@ -345,11 +346,9 @@ class Fault(ABC):
         """Return a sentence that describes the fault."""
 
     @property
-    def remedy(self) -> str:
+    def remedy(self) -> Remedy:
         """Advice to the user."""
-        return (
-            f'Check this. If it is confirmed, write repair = ["{self.repair_text}"] under [test].'
-        )
+        return Remedy.repair("Check this. If it is confirmed, write:", self.repair_text)
 
     @property
     def channel_text(self) -> str:

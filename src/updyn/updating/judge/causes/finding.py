@@ -9,6 +9,7 @@ import numpy as np
 from updyn.errors import DataError
 from updyn.frf import FRF
 from updyn.notebook import card, table
+from updyn.remedy import Remedy
 from updyn.text_table import percent
 from updyn.updating.judge.causes.catalogue import CAUSES, read_fault
 from updyn.updating.judge.causes.fault import Fault
@@ -46,8 +47,8 @@ class Finding:
         share of the affected data.
     statement : str
         A sentence that describes it.
-    remedy : str
-        Advice: the line of the job that corrects it, or what to check.
+    step : Remedy
+        Advice: the setting of the job that corrects it, or what to check.
     written : str
         Text of the fault for the job; empty if no change of the data corrects it.
     also : tuple of str
@@ -77,11 +78,16 @@ class Finding:
     odds: float
     explains: float
     statement: str
-    remedy: str
+    step: Remedy
     written: str = ""
     also: tuple[str, ...] = ()
     test: str = ""
     of_misfit: float = 0.0
+
+    @property
+    def remedy(self) -> str:
+        """The advice as text."""
+        return str(self.step)
 
     @property
     def grave(self) -> bool:

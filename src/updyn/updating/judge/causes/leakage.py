@@ -11,6 +11,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from updyn.arrays import RealArray
 from updyn.frf import FRF
+from updyn.remedy import Remedy
 from updyn.updating.judge.causes.settings import CAUSE_ODDS, CUT_RECORD
 from updyn.updating.judge.causes.shown import DataFault, Detection
 from updyn.updating.problem.noise import level_by_unit
@@ -52,9 +53,9 @@ class Leakage(DataFault):
             yield Detection(cls((), length), log_odds, min(lost, 1.0))
 
     @property
-    def remedy(self) -> str:
+    def remedy(self) -> Remedy:
         """Advice to the user."""
-        return (
+        return Remedy(
             "Measure longer records, or use an exponential window and correct its damping:"
             ' repair = ["window-damping=..."].'
         )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
@@ -13,6 +12,7 @@ import numpy as np
 from updyn.arrays import ComplexArray, NumberArray, RealArray
 from updyn.dynamics.affine import AffineSystem, State, Term
 from updyn.group import LossTable
+from updyn.remedy import Remedy
 from updyn.updating.judge.causes.altered import AlteredPart, SystemAlteration, replace_system
 from updyn.updating.judge.causes.altering import AlteringFault
 from updyn.updating.judge.causes.evidence import Evidence
@@ -237,19 +237,21 @@ class LossOverFrequency(AlteringFault):
         )
 
     @property
-    def remedy(self) -> str:
+    def remedy(self) -> Remedy:
         """Advice to the user."""
         freq = self._table_lines
         relative = _round_to_table(self.alteration.loss_ratio(freq))
-        table = f"[{freq.tolist()}, {relative.tolist()}]"
         named = list(self.groups) or [ALL]
-        groups = json.dumps(named if len(named) > 1 else named[0], ensure_ascii=False)
-        level = f", loss_factor = {self.loss:.3g}" if self.loss else ""
+        settings: dict[str, object] = {"groups": named if len(named) > 1 else named[0]}
+        if self.loss:
+            settings["loss_factor"] = float(f"{self.loss:.3g}")
+        settings["loss_table"] = [freq.tolist(), relative.tolist()]
         stiffer = " No table describes the change of the stiffness." if self.causal else ""
-        return (
-            f"Add this loss table to the model: [[damping]] with groups = {groups}{level} and"
-            f" loss_table = {table} in the job, or Model.with_damping in Python. A test of the part"
-            f" alone gives a better table.{stiffer}"
+        return Remedy.table(
+            "Add this loss table to the model (Model.with_damping in Python):",
+            "[[damping]]",
+            settings,
+            f"A test of the part alone gives a better table.{stiffer}",
         )
 
     @property

@@ -11,6 +11,7 @@ import numpy as np
 from updyn.arrays import BoolArray, ComplexArray, RealArray
 from updyn.errors import OptionError
 from updyn.frf import FRF
+from updyn.remedy import Remedy
 from updyn.updating.judge.causes.settings import CAUSE_ODDS, DATA_FAULT, MAINS_HUM
 from updyn.updating.judge.causes.shown import DataFault, Detection
 from updyn.updating.judge.settings import SIGNIFICANCE
@@ -90,11 +91,12 @@ class MainsHum(DataFault):
         return found
 
     @property
-    def remedy(self) -> str:
+    def remedy(self) -> Remedy:
         """Advice to the user."""
-        return (
-            f'Omit these lines: repair = ["{self.repair_text}"] under [test]. Before the next test,'
-            " check cables and grounding."
+        return Remedy.repair(
+            "Omit these lines:",
+            self.repair_text,
+            "Before the next test, check cables and grounding.",
         )
 
     def repair(self, frf: FRF) -> FRF:

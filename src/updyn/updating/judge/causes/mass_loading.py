@@ -10,6 +10,7 @@ import numpy as np
 from updyn.arrays import ComplexArray
 from updyn.errors import DataError
 from updyn.frf import FRF
+from updyn.remedy import Remedy
 from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.fault import IrreparableFault, divide_data
 
@@ -43,9 +44,9 @@ class MassLoading(IrreparableFault):
             yield cls()
 
     @property
-    def remedy(self) -> str:
+    def remedy(self) -> Remedy:
         """Advice to the user."""
-        return (
+        return Remedy(
             "Check whether a sensor was moved. If so, make each row a separate test with the mass"
             " in its model ([test] sensor_masses), or use dummy masses."
         )

@@ -9,6 +9,7 @@ from typing import ClassVar, Self
 
 from updyn.arrays import ComplexArray
 from updyn.frf import FRF
+from updyn.remedy import IN_PYTHON, Remedy
 from updyn.updating.judge.causes.altering import AlteringFault
 from updyn.updating.judge.causes.element import AddedElement, MeasuredDofs
 from updyn.updating.judge.causes.evidence import Evidence
@@ -103,18 +104,18 @@ class MissingElement(AlteringFault):
         return "Look for it there. If it exists, add it to the model"
 
     @property
-    def remedy(self) -> str:
+    def remedy(self) -> Remedy:
         """Advice to the user, with the Python that adds the element to the model as an unknown."""
         name = f"{self.noun} {' '.join(self.channels)}"
         between = "between=True, " if self.between else ""
         loss = f", loss_factor={self.loss:g}" if self.loss else ""
         dofs = ", ".join(f'"{label}"' for label in self.channels)
-        return (
-            f"{self.advice}:"
-            f' model = model.with_element("{name}", [{dofs}], {between}'
-            f"{self.quantity}={self.value:.6g}{loss});"
-            f' unknowns += updyn.parameters(model, {self.quantity}="{name}")'
+        lines = (
+            f'model = model.with_element("{name}", [{dofs}], {between}'
+            f"{self.quantity}={self.value:.6g}{loss})",
+            f'unknowns += updyn.parameters(model, {self.quantity}="{name}")',
         )
+        return Remedy(f"{self.advice}:", lines, IN_PYTHON)
 
 
 def list_directed_places(frf: FRF) -> Iterator[tuple[tuple[str, ...], bool]]:

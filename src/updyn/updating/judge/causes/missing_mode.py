@@ -12,6 +12,7 @@ from updyn.arrays import ComplexArray, RealArray
 from updyn.dofs import Dof
 from updyn.errors import DataError, OptionError, in_all
 from updyn.frf import FRF
+from updyn.remedy import Remedy
 from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.fault import FORCE, Fault, list_sides
 from updyn.updating.judge.causes.misfit import compute_log_misfit
@@ -180,18 +181,18 @@ class MissingMode(Fault):
         )
 
     @property
-    def remedy(self) -> str:
+    def remedy(self) -> Remedy:
         """Advice to the user."""
         action, text = "subtract it", self.repair_text
         if not self.shape or len(self.shape) > MISSING_MODE.named_entries:
             action = f"omit {100.0 * MISSING_MODE.omitted_share:.0f} % on either side of it"
             text = replace(self, shape=()).repair_text
-        return (
+        advice = (
             f"Check the measured shape of the mode at {self.value:.4g} Hz: the model may lack"
             " this motion (torsion, another plane, an attached part). Until the model has it,"
             f" {action}:"
-            f' repair = ["{text}"] under [test].'
         )
+        return Remedy.repair(advice, text)
 
     def statement(self) -> str:
         """Return a sentence with the frequency and the loss factor."""

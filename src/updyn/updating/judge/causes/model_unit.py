@@ -9,6 +9,7 @@ from typing import ClassVar, Self
 import numpy as np
 
 from updyn.frf import FRF, QUANTITIES
+from updyn.remedy import Remedy
 from updyn.updating.judge.causes.fault import IrreparableFault
 
 __all__ = ["UNITS_OF_MODELS", "ModelUnit"]
@@ -65,9 +66,9 @@ class ModelUnit(IrreparableFault):
         )
 
     @property
-    def remedy(self) -> str:
+    def remedy(self) -> Remedy:
         """Advice to the user."""
-        return (
+        return Remedy(
             "Check the units of the model: those of force, mass and length have to be consistent,"
             " such as N, kg and m, or N, tonnes and mm."
         )

@@ -10,6 +10,7 @@ import numpy as np
 
 from updyn.arrays import ComplexArray, RealArray
 from updyn.frf import FRF
+from updyn.remedy import Remedy
 from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.fault import IrreparableFault, divide_data
 from updyn.updating.judge.causes.holding import list_ground_springs
@@ -42,9 +43,9 @@ class NoSupport(IrreparableFault):
                 yield cls((group,), float(np.log(share)))
 
     @property
-    def remedy(self) -> str:
+    def remedy(self) -> Remedy:
         """Advice to the user."""
-        return (
+        return Remedy(
             "Check how the structure was supported in the test; leave that group out of the model,"
             " or make its stiffness an unknown with a wide prior."
         )

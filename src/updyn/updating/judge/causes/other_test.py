@@ -10,6 +10,7 @@ import numpy as np
 
 from updyn.arrays import BoolArray, ComplexArray
 from updyn.frf import FRF, QUANTITIES
+from updyn.remedy import Remedy
 from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.fault import (
     Fault,
@@ -110,11 +111,12 @@ class OtherTest(Fault):
         return CHANNEL_FAULT.least_shift < abs(self.value) < CHANNEL_FAULT.most_shift
 
     @property
-    def remedy(self) -> str:
+    def remedy(self) -> Remedy:
         """Advice to the user."""
-        return (
-            "Check when and how it was measured. If the structure was in another state, omit it,"
-            f' repair = ["{self.repair_text}"] under [test], or make it a separate test.'
+        return Remedy.repair(
+            "Check when and how it was measured. If the structure was in another state, omit it:",
+            self.repair_text,
+            "Or make it a separate test.",
         )
 
     def statement(self) -> str:

@@ -9,6 +9,7 @@ from typing import ClassVar, Self
 import numpy as np
 
 from updyn.arrays import ComplexArray
+from updyn.remedy import Remedy
 from updyn.updating.judge.causes.altering import AlteringFault
 from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.fault import Fault
@@ -76,11 +77,12 @@ class ProportionalDamping(AlteringFault):
         )
 
     @property
-    def remedy(self) -> str:
+    def remedy(self) -> Remedy:
         """Advice to the user."""
         rates = self.alteration
-        return (
-            f'Give the model an unknown for it: [[parameter]] with groups = "{rates.group}" and'
-            f' quantity = "{rates.quantity}" in the job, or unknowns +='
-            f' updyn.parameters(model, {rates.quantity}="{rates.group}").'
+        return Remedy.table(
+            "Give the model an unknown for it:",
+            "[[parameter]]",
+            {"groups": rates.group, "quantity": rates.quantity},
+            f'In Python: unknowns += updyn.parameters(model, {rates.quantity}="{rates.group}").',
         )

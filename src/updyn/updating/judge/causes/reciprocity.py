@@ -10,6 +10,7 @@ import numpy as np
 
 from updyn.arrays import ComplexArray, RealArray
 from updyn.frf import FRF
+from updyn.remedy import Remedy
 from updyn.updating.judge.causes.settings import CAUSE_ODDS, CAUSE_SEARCH, CHANNEL_FAULT, DATA_FAULT
 from updyn.updating.judge.causes.shown import DataFault, Detection
 from updyn.updating.judge.causes.square import CollocatedFrfs
@@ -56,9 +57,9 @@ class Reciprocity(DataFault):
             yield replace(one, share=one.share / number)
 
     @property
-    def remedy(self) -> str:
+    def remedy(self) -> Remedy:
         """Advice to the user."""
-        return (
+        return Remedy(
             "Check place and direction of sensor and hammer, and the sensitivities, in the two"
             f" runs; measure {self.channel_text} again, or omit the doubtful one."
         )

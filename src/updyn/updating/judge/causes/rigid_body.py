@@ -9,6 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from updyn.frf import FRF
+from updyn.remedy import Remedy
 from updyn.updating.judge.causes.rigid_explanation import explain_sensors
 from updyn.updating.judge.causes.rigid_motion import RigidMotion
 from updyn.updating.judge.causes.rigid_shapes import RigidShapes
@@ -58,14 +59,12 @@ class RigidBody(DataFault):
         yield Detection(fault, log_odds, len(sets[0]) / len(frf.responses))
 
     @property
-    def remedy(self) -> str:
+    def remedy(self) -> Remedy:
         """Advice to the user."""
         advice = f"Look at position, direction, sign and sensitivity of {self.channel_text}."
-        if self.example:
-            advice += (
-                f' If an explanation is right, write it under [test]: repair = ["{self.example}"].'
-            )
-        return advice
+        if not self.example:
+            return Remedy(advice)
+        return Remedy.repair(f"{advice} If an explanation is right, write it:", self.example)
 
     def statement(self) -> str:
         """Return a sentence with the sensors, their difference, and possible causes."""

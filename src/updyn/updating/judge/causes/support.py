@@ -9,6 +9,7 @@ import numpy as np
 
 from updyn.arrays import ComplexArray
 from updyn.frf import FRF
+from updyn.remedy import Remedy
 from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.fault import IrreparableFault, divide_data
 from updyn.updating.judge.causes.holding import is_free
@@ -52,9 +53,9 @@ class Suspension(IrreparableFault):
         return True
 
     @property
-    def remedy(self) -> str:
+    def remedy(self) -> Remedy:
         """Advice to the user."""
-        return (
+        return Remedy(
             "Check how the structure was supported in the test; add springs to the ground to the"
             " model, as a group whose stiffness is an unknown, or remove the supports and measure"
             " again."

@@ -10,6 +10,7 @@ import numpy as np
 
 from updyn.arrays import ComplexArray, RealArray
 from updyn.frf import FRF
+from updyn.remedy import Remedy
 from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.fault import Fault, divide_data
 from updyn.updating.judge.causes.missing_viscous import count_viscous_places
@@ -64,11 +65,12 @@ class WindowDamping(Fault):
         return (ProportionalDamping((f"{ALL}.mass_damping",), 2.0 * self.value, n_places=n_places),)
 
     @property
-    def remedy(self) -> str:
+    def remedy(self) -> Remedy:
         """Advice to the user."""
-        return (
+        return Remedy.repair(
             "Check the settings of the analyser: its stated decay is more accurate than an"
-            f' estimate. Write repair = ["{self.repair_text}"] under [test], or the stated value.'
+            " estimate. Write this, or the stated value:",
+            self.repair_text,
         )
 
     def statement(self) -> str:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import ClassVar
 
 from updyn.arrays import RealArray
+from updyn.remedy import Remedy
 from updyn.updating.judge.causes.fault import IrreparableFault, divide_odds
 from updyn.updating.judge.causes.other_model import CompiledVariant
 from updyn.updating.problem.problem import FRFPart
@@ -50,6 +51,7 @@ class WrongAxes(IrreparableFault):
         return f"{text[0].upper()}{text[1:]}."
 
     @property
-    def remedy(self) -> str:
+    def remedy(self) -> Remedy:
         """Line of the model to change."""
-        return "" if self.compiled_variant is None else self.compiled_variant.variant.remedy
+        one = self.compiled_variant
+        return Remedy("" if one is None else one.variant.remedy)

@@ -1,7 +1,7 @@
 """A loss factor that varies with frequency is named, with its course and the table for the job."""
 
-import json
 import re
+import tomllib
 from dataclasses import replace
 
 import numpy as np
@@ -166,10 +166,8 @@ def test_the_course_is_named_with_the_table_for_the_job(
     assert last == pytest.approx(0.05 * (22.0 / MIDDLE) ** exponent, rel=0.2)
     assert 21.5 < high <= 22.0
     # The table of the remedy gives the model the course of the structure.
-    level, table = re.search(
-        r"loss_factor = (\S+) and loss_table = (\[\[.*\]\])", found.remedy
-    ).groups()
-    damping = {"loss_factor": float(level), "loss_table": json.loads(table)}
+    (damping,) = tomllib.loads("\n".join(found.step.lines))["damping"]
+    assert damping.pop("groups") == "part2"
     repaired = chain12_true.with_damping({"part2": damping}).group("part2")
     wanted = true.group("part2")
     for f in LINES[::11]:

@@ -8,6 +8,7 @@ import pytest
 import updyn
 from overriding import override
 from updyn.elements.drivetrain import Inertia, Motor, Shaft, drivetrain
+from updyn.remedy import Remedy
 from updyn.updating.judge.causes.diagnosis import find_obstacle
 from updyn.updating.judge.causes.finding import Finding
 from updyn.updating.judge.causes.suspects import score_faults
@@ -114,7 +115,7 @@ def test_a_search_goes_on_where_nothing_is_found(chain12, data):
     ],
 )
 def test_what_overrules(kind, of_misfit, value, overruling):
-    found = Finding(kind, ("5:X",), value, 1e9, 0.99, "", "", of_misfit=of_misfit)
+    found = Finding(kind, ("5:X",), value, 1e9, 0.99, "", Remedy(""), of_misfit=of_misfit)
     assert found.overruling is overruling
 
 

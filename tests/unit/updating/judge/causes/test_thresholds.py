@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import json
-import re
+import tomllib
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -11,6 +10,7 @@ import numpy as np
 import pytest
 
 import updyn
+from updyn.remedy import Remedy
 from updyn.updating.judge.causes.calibration import Calibration
 from updyn.updating.judge.causes.candidates import has_small_residual
 from updyn.updating.judge.causes.dead_channel import DeadChannel
@@ -158,13 +158,13 @@ def test_sensors_of_other_tests_that_explain_all_are_as_likely():
     ],
 )
 def test_a_cause_that_makes_an_answer_implausible(explains, kind, value, grave):
-    found = Finding(kind, ("2:X",), value, 1e3, explains, "", "", "")
+    found = Finding(kind, ("2:X",), value, 1e3, explains, "", Remedy(""), "")
     assert found.grave is grave
 
 
 @pytest.mark.parametrize(("share", "overruling"), [(0.94, False), (0.96, True)])
 def test_a_cause_that_explains_all_ends_the_search(share, overruling):
-    found = Finding("sign", ("2:X",), 0.0, 1e3, 0.9, "", "", "", of_misfit=share)
+    found = Finding("sign", ("2:X",), 0.0, 1e3, 0.9, "", Remedy(""), "", of_misfit=share)
     assert found.overruling is overruling
 
 
@@ -411,13 +411,14 @@ def test_lines_at_which_a_mode_dominates(size, n_kept):
 @pytest.mark.parametrize(("entries", "subtracted"), [(12, True), (13, False)])
 def test_a_remedy_with_the_shape_of_a_mode(entries, subtracted):
     shape = tuple((f"{i}:X", 1.0 + 0j) for i in range(entries))
-    assert ("subtract it" in MissingMode((), 10.0, shape=shape).remedy) is subtracted
+    assert ("subtract it" in MissingMode((), 10.0, shape=shape).remedy.advice) is subtracted
 
 
 def test_the_table_of_a_varying_loss_factor():
     freq = tuple(np.linspace(1.0, 10.0, 10))
     fault = LossOverFrequency(("all.loss_factor",), 0.5, (), 10.0**0.5, freq)
-    lines, factors = json.loads(re.search(r"loss_table = (\[\[.*\]\]) in", fault.remedy)[1])
+    (damping,) = tomllib.loads("\n".join(fault.remedy.lines))["damping"]
+    lines, factors = damping["loss_table"]
     assert len(lines) == len(factors) == 9
     assert (lines[0], lines[-1]) == (pytest.approx(0.9995), pytest.approx(11.12))
     assert factors[-1] == pytest.approx((11.12 / 10.0**0.5) ** 0.5, rel=5e-4)
