@@ -205,10 +205,10 @@ def check(job: Path, /, *, out: Path | None = None, verbose: Verbose = False) ->
         Print all tables before the outcome.
     """
     from updyn.job import check_out, job_analysis, job_selection, load_job, prepare
-    from updyn.job.start import agreements_at_start, counterparts_at_start
+    from updyn.job.start import agreements_at_start, choose_noise_once, counterparts_at_start
 
     loaded = load_job(job)
-    ready = prepare(loaded)
+    ready = choose_noise_once(prepare(loaded))
     folder = check_out(loaded)
     pages = _find_start_folder(loaded, "check", out)
     selection = job_selection(ready)
@@ -480,11 +480,16 @@ def correlate(job: Path, /, *, out: Path | None = None, verbose: Verbose = False
     """
     from updyn.job import job_analysis, job_selection, load_job, prepare
     from updyn.job.modes import correlation_at_start, start_modes, start_modes_text
-    from updyn.job.start import StartAgreement, compute_start_frf, start_correlation
+    from updyn.job.start import (
+        StartAgreement,
+        choose_noise_once,
+        compute_start_frf,
+        start_correlation,
+    )
     from updyn.modal import ModeSet
 
     loaded = load_job(job)
-    ready = prepare(loaded)
+    ready = choose_noise_once(prepare(loaded))
     pages = _find_start_folder(loaded, "correlate", out)
     faults = _find_faults(ready)
     agreements = {}

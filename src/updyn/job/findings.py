@@ -34,7 +34,7 @@ def job_findings(test: PreparedTest, unknowns: ParameterSet) -> tuple[Finding, .
         test.model,
         test.frf,
         ParameterSet(tuple(model_unknowns)),
-        noise=job.noise,
+        noise=test.noise or job.noise,
         tier=job.method.tier,
         backend=job.method.backend,
     )

@@ -11,6 +11,7 @@ from updyn.job.schema import Job
 from updyn.matching import Matching
 from updyn.modal import ModeSet
 from updyn.model import Model
+from updyn.updating.problem.noise import NoiseModel
 from updyn.updating.problem.parameters import ParameterSet
 
 __all__ = ["Prepared", "PreparedTest"]
@@ -22,7 +23,7 @@ class PreparedTest:
 
     DOFs of nodes with oblique sensors are rotated along them. `data` is in the job's band, `fitted`
     is `data` without the validation set; they and `modes` (named in addition to FRFs) have the DOF
-    labels of the model.
+    labels of the model. `noise` is the noise model of the data if it was chosen in advance.
     """
 
     job: Job
@@ -31,6 +32,7 @@ class PreparedTest:
     fitted: FRF | ModeSet
     matching: Matching
     modes: ModeSet | None = None
+    noise: NoiseModel | None = None
 
     @property
     def frf(self) -> FRF:

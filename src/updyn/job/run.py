@@ -277,8 +277,9 @@ def job_analysis(prepared: Prepared, selection: Selection | None = None) -> Anal
         As `job_identifiability`.
     """
     tests = make_tests(prepared, held_out=False)
+    noises = {test.name: test.noise for test in prepared.tests if test.noise is not None}
     with locate_update_errors(prepared.job):
-        return start_analysis(tests, selection or prepared.parameters)
+        return start_analysis(tests, selection or prepared.parameters, noises)
 
 
 def make_tests(prepared: Prepared, *, held_out: bool = True) -> list[Test]:

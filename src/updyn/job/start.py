@@ -24,6 +24,7 @@ from updyn.outputs.switch import open_folder, replace_files
 from updyn.updating.fit.reducing import is_reduced
 from updyn.updating.judge.counterparts import Counterparts, find_counterparts
 from updyn.updating.judge.modal_table import ModalTable
+from updyn.updating.problem.noise import choose_noise
 from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.problem.selection import Selection
 
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
 __all__ = [
     "StartAgreement",
     "agreements_at_start",
+    "choose_noise_once",
     "choose_tier",
     "compute_start_frf",
     "counterparts_at_start",
@@ -43,6 +45,20 @@ __all__ = [
     "start_model",
     "write_start_pages",
 ]
+
+
+def choose_noise_once(ready: Prepared) -> Prepared:
+    """Return a job with the noise models of its FRFs, which take a while to estimate."""
+    return replace(ready, tests=tuple(map(_choose_noise_of, ready.tests)))
+
+
+def _choose_noise_of(test: PreparedTest) -> PreparedTest:
+    """Return a test with its noise model; without one if it has a validation set, or modes."""
+    # With a validation set, the data of the fit and all data have different models.
+    if not isinstance(test.data, FRF) or test.fitted is not test.data:
+        return test
+    with test.job.located():
+        return replace(test, noise=choose_noise(test.job.noise, test.data))
 
 
 def start_model(test: PreparedTest, unknowns: ParameterSet | Selection) -> Model:

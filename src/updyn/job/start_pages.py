@@ -12,6 +12,7 @@ from updyn.job.run import job_analysis, job_selection
 from updyn.job.schema import Job
 from updyn.job.start import (
     agreements_at_start,
+    choose_noise_once,
     counterparts_at_start,
     start_folder,
     write_start_pages,
@@ -39,7 +40,7 @@ def write_start(job: Job, work: str, out: str | Path | None = None) -> StartPage
     the job or the folder cannot be used.
     """
     folder = start_folder(job, work, None if out is None else Path(out))
-    ready = prepare(job)
+    ready = choose_noise_once(prepare(job))
     selection = job_selection(ready)
     unknowns = selection or ready.parameters
     analysis = job_analysis(ready, selection)

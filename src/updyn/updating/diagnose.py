@@ -10,7 +10,7 @@ from updyn.model import Model
 from updyn.updating.judge.causes.diagnosis import find_causes
 from updyn.updating.judge.causes.finding import Finding, Findings
 from updyn.updating.problem.data import Test, check_tests, leave_out_undefined_line
-from updyn.updating.problem.noise import choose_noise
+from updyn.updating.problem.noise import NoiseModel, choose_noise
 from updyn.updating.problem.parameters import ParameterSet, parameters
 from updyn.updating.problem.problem import FRFPart
 from updyn.updating.problem.selection import Selection
@@ -24,7 +24,7 @@ def diagnose(
     frf: FRF,
     unknowns: ParameterSet | Selection | None = None,
     *,
-    noise: Mapping[str, float | str] | str | None = None,
+    noise: Mapping[str, float | str] | str | NoiseModel | None = None,
     tier: str | None = None,
     backend: str | None = None,
 ) -> tuple[Finding, ...]:
@@ -44,8 +44,8 @@ def diagnose(
     unknowns : ParameterSet or Selection, optional
         Quantities of the model that may be wrong; by default stiffness, mass and loss factor of all
         groups.
-    noise : None, str or mapping
-        As for `update`.
+    noise : None, str, mapping or NoiseModel
+        As for `update`, or the noise model of these FRFs.
     tier, backend : str, optional
         As for `update`. Models with more than some hundred degrees of freedom are always reduced.
 
@@ -75,7 +75,7 @@ def diagnose(
     if unknowns is None:
         unknowns = _all_unknowns(model)
     selection = Selection.of(unknowns)
-    test = Test(selection.start_of(model), frf, "", None, noise)
+    test = Test(selection.start_of(model), frf)
     check_tests([test], selection.parameters)
     test = leave_out_undefined_line(test)
     exact = None if tier == "reduced" else tier

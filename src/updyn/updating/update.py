@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from numpy.typing import ArrayLike
@@ -24,6 +25,7 @@ from updyn.updating.fit.start_problem import build_start_problem
 from updyn.updating.judge.assessment import analyse_start
 from updyn.updating.judge.identifiability import Analysis, Identifiability
 from updyn.updating.problem.data import Test, check_tests
+from updyn.updating.problem.noise import NoiseModel
 from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.problem.selection import Selection
 from updyn.updating.result import JointResult, UpdateResult
@@ -326,10 +328,17 @@ def joint_identifiability(
     return start_analysis(tests, parameters).report
 
 
-def start_analysis(tests: Sequence[Test], parameters: ParameterSet | Selection) -> Analysis:
-    """Return the analysis on which `joint_identifiability` is based; it raises the same errors."""
+def start_analysis(
+    tests: Sequence[Test],
+    parameters: ParameterSet | Selection,
+    noises: Mapping[str, NoiseModel] = MappingProxyType({}),
+) -> Analysis:
+    """Return the analysis on which `joint_identifiability` is based; it raises the same errors.
+
+    `noises` are noise models by test name; those of other tests are chosen.
+    """
     chosen = Selection.of(parameters)
     tests = [replace(test, model=chosen.start_of(test.model)) for test in tests]
     check_tests(tests, chosen.parameters)
-    analysis, advice = analyse_start(*build_start_problem(tests, chosen.parameters))
+    analysis, advice = analyse_start(*build_start_problem(tests, chosen.parameters, noises))
     return replace(analysis, report=replace(analysis.report, advice=advice))

@@ -11,11 +11,12 @@ import pytest
 
 import updyn
 from updyn.cli import main
-from updyn.job import load_job, prepare
-from updyn.job.start import agreements_at_start, start_model
+from updyn.job import job_analysis, job_findings, load_job, prepare
+from updyn.job.start import agreements_at_start, choose_noise_once, start_model
 from updyn.model import Group, Model
 from updyn.report import data
 from updyn.report.start import Start
+from updyn.updating.problem.noise import Estimated
 
 LINES = np.linspace(0.5, 40.0, 80)
 N = 6
@@ -189,3 +190,19 @@ def test_a_reduced_start_model_is_solved_once_for_test_and_page(folder, monkeypa
     made = data.gather_start(start)
     np.testing.assert_array_equal(made.grid, computed.freq)
     np.testing.assert_array_equal(made.before_curve, computed.values)
+
+
+@pytest.mark.parametrize("validation", ["", 'validation = ["3:X"]'])
+def test_the_noise_is_estimated_once_with_the_same_results(folder, monkeypatch, validation) -> None:
+    path = folder / "job.toml"
+    path.write_text(JOB.format(method=validation), encoding="utf-8")
+    ready = prepare(load_job(path))
+    separate = job_analysis(ready), job_findings(ready.tests[0], ready.parameters)
+    chosen = choose_noise_once(ready)
+    assert (chosen.tests[0].noise is None) == bool(validation)
+    if not validation:
+        monkeypatch.setattr(Estimated, "of_data", None)
+    np.testing.assert_array_equal(job_analysis(chosen).covariance, separate[0].covariance)
+    assert list(map(str, job_findings(chosen.tests[0], chosen.parameters))) == list(
+        map(str, separate[1])
+    )

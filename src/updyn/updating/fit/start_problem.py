@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 
 from updyn.dynamics.settings import REDUCTION
 from updyn.modal import ModeSet
@@ -19,11 +20,14 @@ __all__ = ["build_start_problem"]
 
 
 def build_start_problem(
-    tests: Sequence[Test], parameters: ParameterSet
+    tests: Sequence[Test],
+    parameters: ParameterSet,
+    known: Mapping[str, NoiseModel] = MappingProxyType({}),
 ) -> tuple[Problem, list[NoiseModel]]:
     """Return the problem of tests, and the noise models of those with FRFs.
 
-    Models are reduced by the rule of an update; a reduced model is accurate at the start only.
+    `known` are noise models by test name; others are chosen. Models are reduced by the rule of an
+    update; a reduced model is accurate at the start only.
     """
     parts, modal, noises, lines = [], [], [], []
     for test in map(leave_out_undefined_line, tests):
@@ -37,7 +41,7 @@ def build_start_problem(
             )
             continue
         parts.append(FRFPart.build(test.model, test.data, parameters, name=test.name))
-        noises.append(choose_noise(test.noise, test.data))
+        noises.append(known.get(test.name) or choose_noise(test.noise, test.data))
         lines.append(test.lines)
     parts = [restrict_to_lines(*one) for one in zip(_reduce_large(parts), lines, strict=True)]
     return Problem.of(parts, modal), noises

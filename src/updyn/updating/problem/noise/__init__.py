@@ -69,14 +69,16 @@ NOISE_MODELS: Registry[type[NoiseModel]] = Registry(
 _NUMBERS, _KEYS = ("relative", "floor"), ("relative", "floor", "source", "robust")
 
 
-def choose_noise(noise: NoiseChoice, frf: FRF) -> NoiseModel:
-    """Choose the noise model of FRFs.
+def choose_noise(noise: NoiseChoice | NoiseModel, frf: FRF) -> NoiseModel:
+    """Choose the noise model of FRFs, or return the given one of these FRFs.
 
     None: the variance of the data unless it is zero everywhere, else their coherence (of two
     averages or more, and not 1 everywhere), else estimated. A name selects a model; a mapping has
     ``relative`` and/or ``floor`` (stated noise) or ``source`` (a name), and ``robust =
     "student-t"`` for less weight on outliers.
     """
+    if isinstance(noise, NoiseModel):
+        return noise
     if not isinstance(noise, Mapping):
         return _choose_source(noise, frf)
     for key in noise:
