@@ -19,7 +19,7 @@ from updyn.dynamics.reduced_solver import ReducedSolver
 from updyn.dynamics.settings import CERTIFICATE
 from updyn.linalg.solver import Factorised
 
-__all__ = ["Certificate", "ErrorEstimate"]
+__all__ = ["Certificate", "ErrorEstimate", "square_norms"]
 
 _T = TypeVar("_T")
 
@@ -84,8 +84,8 @@ class ErrorEstimate:
             q = wide.solve(c, loaded, freq[block], of_wide)
             H = wide.at(q, loaded)[:, :, forced]
             fewer = narrow.solve(c, loaded[forced], freq[block], of_narrow)
-            energy = np.sum((q.conj() * np.tensordot(P, q, axes=1)).real, axis=0)
-            length = np.sum(np.abs(q) ** 2, axis=0) * (norms @ np.abs(c))[:, None]
+            energy, length = square_norms(q, P)
+            length = length * (norms @ np.abs(c))[:, None]
             parts.append((H, narrow.at(fewer, loaded) - H, energy.T, length.T))
         H, difference = (
             np.concatenate(p, axis=1).transpose(1, 0, 2) for p in _columns(parts, 0, 2)
@@ -139,6 +139,17 @@ def _reduction_error(difference: RealArray, residual: RealArray) -> RealArray:
     """Return the stated error from the difference of two bases and the error of the larger one."""
     of_difference = CERTIFICATE.difference_factor * difference
     return np.asarray(of_difference + CERTIFICATE.residual_factor * residual)
+
+
+def square_norms(q: ComplexArray, P: RealArray) -> tuple[RealArray, RealArray]:
+    """Return q^H P q and q^H q of fields q, shape (r, ...), by field."""
+    # In real arithmetic, which takes half the time of a complex product with a real P.
+    parts = np.ascontiguousarray(q.reshape(len(q), -1)).view(np.float64)
+    shape = (*q.shape[1:], 2)
+    return (
+        np.einsum("ik,ik->k", parts, P @ parts).reshape(shape).sum(axis=-1),
+        np.einsum("ik,ik->k", parts, parts).reshape(shape).sum(axis=-1),
+    )
 
 
 def _columns(rows: list[tuple[_T, ...]], first: int, last: int) -> list[tuple[_T, ...]]:

@@ -33,7 +33,7 @@ import scipy.linalg
 from updyn.arrays import ComplexArray, IndexArray, RealArray
 from updyn.dynamics.affine import AffineSystem, State
 from updyn.dynamics.basis import Basis
-from updyn.dynamics.certificate import Certificate, ErrorEstimate
+from updyn.dynamics.certificate import Certificate, ErrorEstimate, square_norms
 from updyn.dynamics.fields import split_into_blocks
 from updyn.dynamics.line_residuals import ChannelDofs, LineResiduals
 from updyn.dynamics.reduced_solver import ReducedSolver
@@ -273,7 +273,7 @@ class Reduction:
             mixed = q @ rng.standard_normal((len(self._loaded_dofs), REDUCTION.sensor_combinations))
             q = np.concatenate([q[:, :, np.unique(self._channels.forced)], mixed], axis=2)
             q = q.reshape(len(q), -1)
-            q = q / np.sqrt(np.einsum("rk,rk->k", q.conj(), metric @ q).real)
+            q = q / np.sqrt(square_norms(q, metric)[0])
             gram += q.real @ q.real.T + q.imag @ q.imag.T
             total += q.shape[1]
             self.poll()
