@@ -6,11 +6,10 @@ from abc import abstractmethod
 from dataclasses import dataclass, field
 from typing import ClassVar
 
-from updyn.arrays import RealArray
-from updyn.frf import FRF
+from updyn.arrays import ComplexArray, RealArray
 from updyn.updating.judge.causes.altered import Alteration, AlteredPart, compute_log_ratio
 from updyn.updating.judge.causes.evidence import Evidence
-from updyn.updating.judge.causes.fault import IrreparableFault, divide_data, divide_odds
+from updyn.updating.judge.causes.fault import IrreparableFault, divide_odds
 from updyn.updating.problem.problem import FRFPart
 
 __all__ = ["AlteringFault"]
@@ -41,11 +40,9 @@ class AlteringFault(IrreparableFault):
         """Prior odds of the fault at its place."""
         return divide_odds(self.odds, self.n_places)
 
-    def repair_with_model(self, evidence: Evidence) -> FRF:
-        """Return the data divided by H of the altered model over the model's H."""
-        return divide_data(
-            evidence.frf, compute_log_ratio(evidence.part, self.alteration, evidence.x)
-        )
+    def log_change(self, evidence: Evidence) -> ComplexArray:
+        """Return ln H of the altered model over the model's H."""
+        return compute_log_ratio(evidence.part, self.alteration, evidence.x)
 
     def correct_part(self, part: FRFPart, x: RealArray) -> FRFPart:
         """Return the part with the altered model."""

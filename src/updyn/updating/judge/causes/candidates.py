@@ -43,7 +43,7 @@ def select_candidates(
         assert end.fault is not None
         variants.append((end.fault, end.x))
         if _explains_all(end, without):
-            return [*variants, *_list_rivals_of_variant(part, end, stated)]
+            return [*variants, *_list_rivals(part, end, stated)]
     return [*variants, *_select_for_model(part, without, start, stated)]
 
 
@@ -55,19 +55,6 @@ def _try_variants(
         end = run_trial(part, fault, [start])
         if end is not None:
             yield end
-
-
-def _list_rivals_of_variant(
-    part: FRFPart, end: Trial, stated: Sequence[Finding]
-) -> list[FaultStart]:
-    """Return the faults that explain the data as well as a variant, at the end of its trial."""
-    assert isinstance(end.fault, WrongAxes)
-    try:
-        least = estimate_gain(part, end.fault, end.x) - CAUSE_CANDIDATES.reach_log_odds
-    except SolverError:
-        return []
-    found = [one for one in select_likeliest(score_faults(part, end.x)) if one.gain > least]
-    return [(one.fault, one.x) for one in _drop_covered(found, stated)]
 
 
 def _select_for_model(
@@ -124,8 +111,7 @@ def _select_by_short_trials(
             continue
         ends.append(end)
         if _explains_all(end, without):
-            rivals = _drop_covered(_list_rivals(part, end), stated)
-            return [(end.fault, end.x), *((one.fault, one.x) for one in rivals)]
+            return [(end.fault, end.x), *_list_rivals(part, end, stated)]
     return _select_best_trials(ends, without)
 
 
@@ -163,13 +149,16 @@ def _select_best_trials(ends: Sequence[Trial], without: Trial) -> list[FaultStar
     return list(best.values())[: CAUSE_CANDIDATES.most_fitted]
 
 
-def _list_rivals(part: FRFPart, end: Trial) -> list[ScoredFault]:
+def _list_rivals(part: FRFPart, end: Trial, stated: Sequence[Finding]) -> list[FaultStart]:
     """Return other faults that explain the data as well at the end of a trial, to first order."""
-    assert end.fault is not None
-    key = end.fault.key
-    found = select_likeliest(score_faults(part, end.x))
-    gains = [one.gain for one in found if one.fault.key == key]
+    fault, found = end.fault, select_likeliest(score_faults(part, end.x))
+    assert fault is not None
+    gains = [one.gain for one in found if one.fault.key == fault.key]
+    if isinstance(fault, WrongAxes):  # not among the faults that are scored
+        with suppress(SolverError):
+            gains = [estimate_gain(part, fault, end.x)]
     if not gains:
         return []
     least = gains[0] - CAUSE_CANDIDATES.reach_log_odds
-    return [one for one in found if one.gain > least and one.fault.key != key]
+    rivals = [one for one in found if one.gain > least and one.fault.key != fault.key]
+    return [(one.fault, one.x) for one in _drop_covered(rivals, stated)]

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from updyn.errors import OptionError, suggest
 from updyn.registry import Registry
-from updyn.updating.judge.causes.calibration import Calibration
+from updyn.updating.judge.causes.channel_factor import Calibration, Delay, LowPass, WrongSign
 from updyn.updating.judge.causes.conjugate import ConjugatedData
 from updyn.updating.judge.causes.dead_channel import DeadChannel
-from updyn.updating.judge.causes.delay import Delay
 from updyn.updating.judge.causes.drive_point import DrivePoint
 from updyn.updating.judge.causes.fault import Fault
 from updyn.updating.judge.causes.frequency_scale import FrequencyScale
 from updyn.updating.judge.causes.leakage import Leakage
 from updyn.updating.judge.causes.loss_over_frequency import LossOverFrequency
-from updyn.updating.judge.causes.low_pass import LowPass
 from updyn.updating.judge.causes.mains import MainsHum
 from updyn.updating.judge.causes.mass_loading import MassLoading
 from updyn.updating.judge.causes.missing_mass import MissingMass
@@ -28,7 +26,6 @@ from updyn.updating.judge.causes.quantity import WrongQuantity
 from updyn.updating.judge.causes.reciprocity import Reciprocity
 from updyn.updating.judge.causes.rigid_body import RigidBody
 from updyn.updating.judge.causes.scale import WrongUnit
-from updyn.updating.judge.causes.sign import WrongSign
 from updyn.updating.judge.causes.support import Suspension
 from updyn.updating.judge.causes.swapped import SwappedChannels
 from updyn.updating.judge.causes.turned import TurnedSensor

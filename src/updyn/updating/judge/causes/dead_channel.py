@@ -8,7 +8,6 @@ from typing import ClassVar
 import numpy as np
 
 from updyn.frf import FRF
-from updyn.remedy import Remedy
 from updyn.updating.judge.causes.fault import find_channels, list_channels, remove_channels
 from updyn.updating.judge.causes.settings import CAUSE_ODDS, CAUSE_SEARCH, DATA_FAULT
 from updyn.updating.judge.causes.shown import DataFault, Detection
@@ -25,6 +24,8 @@ class DeadChannel(DataFault):
     kind: ClassVar[str] = "dead-channel"
     odds: ClassVar[float] = 1e-2
     omits_channels: ClassVar[bool] = True
+    advice: ClassVar[str] = "Omit it:"
+    remark: ClassVar[str] = "Check the cable and the export of the file."
 
     @classmethod
     def detect_faults(cls, frf: FRF) -> Iterable[Detection]:
@@ -51,13 +52,6 @@ class DeadChannel(DataFault):
     def repair(self, frf: FRF) -> FRF:
         """Return the data without the channels."""
         return remove_channels(self, frf)
-
-    @property
-    def remedy(self) -> Remedy:
-        """Advice to the user."""
-        return Remedy.repair(
-            "Omit it:", self.repair_text, "Check the cable and the export of the file."
-        )
 
     def statement(self) -> str:
         """Return a sentence with the channels."""

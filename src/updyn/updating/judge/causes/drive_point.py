@@ -9,15 +9,13 @@ from typing import ClassVar
 import numpy as np
 
 from updyn.frf import FRF, QUANTITIES
-from updyn.remedy import Remedy
+from updyn.updating.judge.causes.channel_factor import Delay, WrongSign
 from updyn.updating.judge.causes.conjugate import ConjugatedData
-from updyn.updating.judge.causes.delay import Delay
 from updyn.updating.judge.causes.fault import FORCE, Fault
 from updyn.updating.judge.causes.moved import MisplacedSensor
 from updyn.updating.judge.causes.quantity import WrongQuantity
 from updyn.updating.judge.causes.settings import CAUSE_ODDS, DATA_FAULT
 from updyn.updating.judge.causes.shown import DataFault, Detection
-from updyn.updating.judge.causes.sign import WrongSign
 from updyn.updating.judge.causes.square import CollocatedFrfs
 
 __all__ = ["DrivePoint"]
@@ -37,6 +35,10 @@ class DrivePoint(DataFault):
     kind: ClassVar[str] = "drive-point"
     is_symptom: ClassVar[bool] = True
     needs_forces: ClassVar[bool] = True
+    advice: ClassVar[str] = (
+        "Check the direction of sensor and force, the quantity that the file states, and"
+        " time delays between the channels."
+    )
 
     @classmethod
     def detect_faults(cls, frf: FRF) -> Iterable[Detection]:
@@ -55,14 +57,6 @@ class DrivePoint(DataFault):
             channels = tuple(shares)
             fault = cls(channels, max(shares.values()), tuple(_iter_explanations(frf, channels)))
             yield Detection(fault, log_odds, sum(shares.values()) / len(square.labels))
-
-    @property
-    def remedy(self) -> Remedy:
-        """Advice to the user."""
-        return Remedy(
-            "Check the direction of sensor and force, the quantity that the file states, and"
-            " time delays between the channels."
-        )
 
     def mask_values(self, frf: FRF) -> FRF:
         """Return the data in which these values have no weight."""

@@ -118,7 +118,7 @@ def divide_data(frf: FRF, log_factor: _Complex | RealArray) -> FRF:
 class Fault(ABC):
     """A fault of measured data: the affected channels and its size.
 
-    A kind of fault is a subclass in a separate module, registered in `CAUSES`. The text of a fault
+    A kind of fault is a subclass, registered in `CAUSES`. The text of a fault
     is ``kind:channels=value``; a job with this text under ``repair`` corrects it.
 
     Parameters
@@ -164,6 +164,8 @@ class Fault(ABC):
         Whether its correction changes no other data than those of its channels.
     distinguishing_test : str
         How to distinguish it from other faults that explain the same data: a sentence, or empty.
+    advice, remark : str
+        Advice to the user, before and after the setting of the job that corrects it, if any.
     """
 
     channels: tuple[str, ...] = ()
@@ -185,6 +187,8 @@ class Fault(ABC):
     concerns_model: ClassVar[bool] = False
     is_local: ClassVar[bool] = False
     distinguishing_test: ClassVar[str] = ""
+    advice: ClassVar[str] = "Check this. If it is confirmed, write:"
+    remark: ClassVar[str] = ""
 
     @property
     def prior(self) -> float:
@@ -244,6 +248,10 @@ class Fault(ABC):
             Data with the fault corrected.
         """
 
+    def log_change(self, evidence: Evidence) -> _Complex | None:
+        """Return the change of ln H by the fault, from the model; None if the data correct it."""
+        return None
+
     def repair_with_model(self, evidence: Evidence) -> FRF:
         """Return the data of the evidence without the fault.
 
@@ -259,7 +267,8 @@ class Fault(ABC):
         FRF
             Data with the fault corrected.
         """
-        return self.repair(evidence.frf)
+        change = self.log_change(evidence)
+        return self.repair(evidence.frf) if change is None else divide_data(evidence.frf, change)
 
     def slope(self, evidence: Evidence) -> _Complex:
         """Return the derivative of the log data by the size of the fault; 0 without a size.
@@ -296,20 +305,16 @@ class Fault(ABC):
         return int(self.has_free_size)
 
     def adapt_to(self, evidence: Evidence) -> Self:
-        """Return the fault estimated at a point; itself if it is not adaptive."""
+        """Return the fault estimated at a point; itself if only `slope` gives its size."""
         return self
 
     def mask_channels(self, frf: FRF) -> FRF:
         """Return the data in which its channels have no weight, if its repair omits them."""
         return frf
 
-    def search_size(self, evidence: Evidence) -> Self:
-        """Return the fault with its best size at a point that was fitted to the other channels."""
-        return self
-
     def fit_all_data(self, part: FRFPart, x: RealArray) -> Self:
-        """Return the fault estimated from all data of a part; itself if it is not adaptive."""
-        return self
+        """Return the fault estimated from all data of a part."""
+        return self.adapt_to(Evidence(part, x))
 
     def add_model_figures(self, part: FRFPart, x: RealArray) -> Self:
         """Return the fault with figures of the model at x for its statement; x ends a trial."""
@@ -348,7 +353,8 @@ class Fault(ABC):
     @property
     def remedy(self) -> Remedy:
         """Advice to the user."""
-        return Remedy.repair("Check this. If it is confirmed, write:", self.repair_text)
+        text = self.repair_text
+        return Remedy.repair(self.advice, text, self.remark) if text else Remedy(self.advice)
 
     @property
     def channel_text(self) -> str:

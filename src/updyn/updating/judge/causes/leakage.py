@@ -11,7 +11,6 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from updyn.arrays import RealArray
 from updyn.frf import FRF
-from updyn.remedy import Remedy
 from updyn.updating.judge.causes.settings import CAUSE_ODDS, CUT_RECORD
 from updyn.updating.judge.causes.shown import DataFault, Detection
 from updyn.updating.problem.noise import level_by_unit
@@ -30,6 +29,10 @@ class Leakage(DataFault):
     kind: ClassVar[str] = "leakage"
     unit: ClassVar[str] = "s"
     imitated_kinds: ClassVar[tuple[str, ...]] = ("missing-mode", "drive-point")
+    advice: ClassVar[str] = (
+        "Measure longer records, or use an exponential window and correct its damping:"
+        ' repair = ["window-damping=..."].'
+    )
 
     @classmethod
     def detect_faults(cls, frf: FRF) -> Iterable[Detection]:
@@ -51,14 +54,6 @@ class Leakage(DataFault):
             length = end / (len(power) * float(spacing.mean()))
             lost = float(power[end - n : end].mean() / power.max())
             yield Detection(cls((), length), log_odds, min(lost, 1.0))
-
-    @property
-    def remedy(self) -> Remedy:
-        """Advice to the user."""
-        return Remedy(
-            "Measure longer records, or use an exponential window and correct its damping:"
-            ' repair = ["window-damping=..."].'
-        )
 
     def statement(self) -> str:
         """Return a sentence with the length of the records."""

@@ -11,7 +11,6 @@ import numpy as np
 from updyn.arrays import BoolArray, ComplexArray, RealArray
 from updyn.errors import OptionError
 from updyn.frf import FRF
-from updyn.remedy import Remedy
 from updyn.updating.judge.causes.settings import CAUSE_ODDS, DATA_FAULT, MAINS_HUM
 from updyn.updating.judge.causes.shown import DataFault, Detection
 from updyn.updating.judge.settings import SIGNIFICANCE
@@ -33,6 +32,8 @@ class MainsHum(DataFault):
     kind: ClassVar[str] = "mains"
     unit: ClassVar[str] = "Hz"
     odds: ClassVar[float] = 1e-2
+    advice: ClassVar[str] = "Omit these lines:"
+    remark: ClassVar[str] = "Before the next test, check cables and grounding."
 
     @classmethod
     def detect_faults(cls, frf: FRF) -> Iterable[Detection]:
@@ -89,15 +90,6 @@ class MainsHum(DataFault):
         if not found.value > 0.0 or found.channels:
             raise OptionError(f"repair {cls.kind!r}: expected mains=50 or mains=60")
         return found
-
-    @property
-    def remedy(self) -> Remedy:
-        """Advice to the user."""
-        return Remedy.repair(
-            "Omit these lines:",
-            self.repair_text,
-            "Before the next test, check cables and grounding.",
-        )
 
     def repair(self, frf: FRF) -> FRF:
         """Return the data without the lines next to multiples of the frequency."""

@@ -10,9 +10,8 @@ import numpy as np
 from updyn.arrays import ComplexArray
 from updyn.errors import DataError
 from updyn.frf import FRF
-from updyn.remedy import Remedy
 from updyn.updating.judge.causes.evidence import Evidence
-from updyn.updating.judge.causes.fault import IrreparableFault, divide_data
+from updyn.updating.judge.causes.fault import IrreparableFault
 
 __all__ = ["MassLoading"]
 
@@ -30,6 +29,10 @@ class MassLoading(IrreparableFault):
     unit: ClassVar[str] = "kg"
     has_free_size: ClassVar[bool] = True
     is_positive: ClassVar[bool] = True
+    advice: ClassVar[str] = (
+        "Check whether a sensor was moved. If so, make each row a separate test with the mass"
+        " in its model ([test] sensor_masses), or use dummy masses."
+    )
 
     @classmethod
     def applies_to(cls, frf: FRF) -> bool:
@@ -42,14 +45,6 @@ class MassLoading(IrreparableFault):
         turns = any(dof.direction.startswith("R") for dof in evidence.frf.responses)
         if len(evidence.frf.responses) > 1 and not turns:
             yield cls()
-
-    @property
-    def remedy(self) -> Remedy:
-        """Advice to the user."""
-        return Remedy(
-            "Check whether a sensor was moved. If so, make each row a separate test with the mass"
-            " in its model ([test] sensor_masses), or use dummy masses."
-        )
 
     def repair(self, frf: FRF) -> FRF:
         """Raise a `DataError` with the remedy: the data alone do not determine the correction."""
@@ -64,12 +59,10 @@ class MassLoading(IrreparableFault):
         a = evidence.drive_point_response
         return np.broadcast_to((a / (1.0 - self.value * a))[:, :, None], evidence.frf.values.shape)
 
-    def repair_with_model(self, evidence: Evidence) -> FRF:
-        """Return the data times 1 - omega^2 m H_ii of the model."""
+    def log_change(self, evidence: Evidence) -> ComplexArray:
+        """Return -ln(1 - omega^2 m H_ii)."""
         log_correction = np.log(1.0 - self.value * evidence.drive_point_response)[:, :, None]
-        return divide_data(
-            evidence.frf, np.broadcast_to(-log_correction, evidence.frf.values.shape)
-        )
+        return np.broadcast_to(-log_correction, evidence.frf.values.shape)
 
     def statement(self) -> str:
         """Return a sentence with the mass."""

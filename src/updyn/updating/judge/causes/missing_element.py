@@ -13,7 +13,7 @@ from updyn.remedy import IN_PYTHON, Remedy
 from updyn.updating.judge.causes.altering import AlteringFault
 from updyn.updating.judge.causes.element import AddedElement, MeasuredDofs
 from updyn.updating.judge.causes.evidence import Evidence
-from updyn.updating.judge.causes.fault import Fault, divide_data
+from updyn.updating.judge.causes.fault import Fault
 from updyn.updating.judge.causes.screening import select_elements
 from updyn.updating.judge.causes.settings import MISSING_ELEMENT
 from updyn.updating.problem.problem import FRFPart
@@ -78,9 +78,9 @@ class MissingElement(AlteringFault):
         """Return the derivative of the model's ln H by the size of the element."""
         return evidence.receptances.slope(self.alteration)
 
-    def repair_with_model(self, evidence: Evidence) -> FRF:
-        """Return the data divided by H with the element over the model's H."""
-        return divide_data(evidence.frf, evidence.receptances.log_change(self.alteration))
+    def log_change(self, evidence: Evidence) -> ComplexArray:
+        """Return the model's ln H with the element over H."""
+        return evidence.receptances.log_change(self.alteration)
 
     @property
     def size_text(self) -> str:
@@ -99,7 +99,7 @@ class MissingElement(AlteringFault):
         return f"The model lacks a {self.noun} of {self.size_text} {self.place_text}."
 
     @property
-    def advice(self) -> str:
+    def search_advice(self) -> str:
         """First advice to the user."""
         return "Look for it there. If it exists, add it to the model"
 
@@ -115,7 +115,7 @@ class MissingElement(AlteringFault):
             f"{self.quantity}={self.value:.6g}{loss})",
             f'unknowns += updyn.parameters(model, {self.quantity}="{name}")',
         )
-        return Remedy(f"{self.advice}:", lines, IN_PYTHON)
+        return Remedy(f"{self.search_advice}:", lines, IN_PYTHON)
 
 
 def list_directed_places(frf: FRF) -> Iterator[tuple[tuple[str, ...], bool]]:

@@ -52,8 +52,8 @@ class MissingSpring(MissingElement):
         )
 
     @property
-    def advice(self) -> str:
+    def search_advice(self) -> str:
         """First advice to the user."""
         if not self.supports:
-            return super(MissingSpring, self).advice
+            return super(MissingSpring, self).search_advice
         return "Check how the structure was supported in the test. Add each support to the model"

@@ -9,7 +9,6 @@ from typing import ClassVar, Self
 import numpy as np
 
 from updyn.frf import FRF, QUANTITIES
-from updyn.remedy import Remedy
 from updyn.updating.judge.causes.fault import IrreparableFault
 
 __all__ = ["UNITS_OF_MODELS", "ModelUnit"]
@@ -41,6 +40,10 @@ class ModelUnit(IrreparableFault):
     kind: ClassVar[str] = "model-unit"
     concerns_model: ClassVar[bool] = True
     odds: ClassVar[float] = 1e-2
+    advice: ClassVar[str] = (
+        "Check the units of the model: those of force, mass and length have to be consistent,"
+        " such as N, kg and m, or N, tonnes and mm."
+    )
 
     @classmethod
     def list_mistakes(cls) -> Iterator[Self]:
@@ -63,14 +66,6 @@ class ModelUnit(IrreparableFault):
             decay=stretch * frf.decay,
             values=factor * frf.values,
             variance=variance,
-        )
-
-    @property
-    def remedy(self) -> Remedy:
-        """Advice to the user."""
-        return Remedy(
-            "Check the units of the model: those of force, mass and length have to be consistent,"
-            " such as N, kg and m, or N, tonnes and mm."
         )
 
     def statement(self) -> str:

@@ -9,10 +9,8 @@ from typing import ClassVar, Self
 import numpy as np
 
 from updyn.arrays import ComplexArray, RealArray
-from updyn.frf import FRF
-from updyn.remedy import Remedy
 from updyn.updating.judge.causes.evidence import Evidence
-from updyn.updating.judge.causes.fault import IrreparableFault, divide_data
+from updyn.updating.judge.causes.fault import IrreparableFault
 from updyn.updating.judge.causes.holding import list_ground_springs
 from updyn.updating.judge.causes.settings import SUPPORT_FAULT
 from updyn.updating.problem.parameters import ParameterSet
@@ -34,6 +32,10 @@ class NoSupport(IrreparableFault):
     has_free_size: ClassVar[bool] = True
     is_adaptive: ClassVar[bool] = True
     odds: ClassVar[float] = 2e-3
+    advice: ClassVar[str] = (
+        "Check how the structure was supported in the test; leave that group out of the model,"
+        " or make its stiffness an unknown with a wide prior."
+    )
 
     @classmethod
     def propose_faults(cls, evidence: Evidence) -> Iterable[Self]:
@@ -41,14 +43,6 @@ class NoSupport(IrreparableFault):
         for group in list_ground_springs(evidence.part):
             for share in SUPPORT_FAULT.first_shares:
                 yield cls((group,), float(np.log(share)))
-
-    @property
-    def remedy(self) -> Remedy:
-        """Advice to the user."""
-        return Remedy(
-            "Check how the structure was supported in the test; leave that group out of the model,"
-            " or make its stiffness an unknown with a wide prior."
-        )
 
     def slope(self, evidence: Evidence) -> ComplexArray:
         """Return the derivative of the model's ln H by the logarithm of the stiffness."""
@@ -58,11 +52,9 @@ class NoSupport(IrreparableFault):
         )
         return np.asarray((high - low) / (2.0 * SUPPORT_FAULT.share_step))
 
-    def repair_with_model(self, evidence: Evidence) -> FRF:
-        """Return the data divided by H with this stiffness over the model's H."""
-        return divide_data(
-            evidence.frf, evidence.log_ratio_with_stiffness(self.channels[0], self.value)
-        )
+    def log_change(self, evidence: Evidence) -> ComplexArray:
+        """Return the model's ln H with this stiffness over H."""
+        return evidence.log_ratio_with_stiffness(self.channels[0], self.value)
 
     def correct_part(self, part: FRFPart, x: RealArray) -> FRFPart:
         """Return the part with this stiffness as an unknown with a wide prior."""

@@ -10,11 +10,9 @@ import numpy as np
 
 from updyn.arrays import BoolArray, ComplexArray
 from updyn.frf import FRF, QUANTITIES
-from updyn.remedy import Remedy
 from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.fault import (
     Fault,
-    divide_data,
     find_channels,
     list_channels,
     list_sides,
@@ -41,6 +39,10 @@ class OtherTest(Fault):
     is_additive: ClassVar[bool] = True
     omits_channels: ClassVar[bool] = True
     is_local: ClassVar[bool] = True
+    advice: ClassVar[str] = (
+        "Check when and how it was measured. If the structure was in another state, omit it:"
+    )
+    remark: ClassVar[str] = "Or make it a separate test."
 
     @classmethod
     def propose_faults(cls, evidence: Evidence) -> Iterable[Self]:
@@ -62,7 +64,7 @@ class OtherTest(Fault):
         """Return the data in which the sensor has no weight."""
         return remove_weight(frf, self._channel_mask(frf))
 
-    def search_size(self, evidence: Evidence) -> Self:
+    def adapt_to(self, evidence: Evidence) -> Self:
         """Return the fault with the shift that fits the data best at a point."""
 
         def squared_error(one: Self) -> float:
@@ -95,12 +97,9 @@ class OtherTest(Fault):
             frf
         )
 
-    def repair_with_model(self, evidence: Evidence) -> FRF:
-        """Return the data divided by the model's A(exp(value) f) / A(f) at the channels."""
-        return divide_data(
-            evidence.frf,
-            evidence.log_ratio_with_scaled_axis(self.value) * self._channel_mask(evidence.frf),
-        )
+    def log_change(self, evidence: Evidence) -> ComplexArray:
+        """Return the model's ln A(exp(value) f) / A(f) at the channels."""
+        return evidence.log_ratio_with_scaled_axis(self.value) * self._channel_mask(evidence.frf)
 
     def _channel_mask(self, frf: FRF) -> BoolArray:
         """Return which channels are of the other test, shape (n_i, n_j)."""
@@ -109,15 +108,6 @@ class OtherTest(Fault):
     def is_plausible(self) -> bool:
         """Return whether the factor is between 0.5 % and 30 %."""
         return CHANNEL_FAULT.least_shift < abs(self.value) < CHANNEL_FAULT.most_shift
-
-    @property
-    def remedy(self) -> Remedy:
-        """Advice to the user."""
-        return Remedy.repair(
-            "Check when and how it was measured. If the structure was in another state, omit it:",
-            self.repair_text,
-            "Or make it a separate test.",
-        )
 
     def statement(self) -> str:
         """Return a sentence with the factor of the resonances."""

@@ -8,10 +8,8 @@ from typing import ClassVar, Self
 import numpy as np
 
 from updyn.arrays import ComplexArray
-from updyn.frf import FRF
-from updyn.remedy import Remedy
 from updyn.updating.judge.causes.evidence import Evidence
-from updyn.updating.judge.causes.fault import IrreparableFault, divide_data
+from updyn.updating.judge.causes.fault import IrreparableFault
 from updyn.updating.judge.causes.holding import is_free
 from updyn.updating.judge.causes.settings import SUPPORT_FAULT
 
@@ -34,6 +32,11 @@ class Suspension(IrreparableFault):
     is_positive: ClassVar[bool] = True
     odds: ClassVar[float] = 2e-3
     imitated_kinds: ClassVar[tuple[str, ...]] = ("missing-mode",)
+    advice: ClassVar[str] = (
+        "Check how the structure was supported in the test; add springs to the ground to the"
+        " model, as a group whose stiffness is an unknown, or remove the supports and measure"
+        " again."
+    )
 
     @classmethod
     def propose_faults(cls, evidence: Evidence) -> Iterable[Self]:
@@ -52,15 +55,6 @@ class Suspension(IrreparableFault):
         """True: further causes would be errors of this model of the support."""
         return True
 
-    @property
-    def remedy(self) -> Remedy:
-        """Advice to the user."""
-        return Remedy(
-            "Check how the structure was supported in the test; add springs to the ground to the"
-            " model, as a group whose stiffness is an unknown, or remove the supports and measure"
-            " again."
-        )
-
     def slope(self, evidence: Evidence) -> ComplexArray:
         """Return the derivative of the model's ln H by the frequency of the suspension."""
         low, high = (
@@ -69,9 +63,9 @@ class Suspension(IrreparableFault):
         )
         return np.asarray((high - low) / (2.0 * SUPPORT_FAULT.frequency_step * self.value))
 
-    def repair_with_model(self, evidence: Evidence) -> FRF:
-        """Return the data divided by the model's H of K + (2 pi value)^2 M over that of K."""
-        return divide_data(evidence.frf, evidence.log_ratio_on_suspension(self.value))
+    def log_change(self, evidence: Evidence) -> ComplexArray:
+        """Return the model's ln H of K + (2 pi value)^2 M over that of K."""
+        return evidence.log_ratio_on_suspension(self.value)
 
     def statement(self) -> str:
         """Return a sentence with the frequency of the suspension."""

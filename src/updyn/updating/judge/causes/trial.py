@@ -194,18 +194,16 @@ def _choose_start(
     x = fault.choose_start(part, x)
     if fault.omits_channels:
         x = _descend(part.with_data(fault.mask_channels(part.frf)), x, steps)[0]
-        fault = fault.search_size(Evidence(part, x))
+        fault = fault.adapt_to(Evidence(part, x))
     return fault, x
 
 
 def _estimate_size(part: FRFPart, corrected: FRFPart, fault: Fault, x: RealArray) -> Fault:
     """Return the fault with its size from the data at x, either original or corrected for it."""
-    if fault.is_adaptive:
+    if fault.is_adaptive or fault.omits_channels:
         return fault.adapt_to(Evidence(part, x))
     if not fault.has_free_size:
         return fault
-    if fault.omits_channels:
-        return fault.search_size(Evidence(part, x))
     if not fault.is_additive:
         return FirstOrderModel(Evidence(part, x)).fit(fault).fault
     more = FirstOrderModel(Evidence(corrected, x)).fit(replace(fault, value=0.0))

@@ -16,7 +16,6 @@ from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.fault import FORCE, Fault
 from updyn.updating.judge.causes.settings import CHANNEL_FAULT
 from updyn.updating.judge.settings import SIGNIFICANCE
-from updyn.updating.problem.problem import FRFPart
 
 __all__ = ["TurnedSensor", "list_rotation_axes"]
 
@@ -57,10 +56,6 @@ class TurnedSensor(Fault):
         return replace(
             self, value=_find_best_angle(_ChannelRotation.of(self.channels, evidence.frf), evidence)
         )
-
-    def fit_all_data(self, part: FRFPart, x: RealArray) -> Self:
-        """Return the fault with the best-fitting angle for all data of a part."""
-        return self.adapt_to(Evidence(part, x))
 
     def repair(self, frf: FRF) -> FRF:
         """Return the data in the directions that the labels state."""

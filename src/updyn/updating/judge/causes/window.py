@@ -10,9 +10,8 @@ import numpy as np
 
 from updyn.arrays import ComplexArray, RealArray
 from updyn.frf import FRF
-from updyn.remedy import Remedy
 from updyn.updating.judge.causes.evidence import Evidence
-from updyn.updating.judge.causes.fault import Fault, divide_data
+from updyn.updating.judge.causes.fault import Fault
 from updyn.updating.judge.causes.missing_viscous import count_viscous_places
 from updyn.updating.judge.causes.proportional import ProportionalDamping
 from updyn.updating.judge.causes.rates import ALL
@@ -32,6 +31,10 @@ class WindowDamping(Fault):
     is_additive: ClassVar[bool] = True
     has_constant_size: ClassVar[bool] = True
     is_positive: ClassVar[bool] = True
+    advice: ClassVar[str] = (
+        "Check the settings of the analyser: its stated decay is more accurate than an estimate."
+        " Write this, or the stated value:"
+    )
     distinguishing_test: ClassVar[str] = (
         "The settings of the analyser, or a record without a window, would distinguish them."
     )
@@ -49,9 +52,9 @@ class WindowDamping(Fault):
         """Return d ln H / d (i omega)."""
         return evidence.slope_by_frequency / (2j * np.pi)
 
-    def repair_with_model(self, evidence: Evidence) -> FRF:
-        """Return the data divided by the model's H(i omega + value) / H(i omega)."""
-        return divide_data(evidence.frf, evidence.log_ratio_with_decay(self.value))
+    def log_change(self, evidence: Evidence) -> ComplexArray:
+        """Return the model's ln H(i omega + value) / H(i omega)."""
+        return evidence.log_ratio_with_decay(self.value)
 
     def correct_part(self, part: FRFPart, x: RealArray) -> FRFPart:
         """Return the part whose model is evaluated with the decay of the data."""
@@ -63,15 +66,6 @@ class WindowDamping(Fault):
         # between quantities distinguish a window from it.
         n_places = count_viscous_places(part)
         return (ProportionalDamping((f"{ALL}.mass_damping",), 2.0 * self.value, n_places=n_places),)
-
-    @property
-    def remedy(self) -> Remedy:
-        """Advice to the user."""
-        return Remedy.repair(
-            "Check the settings of the analyser: its stated decay is more accurate than an"
-            " estimate. Write this, or the stated value:",
-            self.repair_text,
-        )
 
     def statement(self) -> str:
         """Return a sentence with the decay and its loss factor."""

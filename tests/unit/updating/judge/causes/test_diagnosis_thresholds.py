@@ -19,8 +19,7 @@ from updyn.updating.judge.causes import (
     reciprocity,
     reduced,
 )
-from updyn.updating.judge.causes.calibration import Calibration
-from updyn.updating.judge.causes.delay import Delay
+from updyn.updating.judge.causes.channel_factor import Calibration, Delay
 from updyn.updating.judge.causes.drive_point import DrivePoint
 from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.missing_mode import MissingMode
@@ -159,8 +158,8 @@ def test_a_fault_is_fitted_from_odds_of_minus_five(monkeypatch):
 
 def test_faults_within_fifty_of_one_that_explains_all_are_tried(monkeypatch):
     score(monkeypatch, [100.0, 51.0, 49.0])
-    found = candidates._list_rivals(None, make_trial(fault=SimpleNamespace(key=0)))
-    assert [one.fault.key for one in found] == [1]
+    found = candidates._list_rivals(None, make_trial(fault=SimpleNamespace(key=0)), [])
+    assert [fault.key for fault, _ in found] == [1]
 
 
 @pytest.mark.parametrize(("reduction", "share"), [(0.29, 0.1), (0.31, 0.31)])

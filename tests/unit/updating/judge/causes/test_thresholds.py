@@ -11,10 +11,9 @@ import pytest
 
 import updyn
 from updyn.remedy import Remedy
-from updyn.updating.judge.causes.calibration import Calibration
 from updyn.updating.judge.causes.candidates import has_small_residual
+from updyn.updating.judge.causes.channel_factor import Calibration, Delay, LowPass, WrongSign
 from updyn.updating.judge.causes.dead_channel import DeadChannel
-from updyn.updating.judge.causes.delay import Delay
 from updyn.updating.judge.causes.diagnosis import (
     count_search_lines,
     find_obstacle,
@@ -31,7 +30,6 @@ from updyn.updating.judge.causes.finding import Finding
 from updyn.updating.judge.causes.frequency_scale import FrequencyScale
 from updyn.updating.judge.causes.holding import list_ground_springs
 from updyn.updating.judge.causes.loss_over_frequency import LossOverFrequency
-from updyn.updating.judge.causes.low_pass import LowPass
 from updyn.updating.judge.causes.misfit import (
     WeightedData,
     add_perfect_fit,
@@ -50,7 +48,6 @@ from updyn.updating.judge.causes.ranking import (
 )
 from updyn.updating.judge.causes.reduced import WholeModel, choose_trial_models
 from updyn.updating.judge.causes.scale import WrongUnit
-from updyn.updating.judge.causes.sign import WrongSign
 from updyn.updating.judge.causes.square import CollocatedFrfs
 from updyn.updating.judge.causes.support import Suspension
 from updyn.updating.judge.causes.suspects import ScoredFault, select_likeliest
