@@ -79,6 +79,27 @@ def test_all_channels_are_shown_with_the_model_at_its_start(window):
     )
 
 
+def test_figures_are_drawn_once_they_are_near_the_screen(window):
+    """The page has its full length before; a figure that is far below is drawn when it is scrolled to."""
+    server, page, _ = window
+    size = page.viewport_size
+    page.set_viewport_size({"width": 420, "height": 600})
+    visit(page, f"{server.base}/measurement")
+    page.wait_for_selector(".js-plotly-plot .main-svg")
+    page.get_by_text(re.compile(r"model at its start differs")).wait_for()
+    drawn = "document.querySelectorAll('.js-plotly-plot').length"
+    assert page.evaluate(drawn) < 10
+    length = page.evaluate("document.documentElement.scrollHeight")
+    last = page.get_by_role("button", name="12:X / 12:X")
+    last.scroll_into_view_if_needed()
+    page.wait_for_function(
+        "() => [...document.querySelectorAll('.js-plotly-plot')].at(-1).getBoundingClientRect().bottom"
+        " > 0.9 * innerHeight"
+    )
+    assert page.evaluate("document.documentElement.scrollHeight") == pytest.approx(length, abs=40)
+    page.set_viewport_size(size)
+
+
 def test_a_finding_shows_the_effect_of_its_repair_and_can_be_left_out(window):
     server, page, job = window
     visit(page, f"{server.base}/measurement")

@@ -30,6 +30,7 @@ __all__ = [
     "Change",
     "changes_figure",
     "changes_of_fits",
+    "find_outcomes",
     "is_significant",
     "judge_change",
     "largest_changes",
@@ -292,8 +293,7 @@ def _lay_out(
 def largest_changes(result: UpdateResult) -> Figure | None:
     """Return bars of the largest changes with their 95 % intervals; None without any."""
     # The axis contains all estimates and the intervals of the significant ones; others are cut off.
-    chosen = order_by_change(result)[: REPORT_LIST.largest_changes]
-    rows = [_ChangeRow.of(_change_of(result, p), place) for place, p in enumerate(chosen)]
+    rows = _list_largest(result)
     if not rows:
         return None
     short = [row if row.outcome == "changed" else replace(row, low=nan, high=nan) for row in rows]
@@ -313,6 +313,16 @@ def largest_changes(result: UpdateResult) -> Figure | None:
     figure = _lay_out(rows[-1].place, view, left, right, gap=_SMALL_TICK_GAP)
     figure["layout"] |= {"showlegend": False, "margin": {"l": 60, "r": 8, "t": 4, "b": 26}}
     return {"data": traces, "height": 40 + 26 * len(rows)} | figure
+
+
+def _list_largest(result: UpdateResult) -> list[_ChangeRow]:
+    chosen = order_by_change(result)[: REPORT_LIST.largest_changes]
+    return [_ChangeRow.of(_change_of(result, p), place) for place, p in enumerate(chosen)]
+
+
+def find_outcomes(result: UpdateResult) -> set[str]:
+    """Return the outcomes (keys of `_STYLES`) of the unknowns in `largest_changes`."""
+    return {row.outcome for row in _list_largest(result)}
 
 
 def changes_of_fits(fits: Mapping[str, Sequence[Change]]) -> Figure | None:

@@ -161,11 +161,11 @@ def small_curves(data: ReportData, i: int, j: int) -> Figure | None:
     for name, x, H, look in _model_curves(data, i, j, most):
         traces.append(curve(x, np.abs(H), name, unit=unit_of, legend=False, **look))
         drawn.append(np.abs(H))
-    panel = Panel("", traces, log_range(np.concatenate(drawn)))
+    panel = Panel(unit_of, traces, log_range(np.concatenate(drawn)))
     figure = stack_panels([panel], linear_frequency(data.freq), height=168)
     figure["layout"] |= {"showlegend": False, "margin": {"l": 40, "r": 8, "t": 6, "b": 40}}
-    figure["layout"]["xaxis"]["title"]["standoff"] = 2
     for axis in ("xaxis", "yaxis"):
+        figure["layout"][axis]["title"]["standoff"] = 2
         figure["layout"][axis]["tickfont"] = {"size": _SMALL_TEXT}
     return figure
 

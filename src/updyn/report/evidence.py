@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from updyn.report.changes import largest_changes
+from updyn.report.changes import find_outcomes, largest_changes
 from updyn.report.channels import format_channel, small_curves, worst_and_median
 from updyn.report.data import ReportData
 from updyn.report.formats import format_count, percentage
@@ -99,10 +99,11 @@ def _show_changes(content: PageContent) -> Iterator[tuple[EvidencePanel, Figure]
     figure = largest_changes(result)
     if figure is not None:
         n = len(result.parameters)
+        note = "; grey: not significant" if "insignificant" in find_outcomes(result) else ""
         panel = EvidencePanel(
             "overview-changes",
             "Largest changes",
-            "From the start, with 95 % intervals.",
+            f"From the start, with 95 % intervals{note}.",
             "changes",
             f"all {format_count(n, 'unknown')}" if n > 1 else "unknown",
         )

@@ -1,22 +1,32 @@
 // A figure in the format of the report, in the colours of the page. It emits "pick" with the ends of a dragged band, or
 // with a clicked frequency twice, and "row" with the number of a clicked row of a map. It has a smallest width, because
 // plotly cannot place titles in the few px that a page without its styles gives it.
-// The figures of a page are drawn in turn, and the browser shows each before the next.
+// A figure is drawn once it is on the screen or near it; until then it has its height. Figures are drawn in turn, each
+// once the browser has shown the one before and has nothing else to do, or after a time.
+const NEAR = "300px", PATIENCE = 200; // ms
+const idle = window.requestIdleCallback?.bind(window) ?? ((done) => setTimeout(done));
+const pause = () => new Promise((done) => idle(() => done(), { timeout: PATIENCE }));
 let turn = Promise.resolve();
-const takeTurn = (draw) => (turn = turn.then(() => new Promise((done) => setTimeout(done))).then(draw, draw));
+const takeTurn = (draw) => { const drawn = turn.then(draw); turn = drawn.then(pause, pause); return drawn; };
 
 export default {
-  template: "<div style='min-width: 240px'><div ref='place'></div></div>",
+  template: `<div :style="{ minWidth: '240px', minHeight: (figure.height || 0) + 'px' }"><div ref='place'></div></div>`,
   props: { figure: Object },
   mounted() {
     const place = this.$refs.place;
     this.observer = new ResizeObserver(() => { if (place.clientWidth !== this.width) this.draw(); });
     this.observer.observe(place);
+    this.sight = new IntersectionObserver((entries) => {
+      this.isNear = entries.at(-1).isIntersecting;
+      if (this.isNear && this.isOutdated) this.draw();
+    }, { rootMargin: NEAR });
+    this.sight.observe(this.$el);
     this.dark = matchMedia("(prefers-color-scheme: dark)");
     this.dark.addEventListener("change", this.draw);
   },
   beforeUnmount() {
     this.observer.disconnect();
+    this.sight.disconnect();
     this.dark.removeEventListener("change", this.draw);
     this.isOutdated = false;
     this.isGone = true;
@@ -27,7 +37,7 @@ export default {
     // Draws one figure after the other: plotly misplaces the legend if it is asked again before it has ended.
     async draw() {
       this.isOutdated = !this.isGone;
-      if (this.isDrawing || this.isGone) return;
+      if (this.isDrawing || this.isGone || !this.isNear) return;
       this.isDrawing = true;
       try {
         while (this.isOutdated) {

@@ -19,6 +19,7 @@ from updyn.demos import chain
 from updyn.remedy import Remedy
 from updyn.report.changes import largest_changes
 from updyn.report.channels import small_curves, worst_and_median
+from updyn.report.evidence import show_evidence
 from updyn.report.formats import paragraphs, split_more
 from updyn.report.page import render
 from updyn.report.section import PageContent
@@ -188,11 +189,29 @@ def test_small_curves_keep_the_peaks(results):
     data = PageContent(results["usable"]).data
     worst = worst_and_median(data)["worst"]
     assert data.residual_after[worst] == data.residual_after.max()
-    measured, start, updated = small_curves(data, *worst)["data"]
+    figure = small_curves(data, *worst)
+    assert figure["layout"]["yaxis"]["title"]["text"] == "(m/s²)/N"
+    measured, start, updated = figure["data"]
     assert plotted(measured["y"]).max() == pytest.approx(np.abs(data.measured[:, *worst]).max())
     for trace, curve in ((start, data.before_curve), (updated, data.after_curve)):
         assert plotted(trace["y"]).max() == pytest.approx(np.abs(curve[:, *worst]).max(), rel=1e-6)
         assert len(plotted(trace["x"])) <= REPORT_SIZE.small_curve_lines + 2
+
+
+def test_grey_bars_are_explained_where_there_are_any(results):
+    """Of the chain all unknowns have changed; with ten times the errors none has significantly."""
+    good = results["usable"]
+    vague = dataclasses.replace(good, std=dict.fromkeys(good.std, 10.0))
+    captions = [
+        panel.caption
+        for result in (good, vague)
+        for panel in show_evidence(PageContent(result)).panels
+        if panel.name == "overview-changes"
+    ]
+    assert captions == [
+        "From the start, with 95 % intervals.",
+        "From the start, with 95 % intervals; grey: not significant.",
+    ]
 
 
 def test_a_fit_of_modes_shows_its_modes(results):

@@ -106,17 +106,62 @@ const updynReport = (() => {
     return short.map((text, i) => short.indexOf(text) === short.lastIndexOf(text) ? text : texts[i]);
   }
 
-  // On a narrow page the legend stands in rows above the data, and the figure grows by them; names leave room to data.
+  // On a narrow page names and ticks leave room to data, panels are below each other, and the legend is in rows above
+  // the data; the figure grows by them.
+  const NARROW = 640, LETTER = 7; // px; width of a letter of an axis
   function fitted(figure, place) {
     const { data, height } = figure, own = { ...figure.layout };
-    if (place.clientWidth > 640) return { data, own, height };
+    if (place.clientWidth > NARROW) return { data, own, height };
     for (const key of Object.keys(own)) {
       if (/^yaxis\d*$/.test(key) && own[key].ticktext) own[key] = { ...own[key], ticktext: shorten(own[key].ticktext, place.clientWidth) };
     }
-    if (!own.showlegend) return { data, own, height };
+    const beside = (key, least) => Math.max(least, 14 + LETTER * longest(own[key]?.ticktext)); // as wide as the margin
+    const room = place.clientWidth - beside("yaxis", 60) - beside("yaxis2", 16);
+    if (own.xaxis?.ticktext && own.xaxis.tickangle === 0) own.xaxis = thinned(own.xaxis, room);
+    const rows = data.map((trace) => trace.type === "heatmap" ? fittedMap(trace, own, place.clientWidth) : trace);
+    const high = stacked(own, height);
+    if (!own.showlegend) return { data: rows, own, height: high };
     const entries = data.filter((trace) => trace.showlegend !== false).length;
-    own.legend = { orientation: "h" };
-    return { data, own, height: height + 12 * Math.max(entries - 2, 0) };
+    own.legend = { orientation: "h", ...(own.annotations?.length ? { y: 1 + 26 / high } : {}) }; // above titles of panels
+    return { data: rows, own, height: high + 12 * Math.max(entries - 2, 0) };
+  }
+
+  const longest = (texts) => Math.max(0, ...(texts ?? []).map((text) => String(text).replace(/<[^>]*>/g, "").length));
+
+  // An axis with its tick at 0, or at 1 if logarithmic, else the first, and the others that have room on both sides of it.
+  function thinned(axis, room) {
+    const at = axis.tickvals.map(axis.type === "log" ? Math.log10 : Number);
+    const [low, high] = axis.range ?? [Math.min(...at), Math.max(...at)];
+    const needed = (i, j) => 0.5 * LETTER * (longest([axis.ticktext[i]]) + longest([axis.ticktext[j]])) + 6;
+    const isApart = (i, j) => room * Math.abs(at[i] - at[j]) >= needed(i, j) * (high - low);
+    const origin = Math.max(at.indexOf(0), 0), kept = [origin];
+    for (let i = origin + 1; i < at.length; i++) if (isApart(i, kept.at(-1))) kept.push(i);
+    for (let i = origin - 1; i >= 0; i--) if (isApart(i, kept[0])) kept.unshift(i);
+    return { ...axis, tickvals: kept.map((i) => axis.tickvals[i]), ticktext: kept.map((i) => axis.ticktext[i]) };
+  }
+
+  // A map without the values in its cells if these are too narrow, and with as many names of columns as there is room for.
+  function fittedMap(trace, own, width) {
+    const bar = trace.showscale === false ? 0 : 70;
+    const cell = (width - 40 - bar - LETTER * longest(own.yaxis?.ticktext ?? trace.y)) / (trace.x?.length || 1);
+    if (own.xaxis?.dtick === 1 && cell < 14) own.xaxis = { ...own.xaxis, dtick: Math.ceil(14 / cell) };
+    if (!trace.text || cell >= LETTER * longest(trace.text.flat())) return trace;
+    const { texttemplate, ...rest } = trace;
+    return rest;
+  }
+
+  // Puts panels next to each other below each other; returns the height of the figure.
+  function stacked(own, height) {
+    const across = Object.keys(own).filter((key) => /^xaxis\d*$/.test(key) && own[key].domain);
+    if (across.length < 2) return height;
+    const step = 1.4 / (1.4 * across.length - 0.4), tops = across.map((_, i) => 1 - i * step);
+    across.forEach((key, i) => {
+      const down = key.replace("x", "y");
+      own[key] = { ...own[key], domain: [0, 1] };
+      own[down] = { ...own[down], domain: [Math.max(tops[i] - step / 1.4, 0), tops[i]] };
+    });
+    own.annotations = (own.annotations ?? []).map((note, i) => ({ ...note, x: 0, y: tops[i] }));
+    return 110 + 250 * across.length;
   }
 
   function repaint() {
