@@ -144,3 +144,50 @@ def test_a_check_is_a_task_of_the_window(window):
     done.wait_for()
     heading = page.frame_locator("iframe").get_by_role("heading", name="Chain of twelve masses")
     heading.wait_for()
+
+
+def begin(page, place):
+    visit(page, place)
+    page.get_by_role("button", name="Save and begin").click()
+
+
+def wait_for_state(page, pattern):
+    state = page.get_by_role("status").filter(has_text=re.compile(pattern))
+    state.wait_for()
+    return state.inner_text()
+
+
+def test_model_and_measurement_are_compared_at_the_start(window):
+    server, page, _ = window
+    begin(page, f"{server.base}/correlate")
+    wait_for_state(page, "^Ended: 12 of 12 unknowns")
+    written = page.frame_locator("iframe")
+    written.get_by_role("heading", name="Chain of twelve masses").wait_for()
+    written.get_by_text(re.compile(r"^\d of \d modes of the test are paired\.$")).first.wait_for()
+
+
+def test_methods_are_compared_up_to_a_stop(window):
+    """It can be stopped from any tab; the methods that have ended are on the page."""
+    server, page, _ = window
+    begin(page, f"{server.base}/compare")
+    wait_for_state(page, r"^(Running: [a-z-]+ \(([2-9]|1\d) of|Ended)")
+    page.get_by_role("button", name="Stop").click()
+    wait_for_state(page, "^Ended")
+    written = page.frame_locator("iframe")
+    written.get_by_role("cell", name="maximum-likelihood").or_(
+        written.get_by_role("rowheader", name="maximum-likelihood")
+    ).first.wait_for()
+    assert re.search(r"of \d+ methods? can be used", written.locator("header").inner_text())
+
+
+@pytest.mark.parametrize("task", ["correlate", "compare"])
+def test_a_task_whose_input_is_gone_says_so(window, task):
+    server, page, job = window
+    data = job.with_name("chain.uff")
+    data.rename(job.with_name("gone"))
+    try:
+        begin(page, f"{server.base}/{task}")
+        wait_for_state(page, "^(Failed|Ended: failed)")
+        page.get_by_text(re.compile("chain.uff.*no such file")).first.wait_for()
+    finally:
+        job.with_name("gone").rename(data)

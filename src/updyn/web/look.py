@@ -43,6 +43,7 @@ body.body--dark {{ --q-primary: var(--after) !important; --q-positive: var(--goo
 .updyn-steps li + li::before {{ content: "›"; color: var(--muted); padding: 0 2px; }}
 .updyn-steps a {{ display: flex; align-items: center; gap: 4px; padding: 3px 8px;
   border-radius: 4px; text-decoration: none; }}
+.nicegui-link, .nicegui-link:visited {{ color: var(--link) !important; }}
 .updyn-nav a {{ color: var(--text) !important; }}
 .updyn-nav a[aria-current] {{ background: var(--after-faint); font-weight: 600; }}
 html[inert] {{ cursor: progress; }}

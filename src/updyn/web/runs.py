@@ -13,10 +13,20 @@ from updyn.group import is_number
 from updyn.job.folder import JOB_FILE
 from updyn.report.changes import Change, judge_change
 from updyn.report.formats import change
+from updyn.updating.judge.verdict import STEP
+from updyn.updating.next_step import split_sentences
 from updyn.updating.problem.parameters import Drive, Parameter
 from updyn.web.project import RunFolder
 
-__all__ = ["AGREEMENT", "RunRow", "compare_runs", "find_level_error", "read_changes"]
+__all__ = [
+    "AGREEMENT",
+    "RunOutcome",
+    "RunRow",
+    "compare_runs",
+    "describe_outcome",
+    "find_level_error",
+    "read_changes",
+]
 
 #: Figures of agreement to compare, by their key in the record.
 AGREEMENT = {
@@ -40,6 +50,23 @@ class RunRow:
     name: str
     cells: list[str]
     differs: bool
+
+
+@dataclass(frozen=True, slots=True)
+class RunOutcome:
+    """The outcome of a run in a sentence, the next step, and further remarks."""
+
+    statement: str
+    next_step: str
+    remarks: list[str]
+
+
+def describe_outcome(record: Mapping[str, Any]) -> RunOutcome:
+    """Return the outcome of a run: its status with the first sentence of its message."""
+    first, *rest = split_sentences(str(record.get("message") or "")) or [""]
+    step, *further = str(record.get("remedy") or "").split(STEP)
+    statement = f"{record['status']}: {first}" if first else str(record["status"])
+    return RunOutcome(statement, step, [*rest, *further])
 
 
 def compare_runs(runs: Sequence[RunFolder]) -> list[RunRow]:

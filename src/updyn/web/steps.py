@@ -147,7 +147,7 @@ def _assess_run(workspace: Workspace, view: JobView | None, runs: Sequence[RunFo
 
 def _assess_result(workspace: Workspace, runs: Sequence[RunFolder]) -> _Found:
     if not runs:
-        return "open", "No result yet: run the job first."
+        return "open", "No result of this job yet: run it first."
     record = runs[0].record
     status = f"Latest run: {record['status']}."
     trust = record.get("trust")

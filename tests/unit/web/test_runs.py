@@ -9,7 +9,13 @@ import pytest
 
 from updyn.report.changes import changes_of_fits
 from updyn.web.project import RunFolder
-from updyn.web.runs import compare_runs, find_level_error, read_changes
+from updyn.web.runs import (
+    RunOutcome,
+    compare_runs,
+    describe_outcome,
+    find_level_error,
+    read_changes,
+)
 
 
 def unknown(name, value, std, start=1.0, **more):
@@ -145,3 +151,18 @@ def test_a_value_that_is_not_known():
 def test_a_record_without_anything(record):
     assert set(rows(record)) == {"status", "method", "steps"}
     assert read_changes(record) == []
+
+
+def test_an_outcome_is_one_sentence_with_its_next_step():
+    record = {
+        "status": "converged",
+        "message": "The fit converged. A mode at 1.5 Hz is not in the model. Remark.",
+        "remedy": "Check the shape.\nFree other groups.",
+    }
+    found = describe_outcome(record)
+    assert found.statement == "converged: The fit converged."
+    assert found.next_step == "Check the shape."
+    assert found.remarks == [
+        "A mode at 1.5 Hz is not in the model.", "Remark.", "Free other groups.",
+    ]  # fmt: skip
+    assert describe_outcome({"status": "failed"}) == RunOutcome("failed", "", [])

@@ -69,7 +69,7 @@ def test_steps_of_a_job_in_order(workspace: Workspace) -> None:
         found[SENSORS].text == "5 sensors and forces on the model, which has 12 DOFs in 4 groups."
     )
     assert found[UNKNOWNS].text == "12 unknowns."
-    assert found[RESULT].text == "No result yet: run the job first."
+    assert found[RESULT].text == "No result of this job yet: run it first."
 
 
 def test_the_check_is_that_of_the_present_text(workspace: Workspace) -> None:

@@ -175,7 +175,7 @@ class _Measurement:
         text = f"{len(used)} of {len(test.freq)} lines are used"
         with ui.row().classes("items-baseline gap-x-6 gap-y-0"):
             ui.label(
-                f"{test.quantity.capitalize()} in {', '.join(units)}: {responses},"
+                f"{test.quantity.capitalize()} in {', '.join(units)} over frequency in Hz: {responses},"
                 f" {format_count(len(test.references), noun)}."
             ).classes("text-lg")
             ui.label(f"{text}, {used[0]:g} to {used[-1]:g} Hz." if len(used) else f"{text}.")
@@ -244,7 +244,7 @@ class _Measurement:
             names = [name for name in test.holdable if name in (event.value or ())]
             show_errors(self._edit)("responses held out", edits.hold_out(names, self._test.number))
 
-        label = "responses held out of the fit for validation"
+        label = "responses held out of the fit"
         if test.held_band is not None:
             low, high = test.held_band
             ui.label(

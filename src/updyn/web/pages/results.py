@@ -15,8 +15,9 @@ from updyn.web.charts import SCALES, frf_chart
 from updyn.web.figure import FigureView
 from updyn.web.looking import JobView, ModelView, TestView, compute_run_model, read_run
 from updyn.web.pages.frame import embed_page, run_slow, watch
+from updyn.web.pages.job import show_view_errors
 from updyn.web.project import RunFolder
-from updyn.web.runs import compare_runs, find_level_error, read_changes
+from updyn.web.runs import compare_runs, describe_outcome, find_level_error, read_changes
 from updyn.web.settings import WEB_PAGE
 from updyn.web.tasks import RUN
 from updyn.web.workspace import Workspace
@@ -101,13 +102,7 @@ async def _show_runs(workspace: Workspace, runs: Mapping[str, RunFolder]) -> Non
     """Show one run with its report, or several side by side."""
     if len(runs) == 1:
         (run,) = runs.values()
-        with ui.column().classes("gap-0"):
-            ui.label(f"{run.record['status']}: {run.record.get('message') or ''}").classes(
-                "text-lg"
-            ).mark("outcome")
-            remedy = str(run.record.get("remedy") or "")
-            if remedy:
-                ui.label(remedy).classes("whitespace-pre-wrap opacity-80")
+        _show_outcome(run)
     else:
         _show_comparison(runs)
     with ui.element("div").classes("w-full grid gap-4 grid-cols-1 lg:grid-cols-2"):
@@ -125,6 +120,19 @@ async def _show_runs(workspace: Workspace, runs: Mapping[str, RunFolder]) -> Non
                 embed_page(f"{place}?{run.modified:g}", "Report", "85vh")
     with curves:
         await _show_curves(workspace, runs)
+
+
+def _show_outcome(run: RunFolder) -> None:
+    """Show the outcome of a run and its next step; further remarks are folded."""
+    found = describe_outcome(run.record)
+    with ui.column().classes("gap-0 w-full"):
+        ui.label(found.statement).classes("text-lg").mark("outcome")
+        if found.next_step:
+            ui.label(f"Next: {found.next_step}").classes("whitespace-pre-wrap opacity-80")
+        if found.remarks:
+            with ui.expansion("Further remarks").classes("w-full").props("dense"):
+                for remark in found.remarks:
+                    ui.label(remark).classes("whitespace-pre-wrap")
 
 
 def _show_comparison(runs: Mapping[str, RunFolder]) -> None:
@@ -166,7 +174,10 @@ async def _show_curves(workspace: Workspace, runs: Mapping[str, RunFolder]) -> N
     files = {name: workspace.project.name_of(run.path / "job.toml") for name, run in runs.items()}
     first = next(iter(files.values()))
     view = await run_slow(workspace.ask_file, read_run, first, note="Reading the measurement …")
-    if view is None or not view.tests:
+    if view is None:
+        return
+    show_view_errors(view)  # such as an input that has been moved since the run
+    if not view.tests or view.errors:
         return
     if view.is_large:
         place = ui.column()

@@ -9,6 +9,7 @@ from nicegui import events, ui
 from tomlkit.exceptions import TOMLKitError
 
 from updyn.errors import UpdynError
+from updyn.updating.judge.settings import SEPARATION
 from updyn.updating.problem.parameters import Parameter
 from updyn.web import edits
 from updyn.web.form import REQUIRED
@@ -171,7 +172,7 @@ class _Choices:
 def _show_separability(found: IdentifiabilityView) -> None:
     if found.rank == found.n:
         which = "the one unknown" if found.n == 1 else f"all {found.n} unknowns"
-        ui.label(f"The data could determine {which}; collinearity {found.collinearity:.3g}.").mark(
+        ui.label(f"The data could determine {which}{_describe_collinearity(found)}.").mark(
             "determined"
         )
     else:
@@ -179,6 +180,17 @@ def _show_separability(found: IdentifiabilityView) -> None:
             "determined"
         )
         ui.label(found.advice).classes("whitespace-pre-wrap")
+
+
+def _describe_collinearity(found: IdentifiabilityView) -> str:
+    """Return a part of a sentence if unknowns are hard to distinguish, else an empty text."""
+    limit = SEPARATION.most_collinearity
+    if found.collinearity <= limit:
+        return ""
+    return (
+        ", but some are hard to distinguish under noise"
+        f" (collinearity index {found.collinearity:.3g}, above {limit:g})"
+    )
 
 
 def _show_table(workspace: Workspace, view: JobView, found: IdentifiabilityView) -> None:
