@@ -175,8 +175,8 @@ class _Measurement:
         text = f"{len(used)} of {len(test.freq)} lines are used"
         with ui.row().classes("items-baseline gap-x-6 gap-y-0"):
             ui.label(
-                f"{test.quantity.capitalize()} in {', '.join(units)} over frequency in Hz: {responses},"
-                f" {format_count(len(test.references), noun)}."
+                f"{test.quantity.capitalize()} in {', '.join(units)} over frequency in Hz:"
+                f" {responses}, {format_count(len(test.references), noun)}."
             ).classes("text-lg")
             ui.label(f"{text}, {used[0]:g} to {used[-1]:g} Hz." if len(used) else f"{text}.")
             self._place = ui.row().classes("items-center")
