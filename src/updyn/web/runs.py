@@ -12,9 +12,7 @@ from updyn.errors import ParameterError
 from updyn.group import is_number
 from updyn.job.folder import JOB_FILE
 from updyn.report.changes import Change, judge_change
-from updyn.report.formats import change
-from updyn.updating.judge.verdict import STEP
-from updyn.updating.next_step import split_sentences
+from updyn.report.formats import change, paragraphs
 from updyn.updating.problem.parameters import Drive, Parameter
 from updyn.web.project import RunFolder
 
@@ -54,7 +52,7 @@ class RunRow:
 
 @dataclass(frozen=True, slots=True)
 class RunOutcome:
-    """The outcome of a run in a sentence, the next step, and further remarks."""
+    """The outcome of a run in brief, the next step, and further remarks."""
 
     statement: str
     next_step: str
@@ -62,9 +60,9 @@ class RunOutcome:
 
 
 def describe_outcome(record: Mapping[str, Any]) -> RunOutcome:
-    """Return the outcome of a run: its status with the first sentence of its message."""
-    first, *rest = split_sentences(str(record.get("message") or "")) or [""]
-    step, *further = str(record.get("remedy") or "").split(STEP)
+    """Return the outcome of a run: its status and at most two sentences of its message."""
+    first, *rest = paragraphs(str(record.get("message") or "")) or [""]
+    step, *further = str(record.get("remedy") or "").splitlines() or [""]
     statement = f"{record['status']}: {first}" if first else str(record["status"])
     return RunOutcome(statement, step, [*rest, *further])
 

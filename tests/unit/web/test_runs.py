@@ -153,16 +153,14 @@ def test_a_record_without_anything(record):
     assert read_changes(record) == []
 
 
-def test_an_outcome_is_one_sentence_with_its_next_step():
+def test_an_outcome_is_two_sentences_with_its_next_step():
     record = {
         "status": "converged",
         "message": "The fit converged. A mode at 1.5 Hz is not in the model. Remark.",
         "remedy": "Check the shape.\nFree other groups.",
     }
     found = describe_outcome(record)
-    assert found.statement == "converged: The fit converged."
+    assert found.statement == "converged: The fit converged. A mode at 1.5 Hz is not in the model."
     assert found.next_step == "Check the shape."
-    assert found.remarks == [
-        "A mode at 1.5 Hz is not in the model.", "Remark.", "Free other groups.",
-    ]  # fmt: skip
+    assert found.remarks == ["Remark.", "Free other groups."]
     assert describe_outcome({"status": "failed"}) == RunOutcome("failed", "", [])
