@@ -5,9 +5,12 @@ equations of pyHarm (`pip install pyHarm-os`; skipped if it is not installed), w
 degrees of freedom instead of the deformations of elements. The first structure is the second
 example of NLvib (Krack & Gross, Harmonic Balance for Nonlinear Vibration Problems, 2019), with a
 quasi-periodic range: unstable exponents are counted there by Floquet multipliers, too. Cost of a
-level of 200 lines of a solid over that of its linear FRFs.
+level of 200 lines of a solid over that of its linear FRFs. Linear structures that are reported
+nonlinear from noisy FRFs at several levels.
 
-    OMP_NUM_THREADS=1 python benchmarks/nonlinear.py [closed time stability pyharm cost]
+    OMP_NUM_THREADS=1 python benchmarks/nonlinear.py [PART ...]
+
+with the parts closed, time, stability, pyharm, cost and linear.
 """
 
 from __future__ import annotations
@@ -17,7 +20,7 @@ import logging
 import sys
 import time
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import models
@@ -348,6 +351,58 @@ def cost() -> None:
         print(f"    {found.source}")
 
 
+# -- detection ----------------------------------------------------------------------------------
+def with_noise(
+    frf: updyn.FRF, rng: np.random.Generator, relative: float, floor: float, common: float = 0.0
+) -> updyn.FRF:
+    """FRFs with noise relative to |H|, a floor, and noise of the force, common to responses."""
+
+    def draw(*shape: int) -> np.ndarray:
+        return (rng.standard_normal(shape) + 1j * rng.standard_normal(shape)) / np.sqrt(2.0)
+
+    H = frf.values
+    channel = np.exp(rng.normal(0.0, 0.7, (1, *H.shape[1:])))
+    floors = floor * np.sqrt(np.mean(np.abs(H) ** 2)) * channel
+    values = H * (1.0 + relative * draw(*H.shape)) + floors * draw(*H.shape)
+    return replace(frf, values=values * (1.0 + common * draw(len(H), 1, H.shape[2])))
+
+
+def count_alarms(seeds: range) -> tuple[int, int]:
+    """Linear structures reported nonlinear from two or three levels, and from one level."""
+    several, single = [], []
+    for seed in seeds:
+        rng = np.random.default_rng(seed)
+        n = int(rng.integers(2, 9))
+        springs = [*(1e4 * np.exp(rng.normal(0.0, 0.5, n))), float(rng.choice([0.0, 1e4]))]
+        labels = [f"{i + 1}:X" for i in range(n)]
+        groups = {
+            "springs": updyn.Group(chain(springs), loss_factor=float(rng.uniform(0.005, 0.06))),
+            "masses": updyn.Group(mass=np.diag(np.exp(rng.normal(0.0, 0.4, n)))),
+        }
+        model = updyn.Model.from_groups(groups, labels)
+        natural = updyn.modes(model, n).frequency
+        freq = np.linspace(0.5 * natural[0], 1.2 * natural[min(n - 1, 5)], rng.integers(150, 500))
+        at = rng.choice(labels, size=int(rng.integers(1, min(n, 6) + 1)), replace=False)
+        quantity = str(rng.choice(["receptance", "accelerance"]))
+        clean = updyn.response(model, freq, list(at), [str(rng.choice(labels))], quantity)
+        relative, floor = 10 ** rng.uniform(-3, -1.5), 10 ** rng.uniform(-4.5, -2)
+        common = float(rng.choice([0.0, relative]))
+        tests = [
+            with_noise(clean, rng, relative, floor, common).with_level(3.0**level)
+            for level in range(int(rng.integers(2, 4)))
+        ]
+        several.append(updyn.detect_nonlinearity(tests).is_nonlinear)
+        single.append(updyn.detect_nonlinearity(tests[0]).is_nonlinear)
+    return sum(several), sum(single)
+
+
+def linear() -> None:
+    """200 chains of 2 to 8 masses with noise of different kinds, at two or three levels."""
+    several, single = count_alarms(range(200))
+    print(f"\n200 linear structures: {several} reported nonlinear from two or three levels,")
+    print(f"  {single} from one level")
+
+
 def main() -> None:
     warnings.simplefilter("ignore")
     parts = {
@@ -356,6 +411,7 @@ def main() -> None:
         "stability": stability,
         "pyharm": pyharm,
         "cost": cost,
+        "linear": linear,
     }
     for name in sys.argv[1:] or parts:
         parts[name]()
