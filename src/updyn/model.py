@@ -301,7 +301,8 @@ class Model:
         changes : mapping of str to mapping of str to float
             By group: ``stiffness``, ``mass`` and ``viscous`` are factors on the present values (1
             = unchanged); ``loss_factor`` and ``stiffness_damping`` (s) are new values, relative to
-            the changed stiffness, ``mass_damping`` (1/s) to the changed mass.
+            the changed stiffness, ``mass_damping`` (1/s) to the changed mass. By nonlinear element:
+            new values of its parameters.
 
         Returns
         -------
@@ -313,23 +314,28 @@ class Model:
         ModelError
             If a group or a quantity does not exist, a number is not finite, or a damping
             coefficient is negative.
+        OptionError
+            If a parameter of a nonlinear element is out of its range.
         """
         if not isinstance(changes, Mapping):
             raise ModelError(
                 "changes: expected a mapping of group to quantities, found"
                 f" {type(changes).__name__}"
             )
-        groups = dict(self.groups)
+        groups, nonlinear = dict(self.groups), dict(self.nonlinear)
         for name, change in changes.items():
-            group = self.group(name)
             if not isinstance(change, Mapping):
                 raise ModelError(
                     f"group {name!r}: expected a mapping of quantity to number, found {change!r}"
                 )
+            if name in nonlinear:
+                nonlinear[name] = nonlinear[name].changed(change)
+                continue
+            group = self.group(name)
             for quantity, value in change.items():
                 _check_change(name, group, quantity, value)
             groups[name] = group.changed(change)
-        return replace(self, groups=groups)
+        return replace(self, groups=groups, nonlinear=nonlinear)
 
     def merge_groups(self, groups: Mapping[str, str | Iterable[str]]) -> Model:
         """Return a copy with groups merged, so that one unknown acts on all of them.

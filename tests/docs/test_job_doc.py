@@ -210,7 +210,7 @@ def test_the_example_runs(folder: Path) -> None:
     loaded = load_job(job)
     stated = {table for table in tomllib.loads(blocks()[0]) if table != "title"}
     # The demo's measurement is a file of FRFs.
-    assert stated == {*Job.model_fields, *JOB_TABLES} - {"title", "records"}
+    assert stated == {*Job.model_fields, *JOB_TABLES} - {"title", "records", "element"}
     result = run_job(
         loaded,
         folder / "out",

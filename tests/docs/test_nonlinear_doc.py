@@ -27,6 +27,9 @@ def test_the_example_runs_and_folds() -> None:
     assert not branch.stable.all()
     assert found.stable.all()
     assert namespace["change"].is_nonlinear
+    result, wanted = namespace["result"], {"springs.stiffness": 1.2, "joint.coefficient": 3e8}
+    for name, value in wanted.items():
+        assert abs(result.values[name] - value) < 1e-3 * value
 
 
 def test_every_element_is_on_the_page() -> None:

@@ -46,7 +46,7 @@ class CompiledStructure:
         system, unknowns = AffineSystem.compile(given.start), given.parameters
         values = np.array([given.values[name] for name in unknowns.names])
         # No model has a negative loss factor, which an iteration without bounds may reach.
-        values = np.where(unknowns.is_factor, values, np.maximum(values, 0.0))
+        values = np.where(unknowns.is_damping, np.maximum(values, 0.0), values)
         estimate = Unknowns.find(system, unknowns).state(system, values)
         system = replace(system, start=estimate)
         return cls(given.model, system, given.start, given.kept_basis)

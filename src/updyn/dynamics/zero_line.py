@@ -18,6 +18,10 @@ def leave_out_zero_line(model: Model, frf: FRF, name: str = "") -> FRF:
     `name` is that of the test, for the warning. If it is the only line, it is kept, and the
     solution raises an error. The DOFs of the data must be in the model.
     """
+    if frf.freq[0] == 0.0 and len(frf.freq) > 1 and model.nonlinear:
+        text = "the line at 0 Hz is left out: a model with nonlinear elements has no response there"
+        warnings.warn(f"test {name!r}: {text}" if name else text, UpdynWarning, stacklevel=4)
+        return frf.select(lines=frf.freq[1:])
     if frf.freq[0] > 0.0 or len(frf.freq) == 1 or not _is_free(model, frf):
         return frf
     text = "the line at 0 Hz is left out: the model is free, and its response there is not defined"

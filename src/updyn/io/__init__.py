@@ -534,8 +534,10 @@ def write_model(model: Model, path: str | Path, *, format: str | None = None) ->
     >>> updyn.read_model("chain.npz").groups.keys() == chain.build().groups.keys()
     True
     """
-    model.refuse_nonlinear(f"{Path(path).name}: no format of models stores nonlinear elements")
-    _find_function(path, "write_model", format)[0](model, path)
+    write = _find_function(path, "write_model", format)[0]
+    if write.__module__ != "updyn.io.hdf5":
+        model.refuse_nonlinear(f"{Path(path).name}: only .h5 files store nonlinear elements")
+    write(model, path)
 
 
 def write_properties(

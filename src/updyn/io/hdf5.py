@@ -24,6 +24,7 @@ Groups are numbered, because their names may contain characters that HDF5 reserv
 from __future__ import annotations
 
 import io
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -44,6 +45,9 @@ from updyn.io.items import build_sparse, check_names, locate_errors
 from updyn.io.native import load_native, write_native
 from updyn.io.settings import MATRIX_FILE
 from updyn.model import Model
+from updyn.nonlinear.element import NonlinearElement
+from updyn.nonlinear.local import Place
+from updyn.nonlinear.records import build_element, describe_element
 
 if TYPE_CHECKING:
     import h5py
@@ -169,6 +173,8 @@ def put_model(parent: h5py.Group, model: Model, stored: dict[int, object] | None
     _put_array(dofs, "direction", np.array(DIRECTIONS, dtype="S2")[model.dofs.axes])
     if model.geometry is not None:
         put_geometry(parent.create_group("geometry"), model.geometry)
+    if model.nonlinear:
+        _put_nonlinear(parent.create_group("nonlinear"), model)
     groups = parent.create_group("groups")
     for number, (name, group) in enumerate(model.groups.items()):
         place = groups.create_group(f"{number:04d}")
@@ -183,6 +189,28 @@ def put_model(parent: h5py.Group, model: Model, stored: dict[int, object] | None
                 place[what] = stored[id(matrix)]
             else:
                 stored[id(matrix)] = _put_matrix(place.create_group(what), matrix)
+
+
+def _put_nonlinear(place: h5py.Group, model: Model) -> None:
+    """Write nonlinear elements as JSON texts, by number."""
+    for number, (name, local) in enumerate(model.nonlinear.items()):
+        record = {"name": name, "weights": dict(local.weights), **describe_element(local.element)}
+        _put_text(place, f"{number:04d}", json.dumps(record))
+
+
+def _take_nonlinear(place: Folder, path: str | Path) -> dict[str, tuple[NonlinearElement, Place]]:
+    """Return the nonlinear elements by name, with their degrees of freedom."""
+    out: dict[str, tuple[NonlinearElement, Place]] = {}
+    for number in sorted(place.attributes):
+        text = take_text(place, number, path)
+        try:
+            record = json.loads(text)
+            name, weights, kind = (record.pop(key) for key in ("name", "weights", "kind"))
+        except (ValueError, KeyError, AttributeError, TypeError) as error:
+            raise FormatError(f"{place.name}: {text!r} is not a nonlinear element", path) from error
+        with locate_errors(path):
+            out[str(name)] = build_element(str(kind), record), weights
+    return out
 
 
 def _put_members(place: h5py.Group, group: Group) -> None:
@@ -238,7 +266,7 @@ def _take_damping(place: Folder, path: str | Path) -> dict[str, Any]:
 
 def take_model(parent: Folder, path: str | Path) -> Model:
     """Read a model from a group written by `put_model`."""
-    check_names(parent.members, ("dofs", "groups", "geometry"), path, parent.name)
+    check_names(parent.members, ("dofs", "groups", "geometry", "nonlinear"), path, parent.name)
     dofs = take_dofs(_group(parent, "dofs", path), path)
     place = _group(parent, "groups", path)
     numbered = sorted(place.members, key=lambda n: (len(n), n))
@@ -258,7 +286,11 @@ def take_model(parent: Folder, path: str | Path) -> Model:
     )
     title = take_text(parent, "title", path) if "title" in parent.attributes else ""
     with locate_errors(path):
-        return Model.from_groups(groups, dofs, geometry=geometry, title=title)
+        model = Model.from_groups(groups, dofs, geometry=geometry, title=title)
+        if "nonlinear" in parent.members:
+            place = _group(parent, "nonlinear", path)
+            model = model.with_elements(_take_nonlinear(place, path))
+        return model
 
 
 def _take_group(place: Folder, path: str | Path, name: str) -> Group:

@@ -8,8 +8,9 @@ from updyn.errors import OptionError, key_path, suggest
 from updyn.grouping import match_names
 from updyn.job.schema import DampingTable, Job
 from updyn.model import Model
+from updyn.nonlinear.records import build_element
 
-__all__ = ["add_all_masses", "apply_damping", "configure_model"]
+__all__ = ["add_all_masses", "add_elements", "apply_damping", "configure_model"]
 
 
 def apply_damping(job: Job, model: Model) -> Model:
@@ -19,6 +20,15 @@ def apply_damping(job: Job, model: Model) -> Model:
         chosen = {name: table.damping_values for name in model.groups if name in names}
         with key_path("damping", number):
             model = model.with_damping(chosen)
+    return model
+
+
+def add_elements(job: Job, model: Model) -> Model:
+    """Return the model with the nonlinear elements of ``[[element]]``."""
+    for number, table in enumerate(job.element):
+        with key_path("element", number):
+            element = build_element(table.kind, table.values)
+            model = model.with_elements({table.name: (element, table.dofs)})
     return model
 
 

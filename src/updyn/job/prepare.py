@@ -28,7 +28,7 @@ from updyn.errors import (
 )
 from updyn.frf import FRF
 from updyn.io import read_frf, read_geometry, read_model, read_modes, write_properties
-from updyn.job.configuration import apply_damping, configure_model
+from updyn.job.configuration import add_elements, apply_damping, configure_model
 from updyn.job.files import existing_file, existing_measurement
 from updyn.job.folder import RESERVED, outputs
 from updyn.job.job_table import JOB_TABLES
@@ -78,7 +78,7 @@ def prepare(job: Job) -> Prepared:
         file.
     """
     with job.located():
-        model = apply_damping(job, _build_model(job))
+        model = add_elements(job, apply_damping(job, _build_model(job)))
     data: list[FRF | ModeSet] = []
     for part in job.parts:
         with part.located():
@@ -101,7 +101,7 @@ def prepare(job: Job) -> Prepared:
 def prepare_model(job: Job) -> tuple[Model, ParameterSet]:
     """Return the model of a job, configured as in its first test, and its unknowns."""
     with job.located():
-        model = apply_damping(job, _build_model(job))
+        model = add_elements(job, apply_damping(job, _build_model(job)))
         return configure_model(job, model), choose_unknowns(job, model, [])
 
 

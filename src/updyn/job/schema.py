@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import BeforeValidator, ConfigDict, Field, PrivateAttr, Strict, model_validator
 
+from updyn.errors import suggest
 from updyn.job.base import Document, Pair, Table, Texts, is_number, tables_of
 from updyn.job.records_table import RecordsTable
 from updyn.job.toml_lines import Place
@@ -16,6 +17,7 @@ from updyn.job.toml_lines import Place
 __all__ = [
     "CalibrationTable",
     "DampingTable",
+    "ElementTable",
     "HeldOut",
     "Job",
     "MatchTable",
@@ -63,14 +65,32 @@ def _parse_sensors(given: object) -> object:
     raise ValueError("expected 'all' or labels, such as ['5:Z', '7:Z']")
 
 
+def _parse_dofs(given: object) -> object:
+    if isinstance(given, str):
+        return given
+    if isinstance(given, Mapping) and given and all(is_number(w) for w in given.values()):
+        return {label: float(weight) for label, weight in given.items()}
+    if isinstance(given, list | tuple) and given and all(isinstance(x, str) for x in given):
+        return tuple(given)
+    raise ValueError('expected one label, two labels such as ["1:X", "2:X"], or weights by label')
+
+
+_GROUP_QUANTITIES = (
+    "stiffness",
+    "mass",
+    "loss_factor",
+    "viscous",
+    "mass_damping",
+    "stiffness_damping",
+)
+
+
 class ParameterTable(Table):
-    """``[[parameter]]``: one unknown per group for a quantity, or one that drives several."""
+    """``[[parameter]]``: unknowns of groups, of nonlinear elements, or one that drives several."""
 
     groups: Annotated[tuple[str, ...] | None, BeforeValidator(_parse_groups)] = None
-    quantity: (
-        Literal["stiffness", "mass", "loss_factor", "viscous", "mass_damping", "stiffness_damping"]
-        | None
-    ) = None
+    element: Annotated[tuple[str, ...] | None, BeforeValidator(_parse_groups)] = None
+    quantity: str | None = None
     name: str | None = None
     drives: Annotated[tuple[str, ...] | dict[str, float] | None, BeforeValidator(_parse_drives)] = (
         None
@@ -89,6 +109,12 @@ class ParameterTable(Table):
 
     @model_validator(mode="after")
     def _check_kind(self) -> ParameterTable:
+        if self.element is not None:
+            return self._check_element()
+        if self.groups is not None and self.quantity not in (None, *_GROUP_QUANTITIES):
+            raise ValueError(
+                f"quantity {self.quantity!r}: {suggest(str(self.quantity), _GROUP_QUANTITIES)}"
+            )
         plain, linked = (self.groups, self.quantity), (self.name, self.drives)
         if any(x is not None for x in plain) and any(x is not None for x in linked):
             raise ValueError(
@@ -100,8 +126,35 @@ class ParameterTable(Table):
                 if one is not None and other is None:
                     raise ValueError(f"missing key {missing!r}")
         if self.groups is None and self.name is None:
-            raise ValueError("expected groups and quantity, or name and drives")
+            raise ValueError(
+                "expected groups and quantity, element and quantity, or name and drives"
+            )
         return self
+
+    def _check_element(self) -> ParameterTable:
+        other = [key for key in ("groups", "name", "drives", "nominal") if getattr(self, key)]
+        if other or self.unit:
+            raise ValueError(
+                f"element: a parameter of a nonlinear element has no {(other or ['unit'])[0]}"
+            )
+        if self.quantity is None:
+            raise ValueError("missing key 'quantity'")
+        return self
+
+
+class ElementTable(Table):
+    """``[[element]]``: a nonlinear element; further keys are the values of its kind."""
+
+    model_config = ConfigDict(extra="allow")
+
+    name: str
+    kind: str
+    dofs: Annotated[str | tuple[str, ...] | dict[str, float], BeforeValidator(_parse_dofs)]
+
+    @property
+    def values(self) -> dict[str, Any]:
+        """Values of the element."""
+        return dict(self.__pydantic_extra__ or {})
 
 
 class DampingTable(Table):
@@ -477,6 +530,9 @@ class Job(Document):
     parameter: Annotated[
         tuple[ParameterTable, ...], BeforeValidator(tables_of("parameter")), Strict(False)
     ] = Field(min_length=1)
+    element: Annotated[
+        tuple[ElementTable, ...], BeforeValidator(tables_of("element")), Strict(False)
+    ] = ()
     damping: Annotated[
         tuple[DampingTable, ...], BeforeValidator(tables_of("damping")), Strict(False)
     ] = ()

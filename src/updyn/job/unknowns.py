@@ -13,6 +13,7 @@ from updyn.grouping import match_names
 from updyn.job.configuration import add_all_masses
 from updyn.job.schema import Job, ParameterTable
 from updyn.model import Model
+from updyn.nonlinear.parameters import list_parameters
 from updyn.updating.fit.methods import METHODS, check_channels
 from updyn.updating.problem.channels import calibration
 from updyn.updating.problem.parameters import Parameter, ParameterSet, link, parameters
@@ -55,12 +56,16 @@ def _choose_model_unknowns(job: Job, model: Model) -> ParameterSet:
                 text = f"{p.name} is already an unknown of the [[parameter]] on line {first}"
                 raise OptionError(text, key=("parameter", number))
             chosen[p.name] = (number, p)
-    groups = list(loaded.groups)
+    groups, elements = list(loaded.groups), list(loaded.nonlinear)
 
     def position(entry: tuple[int, Parameter]) -> tuple[int, int]:
         number, p = entry
+        if p.of_element:
+            parameters_of_element = list_parameters(loaded.nonlinear[p.group].element)
+            place = list(parameters_of_element).index(p.quantity)
+            return len(groups) + elements.index(p.group), place
         if p.drives:  # after the others, in the order of the job
-            return len(groups), number
+            return len(groups) + len(elements), number
         return groups.index(p.group), _QUANTITY_ORDER.index(p.quantity)
 
     ordered = sorted(chosen.values(), key=position)
@@ -134,6 +139,8 @@ def _choose_from_table(job: Job, model: Model, table: ParameterTable) -> Sequenc
                 unit=table.unit,
             )
     assert table.quantity is not None
+    if table.element is not None:
+        return _choose_of_elements(model, table)
     assert table.groups is not None
     bounds = table.bounds
     groups = "all" if table.groups == ("all",) and "all" not in model.groups else table.groups
@@ -161,3 +168,15 @@ def _choose_from_table(job: Job, model: Model, table: ParameterTable) -> Sequenc
         mass = _find_sensor_mass(job, p.group)
         weighed.append(p if mass is None else replace(p, nominal=mass, unit="kg"))
     return weighed
+
+
+def _choose_of_elements(model: Model, table: ParameterTable) -> Sequence[Parameter]:
+    """Return the unknown parameters of nonlinear elements of one table."""
+    names = [f"{element}.{table.quantity}" for element in table.element or ()]
+    bounds = None if table.bounds is None else dict.fromkeys(names, table.bounds)
+    with key_path("element"):
+        items: Sequence[Parameter] = parameters(model, nonlinear=names, bounds=bounds)
+    changes: dict[str, Any] = {"prior_std": table.prior_std}
+    if table.start is not None:
+        changes["start"] = table.start
+    return [replace(p, **changes) for p in items]

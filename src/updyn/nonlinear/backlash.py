@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -54,6 +55,7 @@ class Backlash:
     offset: float = 0.0
 
     parameters: ClassVar[tuple[str, ...]] = ("stiffness", "gap", "offset")
+    units: ClassVar[Mapping[str, str]] = {"stiffness": "N/m", "gap": "m", "offset": "m"}
     has_memory: ClassVar[bool] = False
     quantity: ClassVar[str] = "receptance"
 

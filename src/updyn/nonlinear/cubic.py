@@ -41,6 +41,7 @@ class CubicSpring(PolynomialForce):
     coefficient: float
 
     parameters: ClassVar[tuple[str, ...]] = ("coefficient",)
+    units: ClassVar[Mapping[str, str]] = {"coefficient": "N/m^3"}
 
     def __post_init__(self) -> None:
         check_number("cubic spring: coefficient", self.coefficient, "N/m^3", least=-np.inf)

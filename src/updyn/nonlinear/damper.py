@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -43,6 +44,7 @@ class QuadraticDamper(AmplitudeElement):
     coefficient: float
 
     parameters: ClassVar[tuple[str, ...]] = ("coefficient",)
+    units: ClassVar[Mapping[str, str]] = {"coefficient": "N s2/m2"}
     has_memory: ClassVar[bool] = False
     quantity: ClassVar[str] = "mobility"
     is_odd: ClassVar[bool] = True

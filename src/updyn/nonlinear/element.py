@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar, Protocol
 
@@ -56,6 +57,8 @@ class NonlinearElement(Protocol):
 
     #: Names of the fields that `PeriodForce.parameters` differentiates by.
     parameters: ClassVar[tuple[str, ...]]
+    #: Their units by name, of displacements in m; those without a unit may be left out.
+    units: ClassVar[Mapping[str, str]]
     #: Whether the force depends on earlier deformations.
     has_memory: ClassVar[bool]
     #: Argument of the describing function: ``"receptance"`` for the amplitude of the deformation,

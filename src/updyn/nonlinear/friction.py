@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -52,6 +53,7 @@ class CoulombFriction(AmplitudeElement):
     transition: float = 0.0
 
     parameters: ClassVar[tuple[str, ...]] = ("level",)
+    units: ClassVar[Mapping[str, str]] = {"level": "N"}
     has_memory: ClassVar[bool] = False
     quantity: ClassVar[str] = "mobility"
     is_odd: ClassVar[bool] = True

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -59,6 +60,7 @@ class IwanJoint(MasingElement):
     beta: float
 
     parameters: ClassVar[tuple[str, ...]] = ("slip_force", "stiffness", "chi", "beta")
+    units: ClassVar[Mapping[str, str]] = {"slip_force": "N", "stiffness": "N/m"}
 
     def __post_init__(self) -> None:
         check_number("Iwan joint: slip_force", self.slip_force, "N")

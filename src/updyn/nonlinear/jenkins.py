@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -46,6 +47,7 @@ class JenkinsElement(MasingElement):
     slip_force: float
 
     parameters: ClassVar[tuple[str, ...]] = ("stiffness", "slip_force")
+    units: ClassVar[Mapping[str, str]] = {"stiffness": "N/m", "slip_force": "N"}
 
     def __post_init__(self) -> None:
         check_number("Jenkins element: stiffness", self.stiffness, "N/m")

@@ -12,6 +12,7 @@ from updyn.arrays import RealArray
 from updyn.dofs import Dof, DofSet
 from updyn.errors import ModelError
 from updyn.nonlinear.element import NonlinearElement, check_number
+from updyn.nonlinear.parameters import change_parameters
 
 __all__ = ["LocalElement", "Place", "place_element"]
 
@@ -28,6 +29,10 @@ class LocalElement:
 
     def __reduce__(self) -> tuple[object, ...]:
         return _rebuild, (self.element, dict(self.weights))
+
+    def changed(self, values: Mapping[str, float]) -> LocalElement:
+        """Return a copy with other values of some parameters."""
+        return _rebuild(change_parameters(self.element, values), self.weights)
 
     def column(self, dofs: DofSet) -> RealArray:
         """Return the weight of each of N DOFs, shape (N,); DofError if one is missing."""

@@ -107,6 +107,7 @@ class PolynomialSpring(PolynomialForce):
     coefficients: Mapping[int, float]
 
     parameters: ClassVar[tuple[str, ...]] = ("coefficients",)
+    units: ClassVar[Mapping[str, str]] = {"coefficients": "N/m^p"}
 
     def __post_init__(self) -> None:
         if not isinstance(self.coefficients, Mapping) or not self.coefficients:

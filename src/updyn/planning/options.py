@@ -172,7 +172,7 @@ class StartDraws:
     def points(self, coordinates: Coordinates) -> list[RealArray]:
         """Return the start of the parameters and the draws within the bounds, each shape (n,)."""
         home, rng = coordinates.start, np.random.default_rng(self.seed)
-        is_factor = coordinates.parameters.is_factor
+        is_factor = ~coordinates.parameters.is_damping
         out = [home]
         for _ in range(self.robust):
             step = self.off * rng.standard_normal(len(home))

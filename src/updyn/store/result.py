@@ -183,7 +183,7 @@ class _Parameters:
             groups.append(p.group)
             quantities.append(p.quantity)
             links.append(to_text(self._link(p), p.name))
-            is_linked |= bool(p.drives) or p.nominal is not None
+            is_linked |= bool(p.drives) or p.nominal is not None or p.of_element
             if p.prior_std is not None:
                 priors[i] = p.prior_std
         data["group"] = ("parameter", texts(groups))
@@ -215,6 +215,7 @@ class _Parameters:
             "drives": [[d.group, d.quantity, d.power] for d in unknown.drives],
             "nominal": unknown.nominal,
             "unit": unknown.unit,
+            **({"of_element": True} if unknown.of_element else {}),
         }
 
     @staticmethod

@@ -396,7 +396,7 @@ def _make_draws(
         std=std_of(update),
         lower=parameters.lower,
         upper=parameters.upper,
-        is_factor=parameters.is_factor,
+        is_factor=parameters.is_log & (parameters.lower > 0.0),
         diagnostics=diagnostics,
         failed=dict(failed),
         converged=reliable,

@@ -62,7 +62,7 @@ def _random_starts(
     likelihood: Likelihood, x: RealArray, starts: int, seed: int
 ) -> Iterator[tuple[RealArray, bool]]:
     lower, upper = likelihood.bounds
-    factor = likelihood.problem.coordinates.parameters.is_factor
+    factor = ~likelihood.problem.coordinates.parameters.is_damping
     draws = draw_latin_hypercube(starts, len(x), seed)
     for number, draw in enumerate(draws):
         least_loss = 0.0

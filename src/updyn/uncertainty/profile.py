@@ -491,7 +491,7 @@ class ProfileTracer:
 
     def _bound_kind(self, side: float, bound: float) -> str:
         """Return whether a bound is the zero of a loss factor or another bound."""
-        is_factor = self.likelihood.problem.coordinates.parameters.is_factor[self.k]
+        is_factor = ~self.likelihood.problem.coordinates.parameters.is_damping[self.k]
         if side < 0 and bound == 0.0 and not is_factor:
             return "zero"
         return "bound"

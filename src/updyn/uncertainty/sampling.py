@@ -253,7 +253,7 @@ class _SamplingRun:
             std=std_of(self.restored.first),
             lower=parameters.lower,
             upper=parameters.upper,
-            is_factor=parameters.is_factor,
+            is_factor=parameters.is_log & (parameters.lower > 0.0),
             converged=False,
             message="Stopped before there was a draw.",
             options=options,

@@ -128,7 +128,7 @@ def _updated_models(setup: Setup, values: Mapping[str, float]) -> tuple[Model, .
     """Return the updated model of each test; a configuration may lack some groups."""
     unknowns, x = setup.unknowns, np.array(list(values.values()))
     # The unbounded plain iteration can end at a negative loss factor, which no model accepts.
-    changes = unknowns.changes(np.where(unknowns.is_factor, x, np.maximum(x, 0.0)))
+    changes = unknowns.changes(np.where(unknowns.is_damping, np.maximum(x, 0.0), x))
     models = []
     for test in setup.tests:
         present: dict[str, dict[str, float]] = {}
@@ -170,5 +170,5 @@ def _factors_at_bound(
 ) -> tuple[list[str], int]:
     """Return the stiffnesses and masses at a bound, and the number of unknown ones."""
     # Loss factors do not count, because zero is an ordinary value of theirs.
-    factors = [p.name for p in parameters if p.is_factor and not p.is_channel]
+    factors = [p.name for p in parameters if (p.is_factor or p.of_element) and not p.is_channel]
     return [name for name in factors if name in at_bound], len(factors)

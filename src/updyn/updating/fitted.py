@@ -10,6 +10,7 @@ import numpy as np
 from updyn.errors import SolverError, UpdynWarning
 from updyn.settings import ROUNDING
 from updyn.updating.assembly import Assembly
+from updyn.updating.fit.equivalent import find_equivalent_start
 from updyn.updating.fit.method import Fit
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.settings import DESCENT, REDUCED_TIER
@@ -112,6 +113,10 @@ def _fit_from_start(assembly: Assembly, monitor: Monitor) -> Fitted:
         try:
             if reduced is not None:
                 return Fitted(*reduced.fit(problem, setup.driver, setup.noises, monitor))
+            if not problem.is_linear:
+                begin = find_equivalent_start(problem, setup.driver, setup.noises, monitor)
+                x = begin.points[0]
+                return Fitted(problem, setup.driver.fit(problem, setup.noises, monitor, x))
             starts = setup.driver.search(problem, setup.noises, monitor)
             return Fitted(problem, setup.driver.fit_best(problem, setup.noises, monitor, starts))
         except SolverError as error:

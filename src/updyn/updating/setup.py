@@ -20,6 +20,7 @@ from updyn.updating.before_search import ModeComparison
 from updyn.updating.fit.method import Method
 from updyn.updating.fit.methods import (
     check_channels,
+    check_linear,
     check_modes,
     check_quantity,
     make_method,
@@ -176,6 +177,7 @@ def prepare_setup(
     pairs = zip(frf_tests, splits, strict=True)
     noises = [choose_noise(test.noise, split.fitted) for test, split in pairs]
     check_modes(tests, method)
+    check_linear(tests, method)
     for test in tests:
         check_quantity(test.data, method)
     if not frf_tests:

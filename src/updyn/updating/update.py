@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, overload
 
 from numpy.typing import ArrayLike
 
@@ -44,6 +44,7 @@ __all__ = [
 ]
 
 
+@overload
 def update(
     model: Model,
     frf: FRF | ModeSet,
@@ -66,17 +67,66 @@ def update(
     base: Iterable[str | Dof] | None = None,
     force: str | Dof | None = None,
     **options: Any,
-) -> UpdateResult:
+) -> UpdateResult: ...
+@overload
+def update(
+    model: Model,
+    frf: Sequence[FRF],
+    parameters: ParameterSet | Selection,
+    method: str = "maximum-likelihood",
+    lines: str | ArrayLike | None = None,
+    noise: Mapping[str, float | str] | str | None = None,
+    engine: int | Client | Engine | None = None,
+    callback: Callable[[Progress], bool | None] | None = None,
+    *,
+    validation: Iterable[str | Dof] | tuple[float, float] | None = None,
+    title: str = "",
+    tier: str | None = None,
+    backend: str | None = None,
+    accuracy: float = REDUCTION.accuracy,
+    checkpoint: str | Path | None = None,
+    resume: bool = False,
+    regularise: str | float | None = None,
+    progress: bool = False,
+    base: Iterable[str | Dof] | None = None,
+    force: str | Dof | None = None,
+    **options: Any,
+) -> JointResult: ...
+def update(
+    model: Model,
+    frf: FRF | ModeSet | Sequence[FRF],
+    parameters: ParameterSet | Selection,
+    method: str = "maximum-likelihood",
+    lines: str | ArrayLike | None = None,
+    noise: Mapping[str, float | str] | str | None = None,
+    engine: int | Client | Engine | None = None,
+    callback: Callable[[Progress], bool | None] | None = None,
+    *,
+    validation: Iterable[str | Dof] | tuple[float, float] | None = None,
+    title: str = "",
+    tier: str | None = None,
+    backend: str | None = None,
+    accuracy: float = REDUCTION.accuracy,
+    checkpoint: str | Path | None = None,
+    resume: bool = False,
+    regularise: str | float | None = None,
+    progress: bool = False,
+    base: Iterable[str | Dof] | None = None,
+    force: str | Dof | None = None,
+    **options: Any,
+) -> UpdateResult | JointResult:
     """Fit the unknowns of a model to measured FRFs, or to measured modes.
 
     Parameters
     ----------
     model : Model
         The model before the update.
-    frf : FRF or ModeSet
-        The measurement, FRFs or modes. Every response and reference, or every DOF of the modes, has
-        to be a DOF of the model. With modes, the frequencies and shapes are fitted, and the loss
-        factors if the damping of a group is unknown, by the methods maximum-likelihood and modal.
+    frf : FRF, ModeSet or sequence of FRF
+        The measurement, FRFs or modes, or the FRFs of several force levels (`FRF.level`), which are
+        fitted together as by `update_jointly`. Every response and reference, or every DOF of the
+        modes, has to be a DOF of the model. With modes, the frequencies and shapes are fitted, and
+        the loss factors if the damping of a group is unknown, by the methods maximum-likelihood and
+        modal.
     parameters : ParameterSet or Selection
         The unknowns, from `updyn.parameters`, `updyn.select` or `updyn.cluster`.
     method : str
@@ -139,7 +189,7 @@ def update(
 
     Returns
     -------
-    UpdateResult
+    UpdateResult, or JointResult for a sequence
         Its status states whether the fit failed; a failed fit raises no error.
 
     Raises
@@ -169,7 +219,13 @@ def update(
         if not isinstance(frf, FRF):
             raise OptionError("base and force: modes have none; leave them out")
         frf = frf.with_excitation(base, force)
-    test = Test(model, frf, "", lines, noise, validation)
+    if isinstance(frf, list | tuple):
+        tests = [
+            Test(model, one, name, lines, noise, validation)
+            for one, name in zip(frf, _name_levels(frf), strict=True)
+        ]
+    else:
+        tests = [Test(model, frf, "", lines, noise, validation)]  # type: ignore[arg-type]
     run_options = RunOptions(
         method,
         options,
@@ -183,8 +239,23 @@ def update(
         regularise=regularise,
     )
     with _combine_callbacks(callback, progress, method, options) as combined:
-        (result,) = run([test], parameters, replace(run_options, callback=combined))
-    return result
+        results = run(tests, parameters, replace(run_options, callback=combined))
+    if isinstance(frf, list | tuple):
+        return JointResult({t.name: r for t, r in zip(tests, results, strict=True)}, title)
+    return results[0]
+
+
+def _name_levels(frfs: Sequence[FRF]) -> list[str]:
+    """Return names for the tests of several levels: ``"level 5 N"``, numbered if they are equal."""
+    if not frfs:
+        raise OptionError("update: expected at least one FRF, found an empty sequence")
+    for number, frf in enumerate(frfs, 1):
+        if not isinstance(frf, FRF):
+            raise OptionError(f"update: item {number} is a {type(frf).__name__}; expected an FRF")
+    names = [frf.level_text or "level not stated" for frf in frfs]
+    return [
+        f"{name}, test {i}" if names.count(name) > 1 else name for i, name in enumerate(names, 1)
+    ]
 
 
 def update_jointly(

@@ -34,6 +34,50 @@ class BalanceSettings:
 
 
 @dataclass(frozen=True)
+class LineBalanceSettings:
+    """Harmonic balance at the lines of a measurement, for an update."""
+
+    #: [harmonics] Highest harmonic. Default: as `BalanceSettings.harmonics`; the errors of FRFs are
+    #: far below those of measurements.
+    harmonics: int = 7
+    #: [samples] Samples of a period. Default: errors of FRFs of sliders are below 1e-4.
+    samples: int = 256
+    #: [1] Largest residual over the amplitude of an element at which iterations end. Rounding: far
+    #: above rounding; derivatives are exact at any residual.
+    residual: float = 1e-9
+    #: [iterations] Newton iterations. Effort: a start near the solution needs 3 to 5.
+    most_iterations: int = 20
+    #: [1] The same at which a solution is accepted after the last iteration. Why: far below the
+    #: noise of measurements; samples of a force with kinks may alternate.
+    accepted_residual: float = 1e-5
+    #: [1] Largest Newton step over the amplitude of an element. Effort: a rule of thumb.
+    largest_step: float = 0.3
+    #: [halvings] Halvings of a Newton step whose residual does not fall. Effort: a rule of thumb.
+    most_halvings: int = 4
+    #: [1] Smallest step of the force amplitude, as a share of its end. Effort: a rule of thumb.
+    least_level_step: float = 0.01
+    #: [1] Smallest step from a line to the next, as a share of their distance. Effort: a rule of
+    #: thumb.
+    least_move: float = 0.05
+    #: [1] Logarithm of the ratio of amplitudes at neighbouring lines, from which one line may
+    #: continue the branch of the other. Effort: a rule of thumb.
+    jump: float = 0.4
+    #: [1] Largest difference of the frequencies of two lines, over one of them, for that. Effort: a
+    #: rule of thumb.
+    farthest: float = 0.1
+    #: [steps] Steps from a line to the next. Effort: a rule of thumb.
+    most_moves: int = 12
+    #: [passes] Continuations of branches over jumps. Effort: the tip of a resonance has few lines.
+    jump_passes: int = 4
+    #: [1] Amplitudes at which further solutions are looked for, over the largest amplitude of the
+    #: element. Why: at smaller ones, a motion is nearly that of vanishing amplitude.
+    scanned: tuple[float, float] = (1e-3, 3.0)
+    #: [points] Number of these amplitudes. Effort: neighbours differ by 3 %, from where iterations
+    #: converge.
+    scan_points: int = 240
+
+
+@dataclass(frozen=True)
 class ContinuationSettings:
     """Steps along a branch of solutions, in the scale of amplitude and band."""
 
@@ -105,5 +149,6 @@ class StabilitySettings:
 
 
 BALANCE = BalanceSettings()
+LINE_BALANCE = LineBalanceSettings()
 CONTINUATION = ContinuationSettings()
 STABILITY = StabilitySettings()

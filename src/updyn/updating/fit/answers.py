@@ -189,7 +189,7 @@ def _are_apart(a: RealArray, b: RealArray, std: RealArray) -> bool:
 def _usual_spread(problem: Problem) -> RealArray:
     """Return the usual spread of the unknowns about their start, shape (n,)."""
     return np.where(
-        problem.coordinates.parameters.is_factor, ANSWERS.log_spread, ANSWERS.loss_spread
+        ~problem.coordinates.parameters.is_damping, ANSWERS.log_spread, ANSWERS.loss_spread
     )
 
 

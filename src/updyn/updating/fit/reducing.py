@@ -310,7 +310,7 @@ class Reducing:
 
     def _build_around_start(self, problem: Problem) -> Problem:
         """Return the problem with models that hold roughly in the whole region of a search."""
-        factor = self.exact.coordinates.parameters.is_factor
+        factor = ~self.exact.coordinates.parameters.is_damping
         number = int(np.clip(2 * factor.sum(), SEARCH_BASIS.least_points, SEARCH_BASIS.most_points))
         bounds = self.exact.coordinates.bounds
         lowest = np.where(factor, self._home - ANSWERS.log_spread, 0.0)
@@ -512,7 +512,7 @@ class Reducing:
     ) -> tuple[RealArray, RealArray]:
         """Return the box of the trust radius about a point, by default that of the basis."""
         x = self._x if place is None else place
-        factor = self.exact.coordinates.parameters.is_factor
+        factor = ~self.exact.coordinates.parameters.is_damping
         radius = share * np.where(
             factor, REDUCED_FIT.radius, np.maximum(REDUCED_FIT.loss_radius, 0.5 * np.abs(x))
         )

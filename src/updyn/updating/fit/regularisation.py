@@ -343,7 +343,7 @@ class _RegularisedFits:
         coordinates = self.problem.coordinates
         # The prior of a value is in the unit of the value, which may differ from that of x.
         start = coordinates.start
-        units = np.where(coordinates.parameters.is_factor, 1.0, coordinates.slope(start))
+        units = np.where(coordinates.parameters.is_log, 1.0, coordinates.slope(start))
         items = []
         for p, unit in zip(coordinates.parameters, units, strict=True):
             items.append(replace(p, prior_std=p.prior_std or float(unit) / strength))

@@ -228,7 +228,7 @@ class Search:
         if resets:
             moved = resets[number // TRY_STARTS.reset_period % len(resets)]
         else:
-            is_factor = problem.coordinates.parameters.is_factor
+            is_factor = ~problem.coordinates.parameters.is_damping
             far = np.where(
                 is_factor,
                 TRY_STARTS.nearby_logs[number % len(TRY_STARTS.nearby_logs)],
@@ -303,12 +303,12 @@ class Search:
 
     def _loss_levels(self, problem: Problem) -> tuple[float, ...]:
         """Return the levels to which loss factors are raised, in turn."""
-        loss = ~problem.coordinates.parameters.is_factor
+        loss = problem.coordinates.parameters.is_damping
         return TRY_STARTS.loss_levels if self.inflate and loss.any() else (0.0,)
 
     def _draw_starts(self, problem: Problem, number: int = 0) -> Iterator[RealArray]:
         start, bounds = problem.coordinates.start, problem.coordinates.bounds
-        is_factor = problem.coordinates.parameters.is_factor
+        is_factor = ~problem.coordinates.parameters.is_damping
         levels = self._loss_levels(problem)
         plain = levels[: self.starts] if number == 0 else ()
         for level in plain:
@@ -364,7 +364,7 @@ class Search:
 
 def _raise_loss_factors(problem: Problem, x: RealArray, level: float) -> RealArray:
     """Return x with loss factors raised to a level, within bounds; higher ones are kept."""
-    loss = ~problem.coordinates.parameters.is_factor
+    loss = problem.coordinates.parameters.is_damping
     return np.where(loss, np.clip(np.maximum(x, level), *problem.coordinates.bounds), x)
 
 
@@ -373,7 +373,7 @@ def _reset_single_unknowns(problem: Problem, x: RealArray) -> Iterator[RealArray
     coordinates = problem.coordinates
     home = coordinates.start
     far = np.abs(x - home) / np.where(
-        coordinates.parameters.is_factor, TRY_STARTS.nearby_logs[0], TRY_STARTS.nearby_loss
+        ~coordinates.parameters.is_damping, TRY_STARTS.nearby_logs[0], TRY_STARTS.nearby_loss
     )
     for i in np.argsort(-far):
         if far[i] > 1.0:

@@ -490,3 +490,24 @@ class RegularisationSettings:
 
 
 REGULARISATION = RegularisationSettings()
+
+
+@dataclass(frozen=True)
+class EquivalentStartSettings:
+    """Start of a fit by equivalent linear elements."""
+
+    #: [rounds] Renewals of predicted amplitudes. Effort: the fit of the balance does the rest.
+    rounds: int = 4
+    #: [steps] Steps of each round. Effort: a rule of thumb.
+    steps: int = 30
+    #: [1] Smallest step. Effort: far below the error of equivalent elements.
+    tolerance: float = 1e-6
+    #: [1] Change of the unknowns in a round, at which amplitudes are no longer renewed. Effort: a
+    #: rule of thumb.
+    settled: float = 0.01
+    #: [1] Smallest amplitude of an element, over its largest at a level. Why: describing functions
+    #: of relays grow without bound towards zero.
+    least_amplitude: float = 1e-4
+
+
+EQUIVALENT_START = EquivalentStartSettings()

@@ -49,6 +49,8 @@ def build_start_problem(
 
 def _reduce_large(parts: list[FRFPart]) -> Sequence[FRFPart]:
     """Return the parts with reduced models if these take less time."""
+    if not all(part.forward.is_linear for part in parts):
+        return parts
     largest = max((part.solver.system.n for part in parts), default=0)
     if not is_reduced(None, largest, sum(len(part.frf.freq) for part in parts)):
         return parts

@@ -118,6 +118,8 @@ def judge_fit(
         misfit = unless_stopped(lambda: _typical_misfit(problem, noises, fit.x), 0.0)
         if fit.advice and not analysis.report.complete:
             advice = fit.advice
+        elif not problem.is_linear:
+            advice = ""
         else:
             noise = 0.0 if np.isnan(misfit) else misfit
             advice = unless_stopped(lambda: advise(analysis, problem, fit.x, noise), "")
@@ -137,13 +139,14 @@ def judge_fit(
     rounding: Rounding | None = None
     if fit.reason in ("converged", "unsettled", "stalled", "unsolvable", "max-iterations"):
         settled = fit.reason != "max-iterations"
-        rounding = unless_stopped(lambda: find_worst_rounding(problem.parts, fit.x), None)
+        if problem.is_linear:
+            rounding = unless_stopped(lambda: find_worst_rounding(problem.parts, fit.x), None)
         if rounding is None:
             adequacy = unless_stopped(
                 lambda: assess_adequacy(problem, fit.x, noises, settled=settled), adequacy
             )
     others: tuple[Alternative, ...] = ()
-    if fit.rivals:
+    if fit.rivals and problem.is_linear:
         others = unless_stopped(lambda: find_alternatives(problem, fit), others)
     spread = _covariance_of_coordinates(problem, fit, equal_rows)
     if any("degrees_of_freedom" in record for record in fit.noise):
@@ -151,7 +154,7 @@ def judge_fit(
         spread = unless_stopped(widen, spread)
     error: Discrepancy | None = None
     is_tested = any(found is not None and found.outcome not in _UNINFORMATIVE for found in adequacy)
-    if is_likelihood and is_tested:
+    if is_likelihood and is_tested and problem.is_linear:
         estimate = partial(
             _estimate_model_error, problem, fit, noises, adequacy, analysis.null_space
         )
@@ -195,7 +198,7 @@ def analyse_start(problem: Problem, noises: Sequence[NoiseModel]) -> tuple[Analy
     analysis = analyse_identifiability(
         local.R, problem.coordinates.parameters.names, equal_rows=equal_rows
     )
-    return analysis, advise(analysis, problem, x, share)
+    return analysis, advise(analysis, problem, x, share) if problem.is_linear else ""
 
 
 def linearise_at_start(problem: Problem, noises: Sequence[NoiseModel]) -> tuple[Local, float]:
@@ -420,7 +423,7 @@ def _correlate_part(
     start = part.coordinates.start
     # Only the unbounded plain iteration can end at a negative loss factor; the updated model uses
     # zero instead.
-    end = np.where(part.coordinates.parameters.is_factor, x, np.maximum(x, 0.0))
+    end = np.where(~part.coordinates.parameters.is_damping, x, np.maximum(x, 0.0))
     parts = {"fitted": split.fitted}
     if split.held is not None:
         parts["held"] = split.held
@@ -521,6 +524,8 @@ def assess_adequacy(
         for e in robust_residuals:
             excess += float(np.nansum(np.abs(e) ** 2)) - 2.0 * np.isfinite(e).sum()
         excess += problem.n
+    if not problem.is_linear:  # places are those of linear groups
+        return tuple(found)
     suspects = localise_error(problem, x, residual, robust_residuals, excess)
     return tuple(add_suspects(a, suspects) for a in found)
 

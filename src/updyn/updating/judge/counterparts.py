@@ -97,6 +97,11 @@ def find_counterparts(
     # modes have one, exchanged section axes, omitted sensors and a common factor on frequencies
     # are tried, because these mistakes do not mean another structure. Modes that cannot be
     # compared raise no error: the statement gives the reason.
+    if model.nonlinear:
+        return _unknown_counterparts(
+            "Whether model and test have modes in common was not checked: the model has nonlinear"
+            " elements, so that its modes depend on the level."
+        )
     largest = EFFORT.most_dofs if largest is None else largest
     if model.n_dofs > largest:
         return _unknown_counterparts(

@@ -20,6 +20,7 @@ from updyn.geometry import Geometry
 from updyn.group import GROUP_QUANTITIES, Matrix, is_number
 from updyn.modal import ModeSet
 from updyn.model import Model
+from updyn.nonlinear.parameters import list_parameters
 from updyn.updating.problem.channels import check_channel
 from updyn.updating.problem.lines import Lines
 from updyn.updating.problem.parameters import Drive, ParameterSet
@@ -101,6 +102,11 @@ def check_tests(tests: Sequence[Test], parameters: ParameterSet) -> None:
             if p.is_channel:
                 check_channel(d.group, d.quantity, data, p.name)
             elif not any(has_quantity(test.model, d.group, d.quantity) for test in tests):
+                if d.of_element:
+                    raise ParameterError(
+                        f"unknown {p.name!r}: this model has no nonlinear element {d.group!r} with"
+                        f" the parameter {d.quantity!r}"
+                    )
                 tests[0].model.group(d.group)  # names the nearest group if it is missing
                 raise ParameterError(
                     f"unknown {p.name!r}: group {d.group!r} has no {d.quantity} in this model"
@@ -160,7 +166,11 @@ def _is_nonzero(matrix: Matrix | None) -> bool:
 def _warn_of_ineffective(tests: Sequence[Test], parameters: ParameterSet) -> None:
     """Warn of unknowns of the model without effect, because all their matrices are zero."""
     for p in parameters:
-        if p.is_channel or any(_has_effect(test.model, d) for test in tests for d in p.acts_on):
+        if (
+            p.is_channel
+            or p.of_element
+            or any(_has_effect(test.model, d) for test in tests for d in p.acts_on)
+        ):
             continue
         what = GROUP_QUANTITIES[p.acts_on[0].quantity]
         groups = ", ".join(dict.fromkeys(repr(d.group) for d in p.acts_on))
@@ -224,7 +234,9 @@ def _axes_at(geometry: Geometry | None, node: int) -> RealArray | None:
 
 
 def has_quantity(model: Model, group: str, quantity: str) -> bool:
-    """Return whether a model has a group with a quantity."""
+    """Return whether a model has a group with a quantity, or an element with a parameter."""
+    if group in model.nonlinear:
+        return quantity in list_parameters(model.nonlinear[group].element)
     return group in model.groups and model.groups[group].has(quantity)
 
 

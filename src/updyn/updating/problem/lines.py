@@ -150,7 +150,7 @@ def _design_point(part: FRFPart) -> RealArray:
     x = coordinates.start
     highest = coordinates.to_x(coordinates.parameters.upper)
     least = np.minimum(LINE_DESIGN.least_loss_factor, highest)
-    return np.where(coordinates.parameters.is_factor, x, np.maximum(x, least))
+    return np.where(~coordinates.parameters.is_damping, x, np.maximum(x, least))
 
 
 def _information(part: FRFPart, item: tuple[RealArray, RealArray, slice]) -> RealArray:

@@ -17,6 +17,7 @@ from updyn.errors import ParameterError, suggest
 from updyn.group import GROUP_QUANTITIES, VALUES
 from updyn.grouping import match_names
 from updyn.model import Model
+from updyn.nonlinear.parameters import list_parameters, parameter_unit
 from updyn.text_table import format_count, printable, text_table
 from updyn.updating.problem.settings import UNKNOWN_DEFAULTS
 
@@ -53,6 +54,8 @@ class Drive:
         quantity is multiplied by value**power.
     power : float
         The exponent; 1 for a value.
+    of_element : bool
+        Whether `group` is a nonlinear element, and `quantity` one of its parameters, a value.
 
     Raises
     ------
@@ -64,8 +67,11 @@ class Drive:
     group: str
     quantity: str
     power: float = 1.0
+    of_element: bool = False
 
     def __post_init__(self) -> None:
+        if self.of_element:
+            return
         if self.quantity not in _QUANTITIES:
             raise ParameterError(
                 f"no quantity {self.quantity!r}; {suggest(str(self.quantity), _QUANTITIES)}"
@@ -104,7 +110,10 @@ class Parameter:
         Physical value of a factor of 1 (a modulus, a thickness), in `unit`; reports show the
         product.
     unit : str
-        Unit of `nominal`.
+        Unit of `nominal`; of the unknown itself if it is a parameter of a nonlinear element.
+    of_element : bool
+        Whether the unknown is a parameter of a nonlinear element: a value, of which the logarithm
+        is optimised if the bounds exclude 0.
 
     Raises
     ------
@@ -122,6 +131,7 @@ class Parameter:
     drives: tuple[Drive, ...] = ()
     nominal: float | None = None
     unit: str = ""
+    of_element: bool = False
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "drives", tuple(self.drives))
@@ -148,7 +158,7 @@ class Parameter:
                 " 0",
                 key=("bounds",),
             )
-        if not self.is_factor and self.lower < 0:
+        if self.is_damping and self.lower < 0:
             raise ParameterError(
                 f"unknown {self.name!r}: a {self._quantity_text} below 0 feeds energy in; lower"
                 f" bound {self.lower:g}",
@@ -183,6 +193,8 @@ class Parameter:
                 )
 
     def _check_drives(self) -> None:
+        if self.of_element:
+            return
         if not self.drives and self.quantity not in _QUANTITIES:
             raise ParameterError(
                 f"no quantity {self.quantity!r}; {suggest(str(self.quantity), _QUANTITIES)}"
@@ -213,7 +225,7 @@ class Parameter:
     @property
     def acts_on(self) -> tuple[Drive, ...]:
         """Drives of the unknown; its own group and quantity if it is not linked."""
-        return self.drives or (Drive(self.group, self.quantity),)
+        return self.drives or (Drive(self.group, self.quantity, of_element=self.of_element),)
 
     @property
     def law(self) -> str:
@@ -248,13 +260,33 @@ class Parameter:
         return self.value_of is None
 
     @property
+    def is_damping(self) -> bool:
+        """Whether the unknown is a loss factor or a Rayleigh coefficient."""
+        return not (self.is_factor or self.of_element)
+
+    @property
+    def is_log(self) -> bool:
+        """Whether the logarithm of the unknown, or of its magnitude, is optimised."""
+        return self.is_factor or (self.of_element and self.lower * self.upper > 0.0)
+
+    @property
+    def scale(self) -> float:
+        """Unit of the optimiser's coordinate of a parameter of an element that may be 0."""
+        return 0.5 * (self.upper - self.lower)
+
+    @property
     def is_channel(self) -> bool:
         """Whether the unknown is a calibration factor of sensors, not of the model."""
-        return self.acts_on[0].quantity in CHANNELS
+        return not self.of_element and self.acts_on[0].quantity in CHANNELS
 
     @property
     def value_of(self) -> str | None:
-        """``loss_factor``, ``mass_damping`` or ``stiffness_damping``; None for a factor."""
+        """``loss_factor``, ``mass_damping``, ``stiffness_damping``; None for a factor.
+
+        Of a nonlinear element, the name of its parameter.
+        """
+        if self.of_element:
+            return self.quantity
         quantity = self.acts_on[0].quantity
         if quantity not in VALUES:
             return None
@@ -263,6 +295,8 @@ class Parameter:
     @property
     def value_unit(self) -> str:
         """Unit of the unknown itself; empty for factors and loss factors."""
+        if self.of_element:
+            return self.unit
         return VALUES.get(self.value_of or "", "")
 
     @property
@@ -363,6 +397,16 @@ class ParameterSet(Sequence[Parameter]):
     def is_factor(self) -> BoolArray:
         """Whether each unknown is a positive factor, not a damping value; shape (n,)."""
         return self._column("is_factor")
+
+    @property
+    def is_damping(self) -> BoolArray:
+        """Whether each unknown is a damping value, which cannot be below 0; shape (n,)."""
+        return self._column("is_damping")
+
+    @property
+    def is_log(self) -> BoolArray:
+        """Whether the logarithm of each unknown is optimised; shape (n,)."""
+        return self._column("is_log")
 
     def to_pandas(self) -> pd.DataFrame:
         """Return a table with a row for each unknown.
@@ -487,6 +531,13 @@ class ParameterSet(Sequence[Parameter]):
         """
         changes: dict[str, dict[str, float]] = {}
         for name, change in self.changes(self.start).items():
+            local = model.nonlinear.get(name)
+            if local is not None:
+                known = list_parameters(local.element)
+                other = {q: v for q, v in change.items() if v != known.get(q, v)}
+                if other:
+                    changes[name] = other
+                continue
             group = model.groups.get(name)
             if group is None:
                 continue
@@ -520,7 +571,7 @@ class ParameterSet(Sequence[Parameter]):
                 continue
             for d in parameter.acts_on:
                 change = changes.setdefault(d.group, {})
-                if d.quantity in VALUES:
+                if d.of_element or d.quantity in VALUES:
                     change[d.quantity] = float(value)
                 else:
                     change[d.quantity] = change.get(d.quantity, 1.0) * float(value) ** d.power
@@ -565,6 +616,7 @@ def parameters(
     viscous: str | Iterable[str] = (),
     mass_damping: str | Iterable[str] = (),
     stiffness_damping: str | Iterable[str] = (),
+    nonlinear: str | Iterable[str] = (),
     bounds: Mapping[str, tuple[float, float]] | None = None,
     prior_std: Mapping[str, float] | None = None,
 ) -> ParameterSet:
@@ -581,6 +633,11 @@ def parameters(
         initial group (1 = unchanged). The others are values and start at those of the group: loss
         factors and stiffness damping (s) relative to the updated stiffness, mass damping (1/s) to
         the updated mass.
+    nonlinear : str or iterable of str
+        Parameters of nonlinear elements: ``"joint.slip_force"``, globs over these
+        (``"joint.*"``), names of elements, or ``"all"``. They are values in SI units and start at
+        those of the element. The default bounds are a hundredth and a hundredfold of the start,
+        with its sign; a parameter that starts at 0 needs `bounds`.
     bounds : mapping of str to (float, float), optional
         By quantity (``"stiffness"``), by unknown (``"shaft.stiffness"``) or by glob over unknowns.
         The most specific key has precedence: the unknown, then the first matching glob, then the
@@ -619,6 +676,7 @@ def parameters(
                 low, high = DEFAULT_BOUNDS[quantity]
                 start = group.value(quantity)
                 items.append(Parameter(name, quantity, start, low, max(high, 2 * start)))
+    items += _select_elements(model, nonlinear, bounds)
     bounds = _check_keys("bounds", bounds, items)
     prior_std = _check_keys("prior_std", prior_std, items)
     out = []
@@ -627,13 +685,50 @@ def parameters(
         if pair is not None:
             low, high = check_bounds(pair, f"bounds of {p.name!r}")
             start = p.start
-            if p.quantity in VALUES and low < high:
+            if p.value_of is not None and low < high:
                 # The user's bounds have precedence over the value of the group.
                 start = min(max(start, low), high)
             with _start_is_stated(False):
-                p = Parameter(p.group, p.quantity, start, low, high)
+                p = replace(p, start=start, lower=low, upper=high)
         out.append(replace(p, prior_std=_most_specific(prior_std, p)))
     return ParameterSet(tuple(out))
+
+
+def _select_elements(
+    model: Model, patterns: str | Iterable[str], bounds: Mapping[str, object] | None
+) -> list[Parameter]:
+    """Return the chosen parameters of nonlinear elements, within their default bounds."""
+    known: dict[str, tuple[str, str]] = {}
+    for name, local in model.nonlinear.items():
+        known |= {f"{name}.{q}": (name, q) for q in list_parameters(local.element)}
+    chosen: dict[str, None] = {}
+    for pattern in [patterns] if isinstance(patterns, str) else patterns:
+        if not isinstance(pattern, str):
+            raise ParameterError(f"nonlinear: expected a parameter or a glob, found {pattern!r}")
+        whole = f"{pattern}.*" if pattern in model.nonlinear else pattern
+        found = list(known) if pattern == "all" else match_names(list(known), whole)
+        if not found:
+            raise ParameterError(
+                f"nonlinear: no parameter {pattern!r} of a nonlinear element;"
+                f" {suggest(pattern, [*known, *model.nonlinear])}"
+            )
+        chosen |= dict.fromkeys(found)
+    items = []
+    for key in (key for key in known if key in chosen):
+        name, quantity = known[key]
+        element = model.nonlinear[name].element
+        start = list_parameters(element)[quantity]
+        unit = parameter_unit(element, quantity)
+        ratio = UNKNOWN_DEFAULTS.element_ratio
+        low, high = sorted((start / ratio, start * ratio)) if start else (-1.0, 1.0)
+        unknown = Parameter(name, quantity, start, low, high, unit=unit, of_element=True)
+        if not start and _most_specific(bounds or {}, unknown) is None:
+            raise ParameterError(
+                f"unknown {key!r} starts at 0, where its size is unknown; give its bounds",
+                key=("bounds",),
+            )
+        items.append(unknown)
+    return items
 
 
 def link(

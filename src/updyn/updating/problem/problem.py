@@ -8,7 +8,6 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from updyn import sensitivity
 from updyn.arrays import ComplexArray, IndexArray, RealArray
 from updyn.dynamics.affine import AffineSystem, State
 from updyn.dynamics.excitation import DrivenSolver, find_channels, find_excitation
@@ -20,6 +19,7 @@ from updyn.model import Model
 from updyn.sensitivity import Unknowns
 from updyn.updating.problem.channels import Gains
 from updyn.updating.problem.coordinates import Coordinates
+from updyn.updating.problem.forward import LINEAR, Forward, choose_forward
 from updyn.updating.problem.modal import ModalPart
 from updyn.updating.problem.noise.known import level_by_unit
 from updyn.updating.problem.parameters import ParameterSet
@@ -74,6 +74,7 @@ class FRFPart:
     name: str = ""
     as_read: bool = True
     variants: tuple[Variant, ...] = field(default=(), repr=False)
+    forward: Forward = field(default=LINEAR, repr=False)
     _digest: list[bytes] = field(default_factory=list, init=False, repr=False)
     _gains: Gains | None = field(init=False, repr=False)
 
@@ -85,7 +86,8 @@ class FRFPart:
 
     def __reduce__(self) -> tuple[object, ...]:
         about = (self.unknowns, self.coordinates, self.frf, self.rows, self.columns, self.sign)
-        return FRFPart, (self.solver, *about, Session(), self.name, self.as_read)
+        after = Session(), self.name, self.as_read, (), self.forward
+        return FRFPart, (self.solver, *about, *after)
 
     @classmethod
     def build(
@@ -100,7 +102,8 @@ class FRFPart:
         name: str = "",
     ) -> FRFPart:
         """Return the part for a model, data and unknowns."""
-        system = AffineSystem.compile(model)
+        forward = choose_forward(model, frf, parameters)
+        system = AffineSystem.compile(replace(model, nonlinear={}))
         excitation = find_excitation(model.dofs, frf)
         if excitation is not None:
             system = excitation.hold(system, float(frf.freq[-1]))
@@ -118,7 +121,8 @@ class FRFPart:
             channels.sign,
             session or Session(),
             name,
-            variants=build_variants(model),
+            variants=build_variants(model) if forward.is_linear else (),
+            forward=forward,
         )
 
     def with_data(self, frf: FRF) -> FRFPart:
@@ -137,13 +141,16 @@ class FRFPart:
         """DOFs of responses and forces of the receptances that give the responses of the part."""
         # Those of the part come first; under a prescribed motion, its DOFs and forces are added.
         if not isinstance(self.solver, DrivenSolver):
-            return self.rows, self.columns
+            local = self.forward.dofs
+            added = (np.setdiff1d(local, dofs) for dofs in (self.rows, self.columns))
+            rows, columns = added
+            return np.append(self.rows, rows), np.append(self.columns, columns)
         driven = self.solver.excitation
         return np.append(self.rows, np.setdiff1d(driven.moved, self.rows)), driven.forced
 
     def channel_errors(self, errors: RealArray) -> RealArray:
         """Return the errors of the channels from those of `receptance_dofs`, (..., n_i, n_j)."""
-        own = errors[..., : len(self.rows), :]
+        own = errors[..., : len(self.rows), : len(self.columns)]
         return own.max(axis=-1, keepdims=True) if isinstance(self.solver, DrivenSolver) else own
 
     def thin(self, largest: int) -> FRFPart:
@@ -225,6 +232,8 @@ class FRFPart:
 
     def partition(self, n_columns: int | None = None) -> list[slice]:
         """Return the blocks of lines for fields of `n_columns`, by default all channels."""
+        if self.forward.is_whole:
+            return [slice(0, len(self.frf.freq))]
         n, n_values = self.solver.system.n, self.sign.size
         if n_columns is None:
             n_columns = len(self.rows) + len(self.columns)
@@ -255,8 +264,11 @@ class FRFPart:
         if not self._digest:
             frf = self.frf
             content = (frf.s, frf.values, self.rows, self.columns, self.sign, frf.quantity)
+            forward = self.forward.key(frf)
             unknowns = "\n".join(self.coordinates.parameters.names)
-            self._digest.append(digest((self.name, self.solver.label, unknowns, *content)))
+            self._digest.append(
+                digest((self.name, self.solver.label, unknowns, *content, *forward))
+            )
         return [kind, self._digest[0], x, *about]
 
     def recall(
@@ -269,18 +281,8 @@ class FRFPart:
 
     def block(self, x: RealArray, lines: slice, *, derivatives: bool = True) -> LineBlock:
         """Return the model, times the calibration factors, and the data at a block of lines."""
-        freq, rate = self.frf.freq[lines], self.frf.s[lines] ** self.frf.power
-        H, dH = sensitivity.receptance(
-            self.solver,
-            self.unknowns,
-            self.values(x),
-            freq,
-            self.rows,
-            self.columns,
-            derivatives=derivatives,
-            lines=self.frf.freq,
-            weights=self.coordinates.slope(x)[:, None] * rate,
-        )
+        rate = self.frf.s[lines] ** self.frf.power
+        H, dH = self.forward.receptances(self, x, lines, rate, derivatives=derivatives)
         if dH is not None and (self.sign != 1.0).any():
             dH *= self.sign
         H = H * (self.sign * rate[:, None, None])
@@ -393,6 +395,11 @@ class Problem:
     def is_distributed(self) -> bool:
         """Whether lines are distributed over workers; if not, whole descents are."""
         return any(part.is_distributed for part in self.parts)
+
+    @property
+    def is_linear(self) -> bool:
+        """Whether no model has nonlinear elements."""
+        return all(part.forward.is_linear for part in self.parts)
 
     @property
     def without_modes(self) -> Problem:

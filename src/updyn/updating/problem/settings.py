@@ -147,8 +147,29 @@ class UnknownDefaultSettings:
     #: [1] Default bounds of a factor with powers. Why: a factor of ten in thickness is one of a
     #: thousand in bending stiffness.
     linked_bounds: tuple[float, float] = (0.1, 10.0)
+    #: [1] Default bounds of a parameter of a nonlinear element, as a ratio to its start. Why: as
+    #: for factors of stiffness.
+    element_ratio: float = 100.0
     #: [rows] Largest number of rows of the text of a set of unknowns. Drawing: about a screen.
     printed_rows: int = 40
 
 
 UNKNOWN_DEFAULTS = UnknownDefaultSettings()
+
+
+@dataclass(frozen=True)
+class LevelSettings:
+    """Numbers of data with a force amplitude."""
+
+    #: [m] Amplitude of the deformation of an element in data without a level. Why: the response is
+    #: then that of vanishing amplitude. Rounding: its powers are above the smallest double.
+    vanishing_amplitude: float = 1e-30
+    #: [1] Distance from the data that is added to an unstable solution. Why: unstable motion is
+    #: not observed; the relative distance is at most 2.
+    unstable: float = 10.0
+    #: [1] Distance from the data above which a line is tried on the branch of a neighbour. Why: far
+    #: above the squared noise of measurements.
+    far: float = 0.01
+
+
+LEVELS = LevelSettings()

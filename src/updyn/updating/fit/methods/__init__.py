@@ -30,6 +30,7 @@ from updyn.updating.problem.residuals import RESIDUALS
 __all__ = [
     "METHODS",
     "check_channels",
+    "check_linear",
     "check_modes",
     "check_quantity",
     "make_method",
@@ -115,6 +116,20 @@ def check_channels(parameters: ParameterSet, method: Method | type[Method]) -> N
         raise OptionError(
             f"method {method.name!r} uses the measurement without calibration and supports no"
             f" calibration factors ({sensors[0]!r}); use {', '.join(others)} or {last}"
+        )
+
+
+def check_linear(tests: Sequence[Test], method: Method) -> None:
+    """Raise OptionError if a model has nonlinear elements and the method cannot fit it."""
+    # Methods that support calibration compare the data with the forward response; others use the
+    # matrices of a linear model.
+    nonlinear = [test for test in tests if test.model.nonlinear]
+    if nonlinear and not method.calibrates:
+        *others, last = map(repr, methods_with("calibrates"))
+        names = ", ".join(nonlinear[0].model.nonlinear)
+        raise OptionError(
+            f"method {method.name!r} fits linear models only, and the model has nonlinear elements"
+            f" ({names}); use {', '.join(others)} or {last}"
         )
 
 

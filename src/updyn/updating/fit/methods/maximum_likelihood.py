@@ -269,7 +269,7 @@ class MaximumLikelihood(SearchingMethod):
         overdetermined = problem.n_numbers > problem.n
         settings = self._further_descent(min(FURTHER_DESCENTS.most_steps, self.max_iterations))
         far = np.where(
-            coordinates.parameters.is_factor, GLOBAL_SEARCH.log_distance, ANSWERS.loss_spread
+            ~coordinates.parameters.is_damping, GLOBAL_SEARCH.log_distance, ANSWERS.loss_spread
         )
         for start in scatter_points(
             coordinates.start, far, GLOBAL_SEARCH.tries_ratio * self.starts, self.seed

@@ -124,7 +124,8 @@ def replace_system(part: FRFPart, system: AffineSystem) -> FieldSolver:
 def _list_field_values(part: FRFPart) -> tuple[Any, ...]:
     values = (part.solver, part.unknowns, part.coordinates, part.frf)
     channels = (part.rows, part.columns, part.sign)
-    return (*values, *channels, part.session, part.name, part.as_read, part.variants)
+    rest = part.session, part.name, part.as_read, part.variants, part.forward
+    return (*values, *channels, *rest)
 
 
 def _rebuild(part: FRFPart, alteration: Alteration) -> AlteredPart:

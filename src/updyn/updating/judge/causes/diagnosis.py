@@ -70,7 +70,7 @@ def is_far_from_start(part: FRFPart, x: RealArray) -> bool:
     """Return whether the unknowns moved farther from their start than models are usually off."""
     # The data may then be explained and still be wrong by a common factor.
     coordinates = part.coordinates
-    offset = ((x - coordinates.start) / compute_spread(part))[coordinates.parameters.is_factor]
+    offset = ((x - coordinates.start) / compute_spread(part))[~coordinates.parameters.is_damping]
     return bool(offset.size and np.sqrt(np.mean(offset**2)) > CAUSE_ODDS.usual_distance)
 
 

@@ -53,6 +53,8 @@ class CauseSearch:
         """Return whether a fault explains the residual of a fit from the start."""
         # The search for another answer then ends, because that answer would not be that of the
         # structure.
+        if not self.exact.is_linear:
+            return False
         with monitor.stage(CAUSES):
             for i, noise in enumerate(self.noises):
                 whole = self._whole_part(monitor.problem.parts[i], i)
@@ -68,6 +70,8 @@ class CauseSearch:
         """Return the causes of the residual of a fit, from a search if it is not noise."""
         if found.fit.reason in ("stopped", "failed"):
             return Causes()
+        if not self.exact.is_linear:
+            return Causes(not_searched="the model has nonlinear elements")
         out: list[Finding] = []
         was_searched, not_searched = False, ""
         with monitor.stage(CAUSES), suppress(Stopped):

@@ -120,7 +120,7 @@ class ReducedModels:
 def _scatter_starts(part: FRFPart, number: int, seed: int) -> list[RealArray]:
     """Return the start, and points about it within the spread of the unknowns."""
     coordinates = part.coordinates
-    factor, spread = coordinates.parameters.is_factor, compute_spread(part)
+    factor, spread = ~coordinates.parameters.is_damping, compute_spread(part)
     lowest = np.where(factor, coordinates.start - spread, 0.0)
     highest = np.where(
         factor,

@@ -287,7 +287,7 @@ def _add_priors(part: FRFPart) -> Problem:
 
 def raise_loss_factors(part: FRFPart, x: RealArray) -> RealArray:
     """Return x with loss factors of at least 0.1, so that resonances overlap."""
-    is_factor = part.coordinates.parameters.is_factor
+    is_factor = ~part.coordinates.parameters.is_damping
     return np.clip(
         np.where(is_factor, x, np.maximum(x, CAUSE_TRIAL.least_start_loss)),
         *part.coordinates.bounds,

@@ -1,0 +1,57 @@
+"""Parameters of nonlinear elements by name: numbers that an update can change."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+from updyn.errors import ModelError, suggest
+from updyn.nonlinear.element import NonlinearElement
+
+__all__ = ["change_parameters", "list_parameters", "parameter_unit"]
+
+
+def list_parameters(element: NonlinearElement) -> dict[str, float]:
+    """Return the parameters by name, in the order of `PeriodForce.parameters`.
+
+    Those of a mapping, as the coefficients of a polynomial, are named ``coefficients_3``.
+    """
+    out: dict[str, float] = {}
+    for name in element.parameters:
+        value = getattr(element, name)
+        if isinstance(value, Mapping):
+            out |= {f"{name}_{key}": float(number) for key, number in value.items()}
+        else:
+            out[name] = float(value)
+    return out
+
+
+def parameter_unit(element: NonlinearElement, name: str) -> str:
+    """Return the unit of a parameter; empty if the element does not state it."""
+    units: Mapping[str, str] = getattr(element, "units", {})
+    plain, _, key = name.rpartition("_")
+    return units.get(name, units.get(plain, "").replace("^p", f"^{key}"))
+
+
+def change_parameters(element: NonlinearElement, values: Mapping[str, float]) -> NonlinearElement:
+    """Return a copy with other values of some parameters; ModelError for an unknown name."""
+    known = list_parameters(element)
+    for name in values:
+        if name not in known:
+            raise ModelError(
+                f"{type(element).__name__} has no parameter {name!r}; {suggest(name, known)}"
+            )
+    changes: dict[str, Any] = {}
+    for name in element.parameters:
+        value = getattr(element, name)
+        if isinstance(value, Mapping):
+            own = {key: values.get(f"{name}_{key}", number) for key, number in value.items()}
+            if any(f"{name}_{key}" in values for key in value):
+                changes[name] = {key: float(number) for key, number in own.items()}
+        elif name in values:
+            changes[name] = float(values[name])
+    if not changes:
+        return element
+    changed: NonlinearElement = replace(element, **changes)  # type: ignore[type-var]
+    return changed
