@@ -212,7 +212,10 @@ class _Parameters:
     @staticmethod
     def _link(unknown: Parameter) -> dict[str, object]:
         return {
-            "drives": [[d.group, d.quantity, d.power] for d in unknown.drives],
+            "drives": [
+                [d.group, d.quantity, d.power, *([True] if d.of_element else [])]
+                for d in unknown.drives
+            ],
             "nominal": unknown.nominal,
             "unit": unknown.unit,
             **({"of_element": True} if unknown.of_element else {}),
@@ -662,7 +665,7 @@ def _parameter_json(result: UpdateResult, unknown: Parameter) -> dict[str, Any]:
         "value": plain(result.values.get(name, math.nan)),
         "std": plain(std),
         **plain_fields(unknown, "lower", "upper", "nominal", "unit"),
-        "drives": plain_records(unknown.drives),
+        "drives": [plain_fields(d, "group", "quantity", "power") for d in unknown.drives],
         "at_bound": name in result.at_bound,
         "bound": result.at_bound.get(name),
         "identifiable": bool(math.isfinite(std)),

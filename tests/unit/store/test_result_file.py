@@ -308,8 +308,8 @@ def test_no_field_is_forgotten():
         NoisySensor: "response times",
         Suspect: "group quantity explains change energy confirmed",
         Iteration: "stage number cost step condition accepted values",
-        Parameter: "group quantity start lower upper prior_std drives nominal unit",
-        Drive: "group quantity power",
+        Parameter: "group quantity start lower upper prior_std drives nominal unit of_element",
+        Drive: "group quantity power of_element",
     }
     for kind, names in stored.items():
         found = [f.name for f in dataclasses.fields(kind)]
