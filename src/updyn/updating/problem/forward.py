@@ -188,7 +188,7 @@ class LocalElements:
             return None
         H = _Linear.of(self, part, x, np.ones(1), derivatives=False).H[:, 0]
         motion, level = self._motion(part), _level(part.frf)[:, None, None]
-        T = np.linalg.pinv(H[:, n:, :n]) @ (level * H[:, n:, n:] - motion)
+        T = _solve_least_squares(H[:, n:, :n], level * H[:, n:, n:] - motion)
         return np.abs(level * H[:, :n, n:] - H[:, :n, :n] @ T)
 
     @staticmethod
@@ -197,6 +197,15 @@ class LocalElements:
         frf = part.frf
         rate = (frf.s**frf.power)[:, None, None]
         return np.asarray(frf.values * part.sign / rate * _level(frf)[:, None, None])
+
+
+def _solve_least_squares(A: ComplexArray, B: ComplexArray) -> ComplexArray:
+    """Return the least-squares solutions of stacked systems A X = B, of least length."""
+    U, size, Vh = np.linalg.svd(A, full_matrices=False)
+    least = max(A.shape[-2:]) * np.finfo(float).eps * size[..., :1]
+    inverse = np.divide(1.0, size, out=np.zeros_like(size), where=size > least)
+    along = np.conj(U).swapaxes(-1, -2) @ B
+    return np.asarray(np.conj(Vh).swapaxes(-1, -2) @ (inverse[..., None] * along))
 
 
 def choose_forward(model: Model, frf: FRF, parameters: ParameterSet) -> Forward:
