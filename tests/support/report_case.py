@@ -121,7 +121,7 @@ def realistic(**changes):
         message=(
             "The fit converged, but one combination of unknowns changes nothing that was measured."
         ),
-        steps=(Remedy("Measure at 5:Z too, or hold the mass of bay 5 at its drawing value."),),
+        steps=(Remedy("A sensor at 5:Z, or lines around 210 Hz, would determine what is open."),),
         method="maximum-likelihood",
         options={"max_iterations": 50, "tolerance": 1e-8, "tier": "dense", "backend": None},
         start=start,

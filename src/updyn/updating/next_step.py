@@ -23,13 +23,14 @@ def choose_next_step(result: UpdateResult | JointResult) -> Remedy:
     step = next(iter(first.steps), None)
     if step is not None and step.lines:
         return step
-    usual = _choose_by_status(first)
+    usual = _choose_by_status(first, step)
     return usual if step is None else replace(usual, advice=str(step))
 
 
-def _choose_by_status(result: UpdateResult) -> Remedy:
-    """Return the usual next step of a result that is not usable."""
-    if result.status == "not-identifiable":
+def _choose_by_status(result: UpdateResult, step: Remedy | None) -> Remedy:
+    """Return the usual next step of a result that is not usable, with lines that suit `step`."""
+    on_unknowns = step is None or str(step) == result.identifiability.advice
+    if result.status == "not-identifiable" and on_unknowns:
         return plan_test(result.data)
     advice = "Compare model and test before the next fit:"
     return Remedy(advice, ("updyn check job.toml",), _IN_TERMINAL)

@@ -112,7 +112,7 @@ def test_verdict_in_parts(page):
         "✗ Determined no The fit converged, but one combination of unknowns changes nothing that"
         " was measured." in page.words
     )
-    assert "Next step Measure at 5:Z too" in page.words
+    assert "Next step A sensor at 5:Z, or lines around 210 Hz" in page.words
 
 
 def test_no_sentence_of_the_message_is_said_twice(page):

@@ -61,6 +61,12 @@ def test_unknowns_that_are_not_determined_need_another_test():
     assert step.advice == result.remedy
 
 
+def test_lines_belong_to_their_advice():
+    """A plan of a test does not follow advice on the model."""
+    step = choose_next_step(realistic(steps=(Remedy("Compare model and test first."),)))
+    assert (step.advice, step.lines) == ("Compare model and test first.", ("updyn check job.toml",))
+
+
 @pytest.mark.parametrize("status", ["failed", "stalled", "not-credible", "stopped"])
 def test_every_end_has_a_step_with_lines(status):
     step = choose_next_step(realistic(status=status, steps=()))
