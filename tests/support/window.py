@@ -116,8 +116,8 @@ def browsing(
 ) -> Iterator[tuple[object, Heard]]:
     """Open the window in Chromium; give the page, and its errors and requests."""
     context = chromium.new_context(viewport={"width": width, "height": height})
+    context.set_default_timeout(PATIENCE)
     page = context.new_page()
-    page.set_default_timeout(PATIENCE)
     heard = Heard()
     heard.listen(page)
     page.goto(server.address)
