@@ -53,6 +53,10 @@ from .matching import match as match
 from .modal import ModeSet as ModeSet
 from .modal import identify_modes as identify_modes
 from .model import Model as Model
+from .modification.modify import FRFChange as FRFChange
+from .modification.modify import ModeChange as ModeChange
+from .modification.modify import Modification as Modification
+from .modification.modify import modify as modify
 from .nonlinear.backlash import Backlash as Backlash
 from .nonlinear.cubic import CubicSpring as CubicSpring
 from .nonlinear.damper import QuadraticDamper as QuadraticDamper
@@ -62,6 +66,9 @@ from .nonlinear.jenkins import JenkinsElement as JenkinsElement
 from .nonlinear.polynomial import PolynomialSpring as PolynomialSpring
 from .planning import Plan as Plan
 from .planning import plan as plan
+from .population.result import PopulationResult as PopulationResult
+from .population.result import Specimen as Specimen
+from .population.update import update_population as update_population
 from .report import write_plan as write_plan
 from .report import write_report as write_report
 from .signals.cutting import cut_hits as cut_hits

@@ -53,6 +53,7 @@ ORDER = (
     ("updating.judge",),
     ("updating",),
     ("comparison", "planning", "uncertainty"),
+    ("modification", "population"),
     ("store",),
     ("viewer",),
     ("report",),

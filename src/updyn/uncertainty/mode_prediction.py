@@ -19,7 +19,7 @@ from updyn.uncertainty.posterior import Posterior, find_update
 from updyn.uncertainty.updated_modes import UpdatedModes
 from updyn.updating.result import JointResult, UpdateResult, find_result
 
-__all__ = ["exclude_span", "predict_modes"]
+__all__ = ["exclude_span", "predict_modes", "select_count"]
 
 
 def predict_modes(
@@ -87,11 +87,7 @@ def predict_modes(
     ((12, 3), True)
     """
     result = find_result(find_update(source), test)
-    if n is not None:
-        n = check_count("n", n, "modes", 1, result.start.n_dofs)
-    data = result.data
-    highest = float((data.freq if isinstance(data, FRF) else data.frequency)[-1])
-    highest *= 1.0 + MODE_PAIRING.close_frequencies
+    n, highest = select_count(result, n)
     updated = UpdatedModes.of(result, n, highest, tier)
     posterior, found = Posterior.of(source), updated.modes
     labels = updated.model.dofs if dofs is None else DofSet(dofs)
@@ -121,6 +117,15 @@ def predict_modes(
         std_loss_factor=std_loss,
         std_shapes=std_shapes,
     )
+
+
+def select_count(result: UpdateResult, n: int | None) -> tuple[int | None, float]:
+    """Return a number of modes, validated, and the frequency in Hz up to which None selects."""
+    if n is not None:
+        n = check_count("n", n, "modes", 1, result.start.n_dofs)
+    data = result.data
+    highest = float((data.freq if isinstance(data, FRF) else data.frequency)[-1])
+    return n, highest * (1.0 + MODE_PAIRING.close_frequencies)
 
 
 def exclude_span(derivatives: RealArray, span: RealArray) -> RealArray:

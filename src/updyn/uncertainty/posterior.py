@@ -8,6 +8,7 @@ import numpy as np
 
 from updyn.arrays import RealArray
 from updyn.errors import OptionError, SolverError
+from updyn.frf import FRF
 from updyn.uncertainty.draws import Draws
 from updyn.uncertainty.restored import LIKELIHOOD, restore
 from updyn.uncertainty.settings import PREDICTED_BAND
@@ -42,7 +43,8 @@ class Posterior:
             return cls(covariance, np.zeros((len(covariance), 0)))
         if isinstance(source, Draws):
             raise OptionError(f"{len(source)} draws are too few for a covariance")
-        if getattr(METHODS.find(source.first.method), LIKELIHOOD):
+        has_likelihood = getattr(METHODS.find(source.first.method), LIKELIHOOD)
+        if has_likelihood and all(isinstance(one.data, FRF) for one in source.results.values()):
             return cls._of_likelihood(source)
         # The null space is recorded as text only: each unknown in it counts as undetermined.
         involved = np.flatnonzero(~np.diag(known))

@@ -26,6 +26,7 @@ from updyn.updating.result import JointResult, UpdateResult, find_result
 
 __all__ = [
     "Band",
+    "differentiate_frf",
     "predict",
 ]
 
@@ -114,6 +115,26 @@ def predict(
     if draws is not None:
         return _propagate_draws(problem, x, at, draws.kind, level, variance, seed)
     return _propagate_covariance(problem, x, Posterior.of(about), level, variance)
+
+
+def differentiate_frf(
+    result: UpdateResult,
+    freq: ArrayLike,
+    responses: Iterable[str | Dof],
+    references: Iterable[str | Dof],
+    quantity: str | None = None,
+) -> tuple[FRF, ComplexArray]:
+    """Return the FRF of the updated model and its derivatives by the values of the unknowns.
+
+    The derivatives have the shape (n_f, n_responses, n_references, n).
+    """
+    if quantity is None and not isinstance(result.data, FRF):
+        quantity = "receptance"
+    part = _build_part(result, freq, responses, references, quantity, as_read=False)
+    x = part.coordinates.to_x(estimate_of(result))
+    part = _reduce_if_faster(result, part, x, x[None], REDUCTION.accuracy)
+    H, dH = _solve(part, x)
+    return _frf(part, H), np.moveaxis(dH, 0, -1) / part.coordinates.slope(x)
 
 
 def _build_part(

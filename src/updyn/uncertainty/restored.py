@@ -19,6 +19,7 @@ from updyn.updating.problem.session import Session
 from updyn.updating.result import JointResult, UpdateResult
 
 __all__ = [
+    "AT_MINIMUM",
     "LIKELIHOOD",
     "STATES_NOISE",
     "RestoredFit",
@@ -36,7 +37,7 @@ LIKELIHOOD = "is_likelihood"
 #: Attribute of methods whose noise record is enough to generate data.
 STATES_NOISE = "states_noise"
 #: Statuses of a fit at a minimum.
-_ENDED = ("converged", "not-credible", "not-identifiable", "stalled")
+AT_MINIMUM = ("converged", "not-credible", "not-identifiable", "stalled")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -130,7 +131,7 @@ def restore(
             "a regularised fit has no likelihood from which its uncertainty follows; give the"
             " unknowns priors (prior_std)"
         )
-    if first.status not in _ENDED or not all(r.noise for r in results):
+    if first.status not in AT_MINIMUM or not all(r.noise for r in results):
         raise OptionError(
             f"the update has ended as {first.status!r}, not at a minimum of the misfit:"
             f" {first.message}"

@@ -1,0 +1,1 @@
+"""Effects of a change of the structure, predicted by an updated model before it is made."""

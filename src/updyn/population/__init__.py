@@ -1,0 +1,1 @@
+"""Structures of one design that differ: mean and scatter of their unknowns."""

@@ -1,0 +1,273 @@
+"""`PopulationResult`: mean and scatter of the unknowns of nominally equal structures."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.stats import chi2, norm, t
+
+from updyn.arrays import RealArray
+from updyn.errors import OptionError
+from updyn.notebook import card, table
+from updyn.population.settings import SCATTER
+from updyn.text_table import format_count, text_table
+from updyn.updating.problem.parameters import ParameterSet
+from updyn.updating.result import UpdateResult
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["PopulationResult", "Specimen"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Specimen:
+    """One specimen of a population.
+
+    Attributes
+    ----------
+    result : UpdateResult
+        Its update by its data alone.
+    values, std : dict of str to float
+        Values of the unknowns by its data and by the population, with standard deviations. A
+        combination that its data do not determine follows the population.
+    deviation : dict of str to float
+        Deviation of `values` from the mean of the population.
+    covariance : ndarray of float, shape (n, n)
+        Covariance of `values`.
+    """
+
+    result: UpdateResult
+    values: Mapping[str, float]
+    std: Mapping[str, float]
+    deviation: Mapping[str, float]
+    covariance: RealArray
+
+    def __repr__(self) -> str:
+        return f"Specimen({format_count(len(self.values), 'unknown')})"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PopulationResult:
+    """Mean and scatter of the unknowns over specimens.
+
+    Attributes
+    ----------
+    parameters : ParameterSet
+        The unknowns.
+    mean : dict of str to float
+        Mean over all structures of the design, in the unit of each unknown.
+    mean_covariance : ndarray of float, shape (n, n)
+        Covariance of the error of the mean.
+    covariance : ndarray of float, shape (n, n)
+        Covariance of the unknowns over structures, without the noise of the tests.
+    correlated : bool
+        Whether correlations of the unknowns were estimated; otherwise `covariance` is diagonal.
+    specimens : dict of str to Specimen
+        The specimens by name.
+    excluded : dict of str to str
+        Specimens that are not used, with the reason.
+    p_value : float
+        Probability of differences at least as large if the specimens were equal.
+    title : str
+        Title of the update.
+    """
+
+    parameters: ParameterSet
+    mean: Mapping[str, float]
+    mean_covariance: RealArray
+    covariance: RealArray
+    correlated: bool
+    specimens: Mapping[str, Specimen]
+    excluded: Mapping[str, str]
+    p_value: float
+    title: str = ""
+
+    @property
+    def std(self) -> dict[str, float]:
+        """Standard deviation of each unknown over structures, in its unit."""
+        return self._by_name(np.sqrt(np.diag(self.covariance)))
+
+    @property
+    def correlation(self) -> RealArray:
+        """Correlation of the unknowns over structures; nan for an unknown without scatter."""
+        std = np.sqrt(np.diag(self.covariance))
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return np.asarray(self.covariance / std / std[:, None])
+
+    @property
+    def differs(self) -> bool:
+        """Whether the specimens differ by more than the noise of their tests."""
+        return self.p_value < SCATTER.significance
+
+    def intervals(self, level: float = 0.95) -> dict[str, tuple[float, float]]:
+        """Return the confidence interval of the mean of each unknown, by Student's distribution.
+
+        Parameters
+        ----------
+        level : float
+            Probability that the interval covers the true mean.
+
+        Returns
+        -------
+        dict of str to (float, float)
+        """
+        quantile = t.ppf(0.5 + 0.5 * _check_level(level), len(self.specimens) - 1)
+        mean = np.array(list(self.mean.values()))
+        half = quantile * np.sqrt(np.diag(self.mean_covariance))
+        return self._spans(mean - half, mean + half)
+
+    def std_intervals(self, level: float = 0.95) -> dict[str, tuple[float, float]]:
+        """Return the confidence interval of the standard deviation of each unknown.
+
+        The scatter and the errors of the tests together follow a chi-square distribution as those
+        of equal tests; the part of the errors is subtracted (Williams, Biometrika 49 (1962) 278).
+
+        Parameters
+        ----------
+        level : float
+            Probability that the interval covers the true standard deviation.
+
+        Returns
+        -------
+        dict of str to (float, float)
+        """
+        tail, count = 0.5 - 0.5 * _check_level(level), len(self.specimens)
+        variance = np.diag(self.covariance)
+        both = count * np.diag(self.mean_covariance)
+        error = both - variance
+        low, high = ((count - 1) * both / chi2.isf(q, count - 1) for q in (tail, 1.0 - tail))
+        return self._spans(*(np.sqrt(np.maximum(ends - error, 0.0)) for ends in (low, high)))
+
+    def prediction_intervals(self, level: float = 0.95) -> dict[str, tuple[float, float]]:
+        """Return the interval that holds the unknown of a further structure of the design.
+
+        Parameters
+        ----------
+        level : float
+            Probability that the interval holds it.
+
+        Returns
+        -------
+        dict of str to (float, float)
+        """
+        quantile = t.ppf(0.5 + 0.5 * _check_level(level), len(self.specimens) - 1)
+        mean = np.array(list(self.mean.values()))
+        half = quantile * np.sqrt(np.diag(self.covariance + self.mean_covariance))
+        return self._spans(mean - half, mean + half)
+
+    def outliers(self, level: float = 0.99) -> dict[str, float]:
+        """Return the specimens that lie outside the population, with their probability.
+
+        A specimen is listed if one of its unknowns deviates by more than chance explains among all
+        specimens and unknowns (Bonferroni).
+
+        Parameters
+        ----------
+        level : float
+            Probability that no specimen of a normal population is listed.
+
+        Returns
+        -------
+        dict of str to float
+        """
+        _check_level(level)
+        std = np.sqrt(np.diag(self.covariance))
+        found = {}
+        for name, one in self.specimens.items():
+            size = np.abs(list(one.deviation.values()))
+            ratio = np.divide(size, std, out=np.zeros_like(size), where=std > 0.0)
+            share = 2.0 * norm.sf(ratio.max(initial=0.0)) * size.size * len(self.specimens)
+            if share < 1.0 - level:
+                found[name] = float(share)
+        return found
+
+    def to_pandas(self, level: float = 0.95) -> pd.DataFrame:
+        """Return a table with a row for each unknown.
+
+        Parameters
+        ----------
+        level : float
+            Probability of the intervals.
+
+        Returns
+        -------
+        pandas.DataFrame
+            Index: ``unknown``. Columns: ``mean``, ``low``, ``high``, ``std``, ``std_low``,
+            ``std_high`` and ``unit``.
+        """
+        import pandas as pd
+
+        rows = [
+            {
+                "mean": self.mean[p.name],
+                "low": low,
+                "high": high,
+                "std": self.std[p.name],
+                "std_low": std_low,
+                "std_high": std_high,
+                "unit": p.value_unit,
+            }
+            for p, (low, high), (std_low, std_high) in zip(
+                self.parameters,
+                self.intervals(level).values(),
+                self.std_intervals(level).values(),
+                strict=True,
+            )
+        ]
+        return pd.DataFrame(rows, index=pd.Index(self.parameters.names, name="unknown"))
+
+    def summary(self) -> str:
+        """Return mean and scatter of the unknowns as text, with 95 % intervals.
+
+        Returns
+        -------
+        str
+        """
+        return f"{self._statement()}\n\n{text_table(_HEADINGS, self._rows())}"
+
+    def _statement(self) -> str:
+        what = self.title or "Population"
+        count = format_count(len(self.specimens), "specimen")
+        if self.differs:
+            return f"{what}: {count}; they differ by more than the noise of their tests."
+        return f"{what}: {count}; the noise of the tests explains their differences."
+
+    def _rows(self) -> list[list[str]]:
+        spans, scatter = self.intervals(), self.std_intervals()
+        return [
+            [
+                name,
+                f"{self.mean[name]:.5g}",
+                "{:.5g} to {:.5g}".format(*spans[name]),
+                f"{self.std[name]:.3g}",
+                "{:.3g} to {:.3g}".format(*scatter[name]),
+            ]
+            for name in self.mean
+        ]
+
+    def _repr_html_(self) -> str:
+        facts = {"specimens": len(self.specimens), "unknowns": len(self.mean)}
+        return card(self._statement(), facts, table(_HEADINGS, self._rows()))
+
+    def __repr__(self) -> str:
+        specimens = format_count(len(self.specimens), "specimen")
+        return f"PopulationResult({specimens}, {format_count(len(self.mean), 'unknown')})"
+
+    def _by_name(self, values: RealArray) -> dict[str, float]:
+        return dict(zip(self.mean, values.tolist(), strict=True))
+
+    def _spans(self, low: RealArray, high: RealArray) -> dict[str, tuple[float, float]]:
+        return dict(zip(self.mean, zip(low.tolist(), high.tolist(), strict=True), strict=True))
+
+
+_HEADINGS = ("unknown", "mean", "95 % interval", "std", "95 % interval")
+
+
+def _check_level(level: float) -> float:
+    if not 0.0 < level < 1.0:
+        raise OptionError(f"level = {level!r}: expected a share between 0 and 1, such as 0.95")
+    return level
