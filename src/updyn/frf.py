@@ -493,8 +493,8 @@ class FRF:
         >>> frf.with_level(20.0, "up").level
         array([20., 20.])
         """
-        more: dict[str, Any] = {"level": level, "sweep": sweep}
-        return replace(self, **more)
+        checked = None if level is None else self._check_level(level)
+        return replace(self, level=checked, sweep=sweep)
 
     # -- selection -----------------------------------------------------------------------------
     def select(

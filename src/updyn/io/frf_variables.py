@@ -114,14 +114,14 @@ def select_items(
 def _add_standard_items(
     items: dict[str, object], source: VariableSource, variables: Mapping[str, object]
 ) -> None:
-    """Add variables with the names of items, except values, which cause a warning."""
-    by_channel = ("responses", "references") if "channels" in variables else ()
-    for item in FRF_ITEMS:
-        if item in source.found and item not in items and item not in (*_VALUES, *by_channel):
-            items[item] = source.item(item, _ROOT)
+    """Add unused variables with the names of items, except values, which cause a warning."""
     used: set[str] = set()
     for name in _list_names(variables):
         used |= set(str(name).partition("(")[0].strip().split("."))
+    by_channel = ("responses", "references") if "channels" in variables else ()
+    for item in FRF_ITEMS:
+        if item in source.found and item not in {*items, *used, *_VALUES, *by_channel}:
+            items[item] = source.item(item, _ROOT)
     omitted = [item for item in _VALUES if item in source.found and item not in used]
     warn_of_omitted(omitted, source.path)
 

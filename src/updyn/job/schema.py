@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal, TypeVar
 from pydantic import BeforeValidator, ConfigDict, Field, PrivateAttr, Strict, model_validator
 
 from updyn.errors import suggest
+from updyn.group import GROUP_QUANTITIES
 from updyn.job.base import Document, Pair, Table, Texts, is_number, tables_of
 from updyn.job.records_table import RecordsTable
 from updyn.job.toml_lines import Place
@@ -75,22 +76,16 @@ def _parse_dofs(given: object) -> object:
     raise ValueError('expected one label, two labels such as ["1:X", "2:X"], or weights by label')
 
 
-_GROUP_QUANTITIES = (
-    "stiffness",
-    "mass",
-    "loss_factor",
-    "viscous",
-    "mass_damping",
-    "stiffness_damping",
-)
-
-
 class ParameterTable(Table):
     """``[[parameter]]``: unknowns of groups, of nonlinear elements, or one that drives several."""
 
     groups: Annotated[tuple[str, ...] | None, BeforeValidator(_parse_groups)] = None
     element: Annotated[tuple[str, ...] | None, BeforeValidator(_parse_groups)] = None
-    quantity: str | None = None
+    quantity: (
+        Literal["stiffness", "mass", "loss_factor", "viscous", "mass_damping", "stiffness_damping"]
+        | str
+        | None
+    ) = None
     name: str | None = None
     drives: Annotated[tuple[str, ...] | dict[str, float] | None, BeforeValidator(_parse_drives)] = (
         None
@@ -111,9 +106,9 @@ class ParameterTable(Table):
     def _check_kind(self) -> ParameterTable:
         if self.element is not None:
             return self._check_element()
-        if self.groups is not None and self.quantity not in (None, *_GROUP_QUANTITIES):
+        if self.groups is not None and self.quantity not in (None, *GROUP_QUANTITIES):
             raise ValueError(
-                f"quantity {self.quantity!r}: {suggest(str(self.quantity), _GROUP_QUANTITIES)}"
+                f"quantity {self.quantity!r}: {suggest(str(self.quantity), GROUP_QUANTITIES)}"
             )
         plain, linked = (self.groups, self.quantity), (self.name, self.drives)
         if any(x is not None for x in plain) and any(x is not None for x in linked):
@@ -152,7 +147,7 @@ class ElementTable(Table):
     dofs: Annotated[str | tuple[str, ...] | dict[str, float], BeforeValidator(_parse_dofs)]
 
     @property
-    def values(self) -> dict[str, Any]:
+    def values(self) -> dict[str, object]:
         """Values of the element."""
         return dict(self.__pydantic_extra__ or {})
 

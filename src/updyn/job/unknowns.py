@@ -176,7 +176,5 @@ def _choose_of_elements(model: Model, table: ParameterTable) -> Sequence[Paramet
     bounds = None if table.bounds is None else dict.fromkeys(names, table.bounds)
     with key_path("element"):
         items: Sequence[Parameter] = parameters(model, nonlinear=names, bounds=bounds)
-    changes: dict[str, Any] = {"prior_std": table.prior_std}
-    if table.start is not None:
-        changes["start"] = table.start
-    return [replace(p, **changes) for p in items]
+    std, start = table.prior_std, table.start
+    return [replace(p, prior_std=std, start=p.start if start is None else start) for p in items]

@@ -123,6 +123,12 @@ class ModeChange:
         Standard deviations in Hz, of the difference too; nan where they are undetermined.
     similarity : float
         Square of the cross-orthogonality of both shapes with the mass before the change, 0 to 1.
+
+    Examples
+    --------
+    >>> mode = updyn.ModeChange(10.0, 9.5, 0.1, 0.1, 0.02, similarity=0.99)
+    >>> mode.change, [round(end, 3) for end in mode.interval()]
+    (-0.5, [-0.539, -0.461])
     """
 
     before: float
@@ -165,6 +171,17 @@ class FRFChange:
         Change of the magnitude in dB; nan between motions that are not coupled.
     std_db : ndarray of float
         Its standard deviation; inf where an undetermined combination of unknowns changes it.
+
+    Examples
+    --------
+    >>> from updyn.demos import chain
+    >>> model, frf = chain.build(), chain.measure()
+    >>> unknowns = updyn.parameters(model, stiffness="all", mass="all", loss_factor="all")
+    >>> result = updyn.update(model, frf, unknowns, starts=0)
+    >>> found = updyn.modify(result, lambda m: m.with_element("ballast", ["12:X"], mass=0.5), 2)
+    >>> change = found.frf([5.0], ["12:X"], ["1:X"])
+    >>> change.change_db.shape, bool(change.std_db[0, 0, 0] < 1.0)
+    ((1, 1, 1), True)
     """
 
     before: FRF
@@ -198,6 +215,16 @@ class Modification:
         The updated model and the changed one.
     modes : tuple of ModeChange
         Changes of the modes, by ascending frequency before the change.
+
+    Examples
+    --------
+    >>> from updyn.demos import chain
+    >>> model, frf = chain.build(), chain.measure()
+    >>> unknowns = updyn.parameters(model, stiffness="all", mass="all", loss_factor="all")
+    >>> result = updyn.update(model, frf, unknowns, starts=0)
+    >>> found = updyn.modify(result, lambda m: m.with_element("ballast", ["12:X"], mass=0.5), 2)
+    >>> found, float(found.after.group("ballast").mass.sum())
+    (Modification(2 modes), 0.5)
     """
 
     before: Model

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
 
 from updyn.errors import ModelError, suggest
 from updyn.nonlinear.element import NonlinearElement
@@ -42,7 +41,7 @@ def change_parameters(element: NonlinearElement, values: Mapping[str, float]) ->
             raise ModelError(
                 f"{type(element).__name__} has no parameter {name!r}; {suggest(name, known)}"
             )
-    changes: dict[str, Any] = {}
+    changes: dict[str, object] = {}
     for name in element.parameters:
         value = getattr(element, name)
         if isinstance(value, Mapping):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import fields
-from typing import Any
 
 from updyn.errors import ModelError, suggest
 from updyn.nonlinear import ELEMENTS
@@ -13,7 +12,7 @@ from updyn.nonlinear.element import NonlinearElement
 __all__ = ["build_element", "describe_element"]
 
 
-def describe_element(element: NonlinearElement) -> dict[str, Any]:
+def describe_element(element: NonlinearElement) -> dict[str, object]:
     """Return the kind of an element and the fields that differ from their defaults.
 
     Raises ModelError if its class is not registered.
@@ -24,7 +23,7 @@ def describe_element(element: NonlinearElement) -> dict[str, Any]:
             f"nonlinear element {type(element).__name__} is not registered, so that no file can"
             " name it"
         )
-    out: dict[str, Any] = {"kind": kind}
+    out: dict[str, object] = {"kind": kind}
     for one in fields(element):  # type: ignore[arg-type]
         value = getattr(element, one.name)
         if isinstance(value, Mapping):
@@ -34,14 +33,14 @@ def describe_element(element: NonlinearElement) -> dict[str, Any]:
     return out
 
 
-def build_element(kind: str, values: Mapping[str, Any]) -> NonlinearElement:
+def build_element(kind: str, values: Mapping[str, object]) -> NonlinearElement:
     """Return an element from its kind and fields; ModelError for an unknown or missing field."""
-    found: Any = ELEMENTS.find(kind)
-    known = {one.name: one for one in fields(found)}
+    found: type[NonlinearElement] = ELEMENTS.find(kind)
+    known = {one.name: one for one in fields(found)}  # type: ignore[arg-type]
     for name in values:
         if name not in known:
             raise ModelError(f"{kind} has no value {name!r}; {suggest(name, known)}")
-    given: dict[str, Any] = {}
+    given: dict[str, object] = {}
     for name, value in values.items():
         given[name] = value
         if isinstance(value, Mapping):

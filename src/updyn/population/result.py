@@ -38,6 +38,19 @@ class Specimen:
         Deviation of `values` from the mean of the population.
     covariance : ndarray of float, shape (n, n)
         Covariance of `values`.
+
+    Examples
+    --------
+    >>> from updyn.demos import chain
+    >>> model, tests = chain.build(), []
+    >>> for name, factor in {"a": 0.9, "b": 1.0, "c": 1.1}.items():
+    ...     found = updyn.modes(model.scaled({"part1": {"stiffness": factor}}), 3)
+    ...     data = updyn.ModeSet(found.frequency, std_frequency=1e-4 * found.frequency)
+    ...     tests.append(updyn.Test(model, data, name))
+    >>> unknowns = updyn.parameters(model, stiffness="part1")
+    >>> population = updyn.update_population(tests, unknowns, starts=0)
+    >>> population.specimens["a"], round(population.specimens["a"].values["part1.stiffness"], 3)
+    (Specimen(1 unknown), 0.9)
     """
 
     result: UpdateResult
@@ -74,6 +87,19 @@ class PopulationResult:
         Probability of differences at least as large if the specimens were equal.
     title : str
         Title of the update.
+
+    Examples
+    --------
+    >>> from updyn.demos import chain
+    >>> model, tests = chain.build(), []
+    >>> for name, factor in {"a": 0.9, "b": 1.0, "c": 1.1}.items():
+    ...     found = updyn.modes(model.scaled({"part1": {"stiffness": factor}}), 3)
+    ...     data = updyn.ModeSet(found.frequency, std_frequency=1e-4 * found.frequency)
+    ...     tests.append(updyn.Test(model, data, name))
+    >>> unknowns = updyn.parameters(model, stiffness="part1")
+    >>> population = updyn.update_population(tests, unknowns, starts=0)
+    >>> population, round(population.std["part1.stiffness"], 3)
+    (PopulationResult(3 specimens, 1 unknown), 0.1)
     """
 
     parameters: ParameterSet

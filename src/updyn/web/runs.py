@@ -59,7 +59,7 @@ class RunOutcome:
     remarks: list[str]
 
 
-def describe_outcome(record: Mapping[str, Any]) -> RunOutcome:
+def describe_outcome(record: Mapping[str, object]) -> RunOutcome:
     """Return the outcome of a run: its status and at most two sentences of its message."""
     first, *rest = paragraphs(str(record.get("message") or "")) or [""]
     step, *further = str(record.get("remedy") or "").splitlines() or [""]

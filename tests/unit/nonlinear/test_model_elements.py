@@ -67,7 +67,7 @@ def test_linear_methods_refuse_the_model(model, tmp_path) -> None:
         lambda: updyn.response(model, [1.0], ["1:X"], ["1:X"]),
         lambda: updyn.modes(model, 1),
         lambda: updyn.condense(model, [1.0], ["1:X"]),
-        lambda: updyn.write_model(model, tmp_path / "model.h5"),
+        lambda: updyn.write_model(model, tmp_path / "model.npz"),
         lambda: constrain(model, grounded=["1:X"]),
         lambda: join([model]),
         lambda: updyn.plant(model, ["1:X"], ["1:X"], (1.0, 20.0)),
