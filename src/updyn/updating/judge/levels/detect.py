@@ -51,10 +51,10 @@ class Nonlinearity:
 
     Examples
     --------
-    >>> import numpy as np
     >>> from updyn.demos import chain
-    >>> one, two = chain.measure(seed=0), chain.measure(seed=1)
-    >>> updyn.detect_nonlinearity([one.with_level(1.0), two.with_level(5.0)]).is_nonlinear
+    >>> frf = chain.measure()
+    >>> low, high = frf.with_level(1.0), frf.with_level(5.0)
+    >>> updyn.detect_nonlinearity([low, high], noise={"relative": 0.01}).is_nonlinear
     False
     """
 
