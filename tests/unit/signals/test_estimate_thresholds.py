@@ -126,7 +126,7 @@ def test_the_force_window_falls_over_its_last_tenth():
 @pytest.mark.parametrize(("change", "wrong"), [(0.9e-9, False), (1.1e-9, True)])
 def test_setups_have_equal_lines(change, wrong):
     first, other = (
-        SimpleNamespace(decay=0.0, quantity="mobility", freq=np.array([1.0, f]))
+        SimpleNamespace(decay=0.0, level_text="", quantity="mobility", freq=np.array([1.0, f]))
         for f in (2.0, 2.0 * (1.0 + change))
     )
     with raises(wrong):

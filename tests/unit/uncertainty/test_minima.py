@@ -37,7 +37,7 @@ def test_minima_that_are_likely_and_apart_are_kept(monkeypatch, x, cost, is_kept
 
 def test_random_starts_are_within_a_factor_of_e():
     """Every other one has a loss factor of 0.1 at least."""
-    coordinates = SimpleNamespace(parameters=SimpleNamespace(is_factor=np.array([True, False])))
+    coordinates = SimpleNamespace(parameters=SimpleNamespace(is_damping=np.array([False, True])))
     likelihood = SimpleNamespace(
         bounds=(np.full(2, -9.0), np.full(2, 9.0)),
         problem=SimpleNamespace(coordinates=coordinates),

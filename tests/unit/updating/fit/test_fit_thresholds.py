@@ -179,7 +179,7 @@ def factors(n: int, limit: float = 50.0) -> SimpleNamespace:
             start=np.full(n, 0.3),
             bounds=bounds,
             with_coordinate=with_coordinate,
-            parameters=SimpleNamespace(is_factor=np.ones(n, dtype=bool)),
+            parameters=SimpleNamespace(is_damping=np.zeros(n, dtype=bool)),
         )
     )
 

@@ -157,7 +157,7 @@ def test_modes_alone_are_searched_from_twenty_tries_for_each_start(monkeypatch):
     coordinates = SimpleNamespace(
         start=np.zeros(2),
         bounds=(np.full(2, -9.0), np.full(2, 9.0)),
-        parameters=SimpleNamespace(is_factor=np.array([True, False])),
+        parameters=SimpleNamespace(is_damping=np.array([False, True])),
     )
     exact = SimpleNamespace(coordinates=coordinates, n=2, n_numbers=2, system=SimpleNamespace(n=10))
     MaximumLikelihood(starts=4)._search_globally(

@@ -41,9 +41,9 @@ def test_large_models_are_reduced_for_their_modes(n, expected):
 def reducing_at(x: np.ndarray, n_dofs: int = 1000) -> Reducing:
     """Reduced models of a factor and loss factors whose basis is at x."""
     made = Reducing.__new__(Reducing)
-    is_factor = np.arange(len(x)) == 0
+    is_damping = np.arange(len(x)) > 0
     made.exact = SimpleNamespace(
-        coordinates=SimpleNamespace(parameters=SimpleNamespace(is_factor=is_factor))
+        coordinates=SimpleNamespace(parameters=SimpleNamespace(is_damping=is_damping))
     )
     made._parts = [
         SimpleNamespace(exact=SimpleNamespace(solver=SimpleNamespace(system=SimpleNamespace(n=n))))
@@ -275,7 +275,7 @@ def test_points_around_the_start_span_a_basis(monkeypatch, n_factors, n_points):
     made.exact.coordinates = SimpleNamespace(
         start=np.zeros(n_factors),
         bounds=(np.full(n_factors, -9.0), np.full(n_factors, 9.0)),
-        parameters=SimpleNamespace(is_factor=np.ones(n_factors, dtype=bool)),
+        parameters=SimpleNamespace(is_damping=np.zeros(n_factors, dtype=bool)),
     )
     made._parts = [SimpleNamespace(build_around=lambda *points: seen.extend(points))]
     made._build_around_start(problem)

@@ -173,7 +173,7 @@ def searched(n: int = 2) -> SimpleNamespace:
         coordinates=SimpleNamespace(
             start=np.full(n, 0.05),
             bounds=(np.full(n, -9.0), np.full(n, 9.0)),
-            parameters=SimpleNamespace(is_factor=np.arange(n) == 0),
+            parameters=SimpleNamespace(is_damping=np.arange(n) > 0),
         ),
     )
 

@@ -105,7 +105,7 @@ def test_lines_are_chosen_for_a_loss_factor_of_two_percent():
         start=np.array([0.3, 0.01, 0.03]),
         to_x=lambda values: values,
         parameters=SimpleNamespace(
-            upper=np.array([2.0, 1.0, 1.0]), is_factor=np.array([True, False, False])
+            upper=np.array([2.0, 1.0, 1.0]), is_damping=np.array([False, True, True])
         ),
     )
     found = lines._design_point(SimpleNamespace(coordinates=coordinates))
