@@ -12,11 +12,27 @@ from typing import Self
 
 import numpy as np
 
-from updyn.arrays import BoolArray, IndexArray, RealArray
+from updyn.arrays import BoolArray, ComplexArray, IndexArray, RealArray
 from updyn.nonlinear.element import NonlinearElement, PeriodForce
 from updyn.nonlinear.masing import MasingElement
 
-__all__ = ["LineForces"]
+__all__ = ["LineForces", "describe_first_harmonic"]
+
+
+def describe_first_harmonic(
+    element: NonlinearElement, amplitudes: RealArray, omega: RealArray, samples: int
+) -> tuple[ComplexArray, ComplexArray]:
+    """Return the describing function over the deformation, (m,), and derivatives, (m, n_p).
+
+    The motion of the given amplitudes, (m,), is sampled `samples` times a period. The derivatives
+    are those by the parameters of the element.
+    """
+    tau = 2.0 * np.pi * np.arange(samples) / samples
+    A = amplitudes[:, None]
+    forces = LineForces.of(element, A * np.cos(tau), -A * omega[:, None] * np.sin(tau))
+    wave = 2.0 / samples * np.exp(-1j * tau)
+    slopes = np.einsum("mnp,n->mp", forces.parameters, wave) / A
+    return np.asarray(forces.force @ wave / amplitudes), slopes
 
 
 @dataclass(frozen=True, slots=True, eq=False)

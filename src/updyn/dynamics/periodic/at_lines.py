@@ -10,7 +10,8 @@ and its Jacobian J, dQ/dp = -J^-1 dR/dp.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import itertools
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,7 +20,7 @@ from updyn.arrays import BoolArray, ComplexArray, IndexArray, NumberArray, RealA
 from updyn.dynamics.periodic.fourier import Fourier
 from updyn.dynamics.periodic.settings import LINE_BALANCE
 from updyn.nonlinear.element import NonlinearElement
-from updyn.nonlinear.over_lines import LineForces
+from updyn.nonlinear.over_lines import LineForces, describe_first_harmonic
 
 __all__ = ["LineBalance", "LineEvaluation"]
 
@@ -150,21 +151,15 @@ class LineBalance:
 
         `x` are the deformations without the elements.
         """
-        x = x.copy()
-        reached, step = np.zeros(len(at)), np.ones(len(at))
-        active = np.arange(len(at))
-        while len(active):
-            before = reached[active]
-            tried = np.minimum(before + step[active], 1.0)
+
+        def advance(
+            x: RealArray, some: IndexArray, before: RealArray, after: RealArray
+        ) -> tuple[RealArray, BoolArray]:
             # The response is proportional to a small level.
-            ratio = tried / np.where(before > 0.0, before, 1.0)
-            found, ok = self.solve(x[active] * ratio[:, None, None], at[active], tried)
-            hit = active[ok]
-            x[hit], reached[hit] = found[ok], tried[ok]
-            step[active[~ok]] *= 0.25
-            is_open = (reached[active] < 1.0) & (step[active] >= LINE_BALANCE.least_level_step)
-            active = active[is_open]
-        return x, reached >= 1.0
+            ratio = after / np.where(before > 0.0, before, 1.0)
+            return self.solve(x * ratio[:, None, None], at[some], after)
+
+        return _follow(x, advance, cut=0.25, least=LINE_BALANCE.least_level_step)
 
     def scan(self, near: RealArray, e: int) -> list[tuple[RealArray, BoolArray]]:
         """Return further solutions by the amplitude of element e, and whether each was found.
@@ -208,12 +203,8 @@ class LineBalance:
 
     def _describe_one(self, e: int, amplitudes: RealArray, omega: RealArray) -> ComplexArray:
         """Return the describing function of an element over the deformation, shape (k,)."""
-        n = self.fourier.synthesis.shape[0]
-        tau = 2.0 * np.pi * np.arange(n) / n
-        A = amplitudes[:, None]
-        u, v = A * np.cos(tau), -A * omega[:, None] * np.sin(tau)
-        force = LineForces.of(self.elements[e], u, v).force
-        return np.asarray(force @ (2.0 / n * np.exp(-1j * tau)) / amplitudes)
+        samples = self.fourier.synthesis.shape[0]
+        return describe_first_harmonic(self.elements[e], amplitudes, omega, samples)[0]
 
     def _describe_grid(self, e: int, grid: RealArray) -> ComplexArray:
         """Return the describing function of an element at each line and amplitude, (m, g)."""
@@ -254,21 +245,16 @@ class LineBalance:
 
         On the way, the receptances are interpolated between the two lines.
         """
-        x = x.copy()
-        reached, step = np.zeros(len(at)), np.ones(len(at))
-        active = np.arange(len(at))
-        for _ in range(LINE_BALANCE.most_moves):
-            if not len(active):
-                break
-            tried = np.minimum(reached[active] + step[active], 1.0)
-            between = self._between(source[active], at[active], tried)
-            found, ok = between.solve(x[active], np.arange(len(active)))
-            hit = active[ok]
-            x[hit], reached[hit] = found[ok], tried[ok]
-            step[active[~ok]] *= 0.5
-            is_open = (reached[active] < 1.0) & (step[active] >= LINE_BALANCE.least_move)
-            active = active[is_open]
-        return x, reached >= 1.0
+
+        def advance(
+            x: RealArray, some: IndexArray, before: RealArray, after: RealArray
+        ) -> tuple[RealArray, BoolArray]:
+            between = self._between(source[some], at[some], after)
+            return between.solve(x, np.arange(len(some)))
+
+        return _follow(
+            x, advance, cut=0.5, least=LINE_BALANCE.least_move, most=LINE_BALANCE.most_moves
+        )
 
     def _between(self, source: IndexArray, at: IndexArray, share: RealArray) -> LineBalance:
         """Return the balance at interpolated lines."""
@@ -337,6 +323,35 @@ class LineBalance:
         rows = self._to_real(right.reshape(p * m, *right.shape[2:])).reshape(p, m, -1)
         X = np.linalg.solve(J, rows.transpose(1, 2, 0))
         return np.asarray(X.transpose(2, 0, 1).reshape(p, m, self.n_elements, -1))
+
+
+def _follow(
+    x: RealArray,
+    advance: Callable[[RealArray, IndexArray, RealArray, RealArray], tuple[RealArray, BoolArray]],
+    *,
+    cut: float,
+    least: float,
+    most: int | None = None,
+) -> tuple[RealArray, BoolArray]:
+    """Return the solutions of k paths from share 0 to 1, and which of them reached the end.
+
+    `advance` solves some paths from their shares to others. Where it fails, the step is multiplied
+    by `cut`, down to `least`; there are `most` steps.
+    """
+    x = x.copy()
+    reached, step = np.zeros(len(x)), np.ones(len(x))
+    active = np.arange(len(x))
+    for _ in itertools.count() if most is None else range(most):
+        if not len(active):
+            break
+        before = reached[active]
+        after = np.minimum(before + step[active], 1.0)
+        found, ok = advance(x[active], active, before, after)
+        hit = active[ok]
+        x[hit], reached[hit] = found[ok], after[ok]
+        step[active[~ok]] *= cut
+        active = active[(reached[active] < 1.0) & (step[active] >= least)]
+    return x, reached >= 1.0
 
 
 def _amplitudes(x: RealArray) -> RealArray:

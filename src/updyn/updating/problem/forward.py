@@ -25,7 +25,7 @@ from updyn.errors import DataError, SolverError
 from updyn.frf import FRF, TRANSMISSIBILITY
 from updyn.model import Model
 from updyn.nonlinear.element import NonlinearElement
-from updyn.nonlinear.over_lines import LineForces
+from updyn.nonlinear.over_lines import describe_first_harmonic
 from updyn.nonlinear.parameters import change_parameters, list_parameters
 from updyn.sensitivity import Unknowns
 from updyn.updating.problem.parameters import ParameterSet
@@ -521,16 +521,12 @@ def _describe(
     elements: Sequence[NonlinearElement], amplitudes: RealArray, omega: RealArray
 ) -> tuple[ComplexArray, list[ComplexArray]]:
     """Return describing functions over the deformation, (n_f, n_e), and their derivatives."""
-    n = LINE_BALANCE.samples
-    tau = 2.0 * np.pi * np.arange(n) / n
-    wave = 2.0 / n * np.exp(-1j * tau)
-    values, slopes = [], []
-    for e, element in enumerate(elements):
-        A = amplitudes[:, e, None]
-        forces = LineForces.of(element, A * np.cos(tau), -A * omega[:, None] * np.sin(tau))
-        values.append(forces.force @ wave / A[:, 0])
-        slopes.append(np.einsum("fnp,n->fp", forces.parameters, wave) / A)
-    return np.stack(values, axis=1), slopes
+    samples = LINE_BALANCE.samples
+    found = [
+        describe_first_harmonic(element, amplitudes[:, e], omega, samples)
+        for e, element in enumerate(elements)
+    ]
+    return np.stack([value for value, _ in found], axis=1), [slopes for _, slopes in found]
 
 
 def _place_by_owner(
