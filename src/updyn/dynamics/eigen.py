@@ -37,8 +37,6 @@ __all__ = [
 
 Pairs = tuple[NumberArray, NumberArray]
 T = TypeVar("T")
-#: Relative difference up to which eigenvalues are equal.
-_SAME = 1e-6
 
 
 @use_one_thread
@@ -262,12 +260,12 @@ def _solve_large(pencil: RealPencil, n: int, shift: float) -> Pairs:
 
 def _solve_up_to(pencil: RealPencil, most: float, number: int) -> Pairs:
     """Return the eigenpairs below a value, whose number is known, and the next one."""
-    process = BlockLanczos.begin(pencil, EIGEN.sparse_shift * most)
+    process, same = BlockLanczos.begin(pencil, EIGEN.sparse_shift * most), EIGEN.equal_values
     for again in (False, True):
         wanted = number + EIGEN.additional_modes
         value, vectors = (process.repeat() if again else process).solve(wanted)
         # The value may be an eigenvalue itself, which rounding counts or not.
-        below, up_to = (int((value < f * most).sum()) for f in (1 - _SAME, 1 + _SAME))
+        below, up_to = (int((value < f * most).sum()) for f in (1 - same, 1 + same))
         if below <= number <= up_to:
             return value[: up_to + 1], vectors[:, : up_to + 1]
     raise _make_count_error(number, up_to)
@@ -281,7 +279,7 @@ def _make_count_error(there: int | None, found: int | None) -> SolverError:
 
 def _find_gap(value: RealArray, n: int) -> int | None:
     """Return the number of values before the first gap after the n-th; None without a gap."""
-    gaps = np.flatnonzero(np.diff(value) > _SAME * np.abs(value[1:])) + 1
+    gaps = np.flatnonzero(np.diff(value) > EIGEN.equal_values * np.abs(value[1:])) + 1
     gaps = gaps[gaps >= n]
     return int(gaps[0]) if gaps.size else None
 

@@ -88,6 +88,9 @@ class EigenSettings:
     #: [1] Share of the largest eigenvalue below which one is zero. Rounding: rounding; eps times
     #: several hundred DOFs is below 1e-12.
     zero_share: float = 1e-12
+    #: [1] Relative difference up to which eigenvalues are equal. Rounding: above the error of
+    #: single eigenvalues, below the distance of modes that a test could tell apart.
+    equal_values: float = 1e-6
 
 
 @dataclass(frozen=True)
