@@ -26,6 +26,7 @@ from updyn.frf import check_lines
 from updyn.model import Model
 from updyn.sensitivity import Unknowns
 from updyn.uncertainty.draws import Draws
+from updyn.uncertainty.restored import AT_MINIMUM
 from updyn.updating.problem.coordinates import Coordinates
 from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.result import JointResult, UpdateResult, find_result
@@ -37,8 +38,6 @@ if TYPE_CHECKING:
 __all__ = ["PlantFamily", "plant_family"]
 
 
-#: Accepted status of an update.
-_ACCEPTED_STATUS = ("converged", "not-credible", "not-identifiable", "stalled")
 #: By error measure, the route used if that of the nominal plant fails for a member.
 _FALLBACK_ROUTES = {"relative": "rational", "peak": "complex"}
 
@@ -392,7 +391,7 @@ def _member(
 
 def _check_ended(result: UpdateResult) -> UpdateResult:
     """Return a result after a check that the fit ended at a minimum."""
-    if result.status not in _ACCEPTED_STATUS:
+    if result.status not in AT_MINIMUM:
         raise OptionError(
             f"plant_family: the update ended as {result.status!r}, not at a minimum:"
             f" {result.message}"

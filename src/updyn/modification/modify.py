@@ -15,13 +15,14 @@ from scipy.special import ndtri
 
 from updyn.arrays import RealArray
 from updyn.dofs import Dof
-from updyn.errors import OptionError, SolverError, UpdynWarning
+from updyn.errors import SolverError, UpdynWarning
 from updyn.frf import FRF
 from updyn.model import Model
 from updyn.modification.changed import ChangedUpdate, change_update
 from updyn.modification.settings import MODIFICATION
 from updyn.notebook import card, table
 from updyn.text_table import format_count, percent, text_table
+from updyn.uncertainty.counts import check_level
 from updyn.uncertainty.mode_prediction import select_count
 from updyn.uncertainty.posterior import Posterior
 from updyn.uncertainty.prediction import differentiate_frf
@@ -374,6 +375,5 @@ def _differentiate(modes: UpdatedModes, k: int) -> RealArray:
 
 
 def _quantile(level: float) -> float:
-    if not 0.0 < level < 1.0:
-        raise OptionError(f"level = {level!r}: expected a share between 0 and 1, such as 0.95")
-    return float(ndtri(0.5 + 0.5 * level))
+    """Return the quantile of the normal distribution for an interval."""
+    return float(ndtri(0.5 + 0.5 * check_level(level)))

@@ -10,10 +10,10 @@ import numpy as np
 from scipy.stats import chi2, norm, t
 
 from updyn.arrays import RealArray
-from updyn.errors import OptionError
 from updyn.notebook import card, table
 from updyn.population.settings import SCATTER
 from updyn.text_table import format_count, text_table
+from updyn.uncertainty.counts import check_level
 from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.result import UpdateResult
 
@@ -141,7 +141,7 @@ class PopulationResult:
         -------
         dict of str to (float, float)
         """
-        quantile = t.ppf(0.5 + 0.5 * _check_level(level), len(self.specimens) - 1)
+        quantile = t.ppf(0.5 + 0.5 * check_level(level), len(self.specimens) - 1)
         mean = np.array(list(self.mean.values()))
         half = quantile * np.sqrt(np.diag(self.mean_covariance))
         return self._spans(mean - half, mean + half)
@@ -161,7 +161,7 @@ class PopulationResult:
         -------
         dict of str to (float, float)
         """
-        tail, count = 0.5 - 0.5 * _check_level(level), len(self.specimens)
+        tail, count = 0.5 - 0.5 * check_level(level), len(self.specimens)
         variance = np.diag(self.covariance)
         both = count * np.diag(self.mean_covariance)
         error = both - variance
@@ -180,7 +180,7 @@ class PopulationResult:
         -------
         dict of str to (float, float)
         """
-        quantile = t.ppf(0.5 + 0.5 * _check_level(level), len(self.specimens) - 1)
+        quantile = t.ppf(0.5 + 0.5 * check_level(level), len(self.specimens) - 1)
         mean = np.array(list(self.mean.values()))
         half = quantile * np.sqrt(np.diag(self.covariance + self.mean_covariance))
         return self._spans(mean - half, mean + half)
@@ -200,7 +200,7 @@ class PopulationResult:
         -------
         dict of str to float
         """
-        _check_level(level)
+        check_level(level)
         std = np.sqrt(np.diag(self.covariance))
         found = {}
         for name, one in self.specimens.items():
@@ -291,9 +291,3 @@ class PopulationResult:
 
 
 _HEADINGS = ("unknown", "mean", "95 % interval", "std", "95 % interval")
-
-
-def _check_level(level: float) -> float:
-    if not 0.0 < level < 1.0:
-        raise OptionError(f"level = {level!r}: expected a share between 0 and 1, such as 0.95")
-    return level

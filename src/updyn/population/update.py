@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -19,7 +19,7 @@ from updyn.text_table import format_count
 from updyn.uncertainty.posterior import Posterior
 from updyn.uncertainty.progress import WorkCounter, WorkProgress
 from updyn.uncertainty.restored import AT_MINIMUM
-from updyn.updating.problem.data import Test
+from updyn.updating.problem.data import Test, name_tests
 from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.result import UpdateResult
 from updyn.updating.run import run
@@ -116,7 +116,7 @@ def update_population(
     >>> round(population.mean["part1.stiffness"], 3), round(population.std["part1.stiffness"], 3)
     (1.025, 0.104)
     """
-    named = _name_tests(tests)
+    named = name_tests(tests, "update_population", "specimen", least=2)
     done = _check_known(known or {}, named, parameters)
     counter = WorkCounter("population", len(named), callback)
     with opened_engine(engine) as opened:
@@ -134,20 +134,6 @@ def update_population(
             if counter.step(name):
                 raise StoppedError(f"stopped by the callback after {', '.join(done)}")
     return _combine(parameters, {name: done[name] for name in named}, title)
-
-
-def _name_tests(tests: Sequence[Test]) -> dict[str, Test]:
-    """Return the tests by their names, or by numbers where they have none."""
-    listed = list(tests) if isinstance(tests, Iterable) else []
-    if len(listed) < 2 or not all(isinstance(test, Test) for test in listed):
-        raise OptionError("update_population: expected a sequence of at least two Test")
-    named: dict[str, Test] = {}
-    for number, test in enumerate(listed, 1):
-        name = test.name or f"specimen {number}"
-        if name in named:
-            raise OptionError(f"update_population: two tests are called {name!r}")
-        named[name] = replace(test, name=name)
-    return named
 
 
 def _check_known(

@@ -1,4 +1,4 @@
-"""Checks of the numbers of draws, starts and evaluations that users give."""
+"""Checks of numbers that users give: of draws, starts and evaluations, and probabilities."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from updyn.errors import OptionError
 
-__all__ = ["check_count"]
+__all__ = ["check_count", "check_level"]
 
 
 def check_count(name: str, value: Any, what: str, least: int, most: int) -> int:
@@ -24,3 +24,10 @@ def check_count(name: str, value: Any, what: str, least: int, most: int) -> int:
             key=(name,),
         )
     return int(value)
+
+
+def check_level(level: float) -> float:
+    """Return the probability of an interval; raise OptionError if it is not between 0 and 1."""
+    if not 0.0 < level < 1.0:
+        raise OptionError(f"level = {level!r}: expected a share between 0 and 1, such as 0.95")
+    return level

@@ -11,6 +11,7 @@ from scipy.special import ndtr, ndtri
 
 from updyn.arrays import BoolArray, RealArray
 from updyn.errors import OptionError, suggest
+from updyn.uncertainty.counts import check_level
 from updyn.updating.result import JointResult, UpdateResult
 
 __all__ = ["INTERVALS", "KINDS", "Draws"]
@@ -136,8 +137,7 @@ class Draws:
         Am. Stat. Assoc. 82 (1987) 171). Of a sampling: ``"percentile"`` (default, equal tails) or
         ``"highest"`` (the shortest). Raises OptionError if there are too few draws.
         """
-        if not 0.0 < level < 1.0:
-            raise OptionError(f"level = {level!r}: expected a share between 0 and 1, such as 0.95")
+        check_level(level)
         known = INTERVALS[self.kind]
         if kind is None:
             kind = known[0]

@@ -14,6 +14,7 @@ from updyn.dofs import Dof, DofSet
 from updyn.dynamics.settings import REDUCTION
 from updyn.errors import DataError, OptionError, SolverError
 from updyn.frf import FRF, TRANSMISSIBILITY, check_lines
+from updyn.uncertainty.counts import check_level
 from updyn.uncertainty.draws import Draws
 from updyn.uncertainty.likelihood import select_furthest
 from updyn.uncertainty.posterior import Posterior, find_update
@@ -100,8 +101,7 @@ def predict(
     >>> band.level, band.frf.values.shape
     (0.95, (1, 1, 1))
     """
-    if not 0.0 < level < 1.0:
-        raise OptionError(f"level = {level!r}: expected a share between 0 and 1, such as 0.95")
+    check_level(level)
     about = find_update(source)
     draws = source if isinstance(source, Draws) else None
     result = find_result(about, test)

@@ -14,7 +14,7 @@ from updyn.arrays import RealArray
 from updyn.dynamics.settings import REDUCTION
 from updyn.engines import Engine, opened_engine
 from updyn.errors import OptionError, SolverError, suggest
-from updyn.uncertainty.counts import check_count
+from updyn.uncertainty.counts import check_count, check_level
 from updyn.uncertainty.likelihood import Likelihood, Point
 from updyn.uncertainty.minima import find_minima
 from updyn.uncertainty.model_error import model_error_of, model_error_remark
@@ -108,8 +108,7 @@ def profile(
     >>> updyn.profile(result, ["part3.stiffness"])
     Profiles(1 unknowns, 95 %)
     """
-    if not 0.0 < level < 1.0:
-        raise OptionError(f"level = {level!r}: expected a share between 0 and 1, such as 0.95")
+    check_level(level)
     if starts is not None:
         starts = check_count("starts", starts, "starts", 0, SEARCH.most_tries)
     with opened_engine(engine) as engine_of_run:

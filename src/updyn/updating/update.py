@@ -24,7 +24,7 @@ from updyn.updating.fit.monitor import JUDGE, Progress
 from updyn.updating.fit.start_problem import build_start_problem
 from updyn.updating.judge.assessment import analyse_start
 from updyn.updating.judge.identifiability import Analysis, Identifiability
-from updyn.updating.problem.data import Test, check_tests
+from updyn.updating.problem.data import Test, check_tests, name_tests
 from updyn.updating.problem.noise import NoiseModel
 from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.problem.selection import Selection
@@ -319,15 +319,7 @@ def update_jointly(
     >>> joint.status, round(joint.values["part3.stiffness"], 2)
     ('converged', 0.9)
     """
-    listed = list(tests) if isinstance(tests, Iterable) else []
-    if not listed or not all(isinstance(test, Test) for test in listed):
-        raise OptionError("update_jointly: expected a sequence of at least one Test")
-    named: dict[str, Test] = {}
-    for number, test in enumerate(listed, 1):
-        name = test.name or f"test {number}"
-        if name in named:
-            raise OptionError(f"update_jointly: two tests are called {name!r}")
-        named[name] = replace(test, name=name)
+    named = name_tests(tests, "update_jointly", "test")
     run_options = RunOptions(
         method,
         options,

@@ -34,6 +34,7 @@ __all__ = [
     "complete_parts",
     "leave_out_undefined_line",
     "list_validation",
+    "name_tests",
     "split_data",
     "split_modes",
 ]
@@ -88,6 +89,24 @@ class Test:
             return self.data
         named = f"test {self.name!r}" if self.name else "the test"
         raise OptionError(f"{named} measured modes; this takes FRFs")
+
+
+def name_tests(tests: Iterable[Test], caller: str, noun: str, *, least: int = 1) -> dict[str, Test]:
+    """Return at least `least` tests by name; those without a name are `noun` and their number.
+
+    Raises OptionError, with the name of the `caller`, for fewer tests or equal names.
+    """
+    listed = list(tests) if isinstance(tests, Iterable) else []
+    if len(listed) < least or not all(isinstance(test, Test) for test in listed):
+        count = {1: "one", 2: "two"}.get(least, str(least))
+        raise OptionError(f"{caller}: expected a sequence of at least {count} Test")
+    named: dict[str, Test] = {}
+    for number, test in enumerate(listed, 1):
+        name = test.name or f"{noun} {number}"
+        if name in named:
+            raise OptionError(f"{caller}: two tests are called {name!r}")
+        named[name] = replace(test, name=name)
+    return named
 
 
 def check_tests(tests: Sequence[Test], parameters: ParameterSet) -> None:
