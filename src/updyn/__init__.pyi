@@ -3,6 +3,10 @@
 __version__: str
 
 from . import plots as plots
+from .acceptance.accept import accept as accept
+from .acceptance.limits import AcceptanceLimits as AcceptanceLimits
+from .acceptance.requirement import Requirement as Requirement
+from .acceptance.result import Acceptance as Acceptance
 from .comparison import Comparison as Comparison
 from .comparison import compare as compare
 from .comparison import compare_jointly as compare_jointly
@@ -69,6 +73,7 @@ from .planning import plan as plan
 from .population.result import PopulationResult as PopulationResult
 from .population.result import Specimen as Specimen
 from .population.update import update_population as update_population
+from .report import write_acceptance as write_acceptance
 from .report import write_plan as write_plan
 from .report import write_report as write_report
 from .signals.cutting import cut_hits as cut_hits

@@ -29,6 +29,7 @@ from updyn.elements.beam import BeamMass, BeamSupport, Segment, beam, beam_from_
 from updyn.errors import JobError
 from updyn.io.formats import FORMATS, load
 from updyn.job import OUTPUTS, load_job, prepare, run_job
+from updyn.job.acceptance import AcceptTable
 from updyn.job.identification import ModesTable
 from updyn.job.job_table import JOB_TABLES
 from updyn.job.planning import PlanTable
@@ -96,6 +97,7 @@ TABLES = tables()
         ("[modes]", ModesTable),
         ("[uncertainty]", UncertaintyTable),
         ("[shapes]", ShapesTable),
+        ("[accept]", AcceptTable),
         ("[plant]", PlantTable),
         ("[[plant.inputs]]", PortTable),
         ("[plant.sampling]", SamplingTable),

@@ -53,7 +53,7 @@ ORDER = (
     ("updating.judge",),
     ("updating",),
     ("comparison", "planning", "uncertainty"),
-    ("modification", "population"),
+    ("acceptance", "modification", "population"),
     ("store",),
     ("viewer",),
     ("report",),

@@ -1,8 +1,8 @@
 """The command line: reads options, calls the library and prints.
 
-Exit codes: 0 the run converged and all requested parts of its verdict hold; 2 bad input or usage,
-with one message on stderr and no file replaced; 3 the run ended otherwise, with its results
-written; 130 stopped by the user, 143 by SIGTERM.
+Exit codes: 0 the run converged, all requested parts of its verdict hold and its limits are met; 2
+bad input or usage, with one message on stderr and no file replaced; 3 the run ended otherwise, with
+its results written; 130 stopped by the user, 143 by SIGTERM.
 """
 
 from __future__ import annotations

@@ -467,7 +467,8 @@ def correlate(job: Path, /, *, out: Path | None = None, verbose: Verbose = False
     """Compare the model of a job at the start of its unknowns with its measurement.
 
     Prints the figures of agreement with the data of the fit, and writes the page correlate.html to
-    DIR, as updyn check does; no page if report = false in [output].
+    DIR, as updyn check does; no page if report = false in [output]. The limits of a table
+    [accept] are applied to the model at the start, and the exit code is 3 if one is not met.
 
     Parameters
     ----------
@@ -479,6 +480,7 @@ def correlate(job: Path, /, *, out: Path | None = None, verbose: Verbose = False
         Print all tables before the outcome.
     """
     from updyn.job import job_analysis, job_selection, load_job, prepare
+    from updyn.job.acceptance import accept_start
     from updyn.job.modes import correlation_at_start, start_modes, start_modes_text
     from updyn.job.start import (
         StartAgreement,
@@ -509,12 +511,16 @@ def correlate(job: Path, /, *, out: Path | None = None, verbose: Verbose = False
         compared = StartComparison(ready, test.name, agreement.figures, found, faults, modes)
         details.append(join_sections(CORRELATE, compared))
         outcome.append(brief_start(compared, output_width()))
+    acceptance = accept_start(ready)
+    if acceptance is not None:
+        details.append(acceptance.summary())
+        outcome.append(acceptance.statement)
     print_outcome("\n\n".join(details), "\n\n".join([*outcome, ""]), verbose=verbose)
     if pages is not None:
         selection = job_selection(ready)
         analysis = job_analysis(ready, selection)
         _write_start(ready, "correlate", pages, selection, analysis, faults, agreements)
-    return DONE
+    return DONE if acceptance is None or acceptance.accepted else NOT_DETERMINED
 
 
 def compare(
@@ -722,7 +728,7 @@ def _print_run(job: Job, done: JobRun, *, verbose: bool) -> None:
 def _find_exit_code(done: JobRun) -> int:
     if done.stopped:
         return STOPPED
-    return DONE if done.result.usable else NOT_DETERMINED
+    return DONE if done.passes else NOT_DETERMINED
 
 
 def _join_options(

@@ -43,6 +43,7 @@ __all__ = [
     "ModesLike",
     "correlate_modes",
     "model_modes",
+    "weigh_sensors",
 ]
 
 Array = RealArray
@@ -472,18 +473,22 @@ def _compute_mac(a: Modes, b: Modes) -> Array:
     return mac(_scale_rotations(a, b), _scale_rotations(b, b))
 
 
-def _scale_rotations(of: Modes, measured: Modes) -> NumberArray:
+def _scale_rotations(of: Modes, measured: ModesLike) -> NumberArray:
     """Return shapes with rotations scaled to the average size of translations in measured modes."""
+    return np.asarray(of.shapes * weigh_sensors(measured)[:, None])
+
+
+def weigh_sensors(measured: ModesLike) -> Array:
+    """Return the weight of each sensor in MAC: 1 for translations, a length in m for rotations."""
     rotates = measured.dofs.axes >= 3
-    size = np.abs(measured.shapes) ** 2
+    weights, size = np.ones(len(rotates)), np.abs(measured.shapes) ** 2
     if rotates.all() or not rotates.any():
-        return of.shapes
+        return weights
     ratio = np.sqrt(size[~rotates].mean(axis=0)), np.sqrt(size[rotates].mean(axis=0))
     both = (ratio[0] > 0) & (ratio[1] > 0)
-    if not both.any():
-        return of.shapes
-    length = np.exp(np.mean(np.log(ratio[0][both] / ratio[1][both])))
-    return np.asarray(of.shapes * np.where(rotates, length, 1.0)[:, None])
+    if both.any():
+        weights[rotates] = np.exp(np.mean(np.log(ratio[0][both] / ratio[1][both])))
+    return weights
 
 
 def _pair_modes(a: Modes, b: Modes, rule: PairingRule) -> PairedModes:

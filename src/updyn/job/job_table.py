@@ -25,6 +25,8 @@ is imported and the attributes of the object are used in this order:
     by `run_job`: writes the files of the object into a temporary folder.
 ``summary``
     by ``updyn run``: the object as text.
+``passes``
+    by ``updyn run``: whether its exit code may be 0.
 
 The object is also passed to the report, which shows it if a section for it is registered.
 """
@@ -36,6 +38,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
+from updyn.errors import JobError, suggest
 from updyn.registry import Registry
 
 if TYPE_CHECKING:
@@ -44,7 +47,7 @@ if TYPE_CHECKING:
     from updyn.updating.fit.monitor import Progress
     from updyn.updating.result import JointResult, UpdateResult
 
-__all__ = ["JOB_TABLES", "JobTable"]
+__all__ = ["JOB_TABLES", "JobTable", "check_test_name"]
 
 
 class JobTable(ABC):
@@ -163,6 +166,26 @@ class JobTable(ABC):
         """
         return ""
 
+    def passes(self, found: Any) -> bool:
+        """Return whether a result of `run` passes; if not, ``updyn run`` ends with exit code 3.
+
+        Parameters
+        ----------
+        found : object
+            From `run`, not None.
+        """
+        return True
+
+
+def check_test_name(job: Job, table: str, test: str) -> None:
+    """Raise JobError if `test`, a key of a table, does not select one test of a job."""
+    names = [part.test.name or "" for part in job.parts]
+    if len(names) > 1 and test not in names:
+        problem = f"test {test!r}" if test else "state test, to select its model"
+        raise JobError(f"{problem}; {suggest(test, names)}", key=(table, "test"))
+    if len(names) == 1 and test:
+        raise JobError("the job has one test only; leave test out", key=(table, "test"))
+
 
 #: The tables, in the order of their execution.
 JOB_TABLES: Registry[JobTable] = Registry(
@@ -173,6 +196,7 @@ JOB_TABLES: Registry[JobTable] = Registry(
         "modes": "updyn.job.identification:MODES",
         "uncertainty": "updyn.job.uncertainty:UNCERTAINTY",
         "shapes": "updyn.job.shapes:SHAPES",
+        "accept": "updyn.job.acceptance:ACCEPT",
         "plant": "updyn.control.job.job_tables:PLANT",
         "servo": "updyn.control.job.job_tables:SERVO",
     },

@@ -88,6 +88,12 @@ class JobRun:
     folder: Path
     stopped: bool = False
 
+    @property
+    def passes(self) -> bool:
+        """Whether the update is usable and the results of all further tables pass."""
+        tables = (JOB_TABLES[name].passes(found) for name, found in self.further.items())
+        return self.result.usable and all(tables)
+
     def summary(self) -> str:
         """Return the update and the results of further tables as text."""
         texts = [self.result.summary(), *modal_texts(self.result)]

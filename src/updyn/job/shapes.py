@@ -10,10 +10,10 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import Field
 
-from updyn.errors import JobError, UpdynError, suggest
+from updyn.errors import UpdynError
 from updyn.geometry import Geometry
 from updyn.io import write_modes
-from updyn.job.job_table import JobTable
+from updyn.job.job_table import JobTable, check_test_name
 from updyn.job.prepared import Prepared
 from updyn.job.schema import Job, Table
 from updyn.modal import ModeSet
@@ -64,12 +64,7 @@ class _ShapesJobTable(JobTable):
     def check_text(self, job: Job) -> None:
         table = job.table(ShapesTable)
         assert table is not None
-        names = [part.test.name or "" for part in job.parts]
-        if len(names) > 1 and table.test not in names:
-            problem = f"test {table.test!r}" if table.test else "state test, to select its model"
-            raise JobError(f"{problem}; {suggest(table.test, names)}", key=("shapes", "test"))
-        if len(names) == 1 and table.test:
-            raise JobError("the job has one test only; leave test out", key=("shapes", "test"))
+        check_test_name(job, "shapes", table.test)
 
     def run(
         self,

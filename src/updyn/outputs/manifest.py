@@ -44,6 +44,7 @@ OUTPUT_NAMES = frozenset(
         "compare.json",
         "modes.html",
         "modes.unv",
+        "acceptance.html",
         "modes-updated.nc",
         "modes-updated.unv",
         "modes-expanded.nc",

@@ -1,9 +1,17 @@
 """Self-contained HTML pages with the figures of results."""
 
+from updyn.report.acceptance import write_acceptance
 from updyn.report.before import write_start
 from updyn.report.comparison import write_comparison
 from updyn.report.page import write_report
 from updyn.report.planning import write_plan
 from updyn.report.start import Start
 
-__all__ = ["Start", "write_comparison", "write_plan", "write_report", "write_start"]
+__all__ = [
+    "Start",
+    "write_acceptance",
+    "write_comparison",
+    "write_plan",
+    "write_report",
+    "write_start",
+]

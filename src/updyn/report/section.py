@@ -231,6 +231,7 @@ SECTIONS: Registry[ReportSection] = Registry(
         "viewer": "updyn.report.structure:VIEWER",
         "unknowns": "updyn.report.unknowns:UNKNOWNS",
         "uncertainty.intervals": "updyn.report.uncertainty:UNCERTAINTY",
+        "accept.requirements": "updyn.report.acceptance:REQUIREMENTS",
         "identifiability": "updyn.report.identifiability:IDENTIFIABILITY",
         "held": "updyn.report.regularisation:REGULARISATION",
         "convergence": "updyn.report.convergence:CONVERGENCE",

@@ -60,6 +60,12 @@ class Posterior:
         slope = restored.problem.coordinates.slope(restored.x)
         return cls(found.covariance * slope * slope[:, None], found.null_space * slope[:, None])
 
+    @property
+    def root(self) -> RealArray:
+        """A factor R of the covariance R R^T, shape (n, r): independent combinations."""
+        value, vectors = np.linalg.eigh(self.covariance)
+        return np.asarray(vectors * np.sqrt(np.maximum(value, 0.0)))
+
     def propagate(self, derivatives: RealArray, size: float) -> RealArray:
         """Return standard deviations of numbers, shape (...), from derivatives, shape (..., n).
 
