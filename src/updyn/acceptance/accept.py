@@ -97,7 +97,8 @@ def accept(
     (1965) 380), and its error is that of the modes of the model with each other.
 
     Probabilities: of frequencies and similarities with other modes by normal distributions (delta
-    method). Errors of shapes lower MAC and the cross-orthogonality of a pair on average, which the
+    method), the latter shrunk towards zero by their variance over all modes (C. N. Morris, J. Am.
+    Stat. Assoc. 78 (1983) 47-55). Errors of shapes lower MAC and the cross-orthogonality of a pair on average, which the
     confidence distribution of a noncentral chi-square variable takes into account (M. Xie & K.
     Singh, Int. Stat. Rev. 81 (2013) 3-39). If the measured modes are data of the update, errors
     that both have in common are counted twice in `Requirement.probability`, which is then closer to

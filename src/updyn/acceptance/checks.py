@@ -10,7 +10,7 @@ import numpy as np
 from updyn.acceptance.comparison import ModesCompared, PairedMode
 from updyn.acceptance.limits import AcceptanceLimits
 from updyn.acceptance.requirement import FAIL, OPEN, PASS, Requirement
-from updyn.acceptance.similarity import ShapeSet, probability_between
+from updyn.acceptance.similarity import ShapeSet, probability_between, shrink
 
 __all__ = ["Checks"]
 
@@ -83,7 +83,7 @@ class Checks:
         if len({one.outcome for one in stated}) > 1 or len(stated) < len(bounds):
             yield stated[0].left_open(f"{_NO_MASSES}, which decide the limit")
             return
-        note = "" if mode_class in (None, "other") else f"{mode_class} mode"
+        note = f"{mode_class or 'possibly major'} mode" if mode_class != "other" else ""
         yield replace(stated[0], note="; ".join(filter(None, [stated[0].note, note])))
 
     def _decide(self, one: Requirement) -> Requirement:
@@ -157,37 +157,48 @@ class Checks:
         self, kind: str, pair: PairedMode, shapes: tuple[ShapeSet, ShapeSet], limit: float
     ) -> Requirement:
         """Return the requirement on the similarity of a measured mode with other modes."""
-        computed, measured = shapes
-        bound = limit ** (0.5 if kind == "mac_off" else 1.0)
         others, k = self.compared.others(pair), pair.measured
-        one = self._begin(kind, pair)
+        one = replace(self._begin(kind, pair), limit=limit)
         if not len(others):
-            return replace(
-                one, value=0.0, limit=limit, probability=1.0, probability_as_delivered=1.0
-            )
-        cosines = computed.cosines(measured)[others, k]
-        odds = []
-        for with_unknowns in (True, False):
-            each = [
-                probability_between(
-                    float(cosine),
-                    computed.std_of_cosine(measured, int(j), k, with_unknowns=with_unknowns),
-                    bound,
-                )
-                for j, cosine in zip(others, cosines, strict=True)
-            ]
-            odds.append(float(np.prod(each)))
-        worst = int(np.argmax(np.abs(cosines)))
-        size = float(abs(cosines[worst]))
+            return replace(one, value=0.0, probability=1.0, probability_as_delivered=1.0)
+        power = 2 if kind == "mac_off" else 1
+        sizes = np.abs(shapes[0].cosines(shapes[1])[others, k])
+        worst = int(np.argmax(sizes))
         frequency = self.compared.computed.frequency[self.compared.compared[others[worst]]]
+        bound = limit ** (1.0 / power)
+        odds = [
+            self._probability_of_others(pair, shapes, bound, with_unknowns=each)
+            for each in (True, False)
+        ]
         return replace(
             one,
-            value=size**2 if kind == "mac_off" else size,
-            limit=limit,
+            value=float(sizes[worst]) ** power,
             probability=odds[0],
             probability_as_delivered=odds[1],
             note=f"most with the mode of the model at {frequency:#.5g} Hz",
         )
+
+    def _probability_of_others(
+        self,
+        pair: PairedMode,
+        shapes: tuple[ShapeSet, ShapeSet],
+        bound: float,
+        *,
+        with_unknowns: bool,
+    ) -> float:
+        """Return the probability that all cosines with other modes are below a bound."""
+        cosines = shapes[0].cosines(shapes[1])
+        std = shapes[0].std_of_cosines(shapes[1], with_unknowns=with_unknowns)
+        is_other = np.zeros(cosines.shape, dtype=np.bool_)
+        for each in self.compared.pairs:
+            is_other[self.compared.others(each), each.measured] = True
+        cosines[is_other], std[is_other] = shrink(cosines[is_other], std[is_other])
+        at = self.compared.others(pair), pair.measured
+        # Errors of one measured mode along different modes are nearly independent.
+        odds = [
+            probability_between(*each, bound) for each in zip(cosines[at], std[at], strict=True)
+        ]
+        return float(np.prod(odds))
 
     def _check_cross(self, pair: PairedMode) -> Iterator[Requirement]:
         limit, limit_off = self.limits.cross, self.limits.cross_off

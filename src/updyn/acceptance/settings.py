@@ -17,6 +17,9 @@ class AcceptanceSettings:
     largest_square: float = 1e6
     #: [1] Cosine below which two shapes are orthogonal. Rounding: far below every limit.
     least_cosine: float = 1e-6
+    #: [values] Least number of similarities with other modes that are shrunk together. Why: the
+    #: estimate by Morris (1983) is defined from 4 values on.
+    least_shrunk: int = 4
     #: [modes] Number of lowest measured modes that are fundamental unless stated. Default: one
     #: mode is fundamental in any case.
     fundamental_modes: int = 1

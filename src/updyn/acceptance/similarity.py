@@ -22,7 +22,13 @@ from updyn.acceptance.settings import MODEL_ACCEPTANCE
 from updyn.arrays import IndexArray, RealArray
 from updyn.correlation.shapes import orthonormalise
 
-__all__ = ["PrincipalPair", "ShapeSet", "probability_between", "probability_of_angle"]
+__all__ = [
+    "PrincipalPair",
+    "ShapeSet",
+    "probability_between",
+    "probability_of_angle",
+    "shrink",
+]
 
 
 def probability_between(value: float, std: float, limit: float) -> float:
@@ -32,6 +38,22 @@ def probability_between(value: float, std: float, limit: float) -> float:
     if std == 0.0:
         return float(abs(value) <= limit)
     return float(ndtr((limit - value) / std) - ndtr((-limit - value) / std))
+
+
+def shrink(values: RealArray, std: RealArray) -> tuple[RealArray, RealArray]:
+    """Return values about zero and their standard deviations, given those of all of them.
+
+    Errors increase the sizes of n measured values. The true ones are regarded as drawn from a
+    normal distribution about zero, of which they give the variance (C. N. Morris, J. Am. Stat.
+    Assoc. 78 (1983) 47-55, with equal variances replaced by those of each).
+    """
+    n = len(values)
+    if n < MODEL_ACCEPTANCE.least_shrunk or np.isnan(std).any():
+        return values, std
+    total = np.maximum(np.sum(values**2) / (n - 2), std**2)
+    share = np.divide((n - 2) / n * std**2, total, out=np.zeros(n), where=total > 0.0)
+    variance = std**2 * (1.0 - share) + 2.0 / (n - 3) * (share * values) ** 2
+    return (1.0 - share) * values, np.sqrt(variance)
 
 
 def probability_of_angle(r: RealArray, root: RealArray, limit: float) -> float:
@@ -115,12 +137,13 @@ class ShapeSet:
         """Return the cosines of the angles between computed and measured shapes, (n, m)."""
         return np.asarray(self.shapes.T @ measured.shapes)
 
-    def std_of_cosine(self, measured: ShapeSet, j: int, k: int, *, with_unknowns: bool) -> float:
-        """Return the standard deviation of one of the cosines."""
-        variance = np.sum((self.shapes[:, j] @ measured.roots[k]) ** 2)
+    def std_of_cosines(self, measured: ShapeSet, *, with_unknowns: bool) -> RealArray:
+        """Return the standard deviations of the cosines, (n, m)."""
+        by_noise = [np.sum((self.shapes.T @ root) ** 2, axis=1) for root in measured.roots]
+        variance = np.column_stack(by_noise)
         if with_unknowns:
-            variance += np.sum((measured.shapes[:, k] @ self.roots[j]) ** 2)
-        return float(np.sqrt(variance))
+            variance += [np.sum((measured.shapes.T @ root) ** 2, axis=1) for root in self.roots]
+        return np.asarray(np.sqrt(variance))
 
     def pair(
         self, measured: ShapeSet, computed_modes: IndexArray, measured_modes: IndexArray, n: int
