@@ -7,6 +7,9 @@ from .acceptance.accept import accept as accept
 from .acceptance.limits import AcceptanceLimits as AcceptanceLimits
 from .acceptance.requirement import Requirement as Requirement
 from .acceptance.result import Acceptance as Acceptance
+from .candidates.compare import compare_models as compare_models
+from .candidates.result import CandidateRow as CandidateRow
+from .candidates.result import ModelComparison as ModelComparison
 from .comparison import Comparison as Comparison
 from .comparison import compare as compare
 from .comparison import compare_jointly as compare_jointly

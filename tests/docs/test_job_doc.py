@@ -30,6 +30,7 @@ from updyn.errors import JobError
 from updyn.io.formats import FORMATS, load
 from updyn.job import OUTPUTS, load_job, prepare, run_job
 from updyn.job.acceptance import AcceptTable
+from updyn.job.candidates import CandidatesTable, CandidateTable
 from updyn.job.identification import ModesTable
 from updyn.job.job_table import JOB_TABLES
 from updyn.job.planning import PlanTable
@@ -94,6 +95,8 @@ TABLES = tables()
         ("[method]", MethodTable),
         ("[selection]", SelectionTable),
         ("[plan]", PlanTable),
+        ("[candidates]", CandidatesTable),
+        ("[candidates.NAME]", CandidateTable),
         ("[modes]", ModesTable),
         ("[uncertainty]", UncertaintyTable),
         ("[shapes]", ShapesTable),

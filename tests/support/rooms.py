@@ -53,7 +53,7 @@ ORDER = (
     ("updating.judge",),
     ("updating",),
     ("comparison", "planning", "uncertainty"),
-    ("acceptance", "modification", "population"),
+    ("acceptance", "candidates", "modification", "population"),
     ("store",),
     ("viewer",),
     ("report",),

@@ -32,6 +32,7 @@ from updyn.correlation.figures import (
 from updyn.text_table import fit_columns, percent
 
 if TYPE_CHECKING:
+    from updyn.candidates.result import ModelComparison
     from updyn.comparison import Comparison, Row
     from updyn.correlation.modes import ModeCorrelation
     from updyn.job.prepared import Prepared, PreparedTest
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
     from updyn.updating.judge.identifiability import Identifiability
 
 __all__ = [
+    "brief_candidates",
     "brief_check",
     "brief_comparison",
     "brief_head",
@@ -215,6 +217,17 @@ def _misfit_of(row: Row, is_held_out: bool) -> float | None:
     figures = row.held_out if is_held_out else row.fitted
     value = (figures.get("after") or {}).get("db_error_median", math.nan)
     return None if math.isnan(value) else value
+
+
+# -- candidates ------------------------------------------------------------------------------------
+def brief_candidates(found: ModelComparison, width: int | None) -> str:
+    """Return the outcome, and a row for each candidate model."""
+    from updyn.candidates.result import HEADINGS
+
+    rows, note = _cut_rows(found.cells(), LAYOUT.table_rows)
+    dropped = ("unknowns", "status", "residual")
+    table = fit_columns(HEADINGS, rows, width, dropped, left=("status",)) + note
+    return f"{found.statement}\n\n{table}"
 
 
 # -- plan ------------------------------------------------------------------------------------------

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 from updyn.cli.brief import (
+    brief_candidates,
     brief_check,
     brief_comparison,
     brief_head,
@@ -542,7 +543,7 @@ def compare(
     """Run every method on the inputs of a job; write compare.html and compare.json to DIR.
 
     The row of a method that does not apply gives the reason. Ctrl-C ends the comparison with the
-    rows so far.
+    rows so far. If the job has the table [candidates], its models are compared in place of methods.
 
     Parameters
     ----------
@@ -586,6 +587,14 @@ def compare(
             "which job? updyn compare JOB.toml, or updyn compare --list for the methods"
         )
     loaded = load_job(job)
+    if "candidates" in loaded.tables:
+        if methods is not None or truth is not None or fewest:
+            raise OptionError(
+                f"{job} has [candidates]: its models are compared; leave out --methods, --truth and"
+                " --fewest, which belong to a comparison of methods"
+            )
+        with open_engine(workers, cluster, engine) as opened:
+            return _compare_models(loaded, out, opened, verbose=verbose)
     names = None
     if methods is not None:
         names = [name.strip() for name in methods.split(",") if name.strip()]
@@ -616,6 +625,24 @@ def compare(
     if any(row.status in ("converged", "not-identifiable") for row in found):
         return DONE
     return NOT_DETERMINED
+
+
+def _compare_models(job: Job, out: Path | None, engine: Engine | None, *, verbose: bool) -> int:
+    """Compare the models of ``[candidates]``; return the exit code."""
+    from updyn.job.candidates import compare_candidates_job, stages
+    from updyn.job.folder import default_out
+
+    folder = out or default_out(job, "compare")
+    try:
+        with show_progress(stderr(), stages(job), "Stopping after these lines.") as display:
+            found = compare_candidates_job(job, folder, display, engine=engine)
+    except StoppedError as stopped:
+        print_text(f"compare: {stopped}; no results were written")
+        return STOPPED
+    outcome = brief_candidates(found, output_width())
+    place = f"Comparison in {folder}: {folder / 'compare.html'}"
+    print_outcome(found.summary(), f"{outcome}\n{place}", verbose=verbose)
+    return DONE if found[0].is_fitted else NOT_DETERMINED
 
 
 def modes(job: Path, /, *, out: Path | None = None, verbose: Verbose = False) -> int:

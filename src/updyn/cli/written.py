@@ -95,6 +95,20 @@ def _describe_comparison(content: Content, path: Path) -> str:
     )
 
 
+def _describe_candidates(content: Content, path: Path) -> str:
+    rows = [
+        [one["name"], one["status"], _format_number(one["log_evidence"])]
+        for one in content["candidates"]
+    ]
+    return "\n".join(
+        [
+            f"Comparison of models, {content['title']!r}: {content['statement']}",
+            text_table(("candidate", "status", "log evidence"), rows, left=(0, 1)),
+            _refer_to(path, "compare.html", "the same as a page"),
+        ]
+    )
+
+
 def _describe_plan(content: Content, path: Path) -> str:
     rows = [[one["name"], _format_number(one["std"])] for one in content["parameters"]]
     return "\n".join(
@@ -112,6 +126,7 @@ _JSON = (
     _JsonKind(("status", "method", "parameters"), _describe_result),
     _JsonKind(("plant", "conversions", "band"), _describe_control),
     _JsonKind(("rows", "unknowns", "stopped"), _describe_comparison),
+    _JsonKind(("criterion", "candidates", "bands"), _describe_candidates),
     _JsonKind(("criterion", "responses", "references"), _describe_plan),
 )
 

@@ -50,6 +50,7 @@ __all__ = [
     "Callback",
     "Options",
     "StepCounter",
+    "build_line_problem",
     "compare",
     "compare_jointly",
 ]
@@ -209,7 +210,9 @@ class Bench:
                 data.append(fitted)
                 continue
             if isinstance(test.lines, str):
-                at = choose_lines(test.lines, _build_part(test, fitted, parameters, fit_options))
+                at = choose_lines(
+                    test.lines, build_line_problem(test, fitted, parameters, fit_options)
+                )
             else:
                 at = fitted.find_lines(test.lines)
             lines = fitted.freq[at]
@@ -405,7 +408,9 @@ class Bench:
         if count >= n:
             at = np.arange(n)
         elif self.options.chosen == "d-optimal":
-            at = select_d_optimal(_build_part(test, frf, self.parameters, self.fit_options), count)
+            at = select_d_optimal(
+                build_line_problem(test, frf, self.parameters, self.fit_options), count
+            )
         elif count == 1:
             at = np.array([round((n - 1) / 2)])
         else:
@@ -417,7 +422,7 @@ def _acts_on(parameter: Parameter, quantities: Sequence[str]) -> bool:
     return any(drive.quantity in quantities for drive in parameter.acts_on)
 
 
-def _build_part(
+def build_line_problem(
     test: Test, frf: FRF, parameters: ParameterSet, fit_options: Mapping[str, Any]
 ) -> FRFPart:
     """Return the problem for choosing lines; callers do not keep it, as it may be large."""

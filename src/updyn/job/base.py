@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, TypeGuard, TypeVar
+from typing import Annotated, ClassVar, TypeGuard, TypeVar
 
 from pydantic import BaseModel, ConfigDict, PrivateAttr, Strict
 
@@ -38,6 +38,9 @@ class Table(BaseModel):
     """Base of all tables: unknown keys and values of another type are errors."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+
+    #: Class of the tables whose names the user chooses, if this table has such tables.
+    of_any_name: ClassVar[type[BaseModel] | None] = None
 
 
 AnyDocument = TypeVar("AnyDocument", bound="Document")

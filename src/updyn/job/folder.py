@@ -196,6 +196,9 @@ def _list_inputs(job: Job) -> dict[Path, str]:
                 found[job.beside(file)] = "records"
     if job.model.file is not None:
         found[job.beside(job.model.file)] = "model"
+    for name, table in job.tables.items():
+        for file in JOB_TABLES[name].inputs(table):
+            found[job.beside(file)] = f"file of [{name}]"
     if job.match.geometry is not None:
         found[job.beside(job.match.geometry)] = "geometry"
     return found
@@ -241,7 +244,9 @@ def format_resolved_job(job: Job, out: Path, title: str = "") -> str:
     content["title"] = title or job.find_title()
     output = content.pop("output")
     for name, table in job.tables.items():
-        content[name] = table.model_dump(exclude_none=True, mode="python")
+        content[name] = JOB_TABLES[name].resolve(
+            table, job, lambda file: relative_path(job.beside(file), out)
+        )
     content["output"] = output
     tests = [part.test.model_dump(exclude_none=True, mode="python") for part in job.parts]
     content["test"] = tests if len(tests) > 1 else tests[0]

@@ -1,10 +1,10 @@
 """`JobTable`: a table of the job file that requests work after the update, and their registry.
 
-Examples are ``[uncertainty]``, ``[plant]`` and ``[servo]``; ``[plan]`` requests work before the
-update. To add a table, define an object of a class derived from `JobTable` in a separate module,
-and register it: a line in `JOB_TABLES`, a call of `JOB_TABLES.register`, or an entry point of the
-group ``updyn.job_tables``. Only the name of a table is known until a job uses it; then the module
-is imported and the attributes of the object are used in this order:
+Examples are ``[uncertainty]``, ``[plant]`` and ``[servo]``; ``[plan]`` and ``[candidates]`` are the
+work of other commands. To add a table, define an object of a class derived from `JobTable` in a
+separate module, and register it: a line in `JOB_TABLES`, a call of `JOB_TABLES.register`, or an
+entry point of the group ``updyn.job_tables``. Only the name of a table is known until a job uses
+it; then the module is imported and the attributes of the object are used in this order:
 
 ``schema``
     by `load_job`: the pydantic class, derived from `updyn.job.schema.Table`, that validates the
@@ -16,6 +16,8 @@ is imported and the attributes of the object are used in this order:
     by `prepare`: checks that need model and data.
 ``announce``
     by ``updyn check``: text lines that describe the requested work.
+``inputs``, ``resolve``
+    files that it names, and the table in ``job.toml`` of the results.
 ``outputs``
     names of the files that it may write into the folder of the run.
 ``run``
@@ -64,6 +66,31 @@ class JobTable(ABC):
         table : Table
             The validated table.
         """
+
+    def inputs(self, table: Any) -> tuple[str, ...]:
+        """Return the files that the table names, relative to the job file.
+
+        Parameters
+        ----------
+        table : Table
+            The validated table.
+        """
+        return ()
+
+    def resolve(self, table: Any, job: Job, relocate: Callable[[str], str]) -> dict[str, Any]:
+        """Return the table as it is written with the job into the folder of the results.
+
+        Parameters
+        ----------
+        table : Table
+            The validated table.
+        job : Job
+            The job.
+        relocate : callable
+            Function from a file relative to the job to the same file relative to that folder.
+        """
+        found: dict[str, Any] = table.model_dump(exclude_none=True, mode="python")
+        return found
 
     def check_text(self, job: Job) -> None:  # noqa: B027
         """Check the table against the text of a job.
@@ -193,6 +220,7 @@ JOB_TABLES: Registry[JobTable] = Registry(
     "updyn.job_tables",
     {
         "plan": "updyn.job.planning:PLAN",
+        "candidates": "updyn.job.candidates:CANDIDATES",
         "modes": "updyn.job.identification:MODES",
         "uncertainty": "updyn.job.uncertainty:UNCERTAINTY",
         "shapes": "updyn.job.shapes:SHAPES",

@@ -24,7 +24,7 @@ from updyn.job.toml_lines import Place, line_of, read_toml
 from updyn.updating.fit.methods import METHODS, make_method, options_of
 from updyn.updating.fit.regularisation import check_regularise
 
-__all__ = ["load_job", "load_records_job"]
+__all__ = ["check_model", "load_job", "load_records_job"]
 
 #: Tables that a job with an update must have.
 _UPDATE_TABLES = ("model", "test", "parameter")
@@ -99,7 +99,7 @@ def load_job(
         raise _merge_complaints(sorted(set(complaints)), path)
     job = jobs[0].with_others(tuple(jobs[1:]))
     with job.located():
-        _check_model(job.model)
+        check_model(job.model)
         _check_method(job.method)
     _check_test_names(job)
     _check_tests(job)
@@ -280,7 +280,7 @@ def _check_tests(job: Job) -> None:
             )
 
 
-def _check_model(table: ModelTable) -> None:
+def check_model(table: ModelTable) -> None:
     """Check that ``[model]`` has a file or a kind."""
     with key_path("model"):
         if table.file is not None and table.kind is not None:
@@ -397,7 +397,9 @@ def _find_keys(place: Place, schema: type[BaseModel]) -> list[str]:
     table = schema
     for part in place:
         field = table.model_fields.get(str(part))
-        inner = None if field is None else _find_table_class(field.annotation)
+        inner = getattr(table, "of_any_name", None)
+        if field is not None:
+            inner = _find_table_class(field.annotation)
         if inner is not None:
             table = inner
     keys = list(table.model_fields)

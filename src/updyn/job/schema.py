@@ -640,6 +640,30 @@ class Job(Document):
         out._tables = tables
         return out
 
+    def with_tables(self, given: Mapping[str, object], at: Place) -> Job:
+        """Return this job with other tables, and without the tables of `JOB_TABLES`.
+
+        Parameters
+        ----------
+        given : mapping of str to object
+            Validated tables by name; all others are those of this job.
+        at : Place
+            Place of these tables in the file.
+
+        Returns
+        -------
+        Job
+            A copy.
+        """
+        parts = []
+        for part in self.parts:
+            lines = {place: line for place, line in part._lines.items() if place[:1] != at[:1]}
+            for place, line in part._lines.items():
+                if place[: len(at)] == at:
+                    lines[place[len(at) :]] = line
+            parts.append(part.model_copy(update=dict(given)).with_source(part.path, lines, {}))
+        return parts[0].with_others(tuple(parts[1:]))
+
     def with_others(self, others: tuple[Job, ...]) -> Job:
         """Return this job as the first of several tests.
 

@@ -246,6 +246,8 @@ SECTIONS: Registry[ReportSection] = Registry(
         "comparison.bars": "updyn.report.comparison:BARS",
         "comparison.lines": "updyn.report.comparison:FEWEST_LINES",
         "comparison.limits": "updyn.report.comparison:LIMITS",
+        "candidates.table": "updyn.report.candidates:TABLE",
+        "candidates.bands": "updyn.report.candidates:BANDS",
         "plan.layout": "updyn.report.planning:LAYOUT",
         "plan.expected": "updyn.report.planning:EXPECTED",
         "plan.worth": "updyn.report.planning:WORTH",

@@ -1,0 +1,1 @@
+"""Several models of one structure fitted to the same data, and compared."""
