@@ -45,6 +45,9 @@ __all__ = ["Candidate", "compare_candidates", "compare_models"]
 
 Callback = Callable[[Progress], bool | None]
 
+#: Statuses of fits that are judged; one that ran out of steps goes on with the common noise.
+_JUDGED = (*AT_MINIMUM, "max-iterations")
+
 
 def compare_models(
     candidates: Mapping[str, tuple[Model, ParameterSet | Selection]],
@@ -288,9 +291,9 @@ def _judge_fits(
 ) -> list[CandidateRow]:
     """Return the row of each candidate, with the noise of the one with the largest likelihood."""
     fits = {
-        name: restore(result, session)
+        name: restore(result, session, statuses=_JUDGED)
         for name, result in results.items()
-        if result.status in AT_MINIMUM
+        if result.status in _JUDGED
     }
     rows = []
     variances = _common_variances(list(fits.values())) if fits else []
@@ -360,7 +363,7 @@ def _row_of_fit(
     band_scores: tuple[float, ...],
     residual: float,
 ) -> CandidateRow:
-    """Return the row of a fit that ended at a minimum."""
+    """Return the row of a fit that is judged."""
     first = result.first
     report, tests = first.identifiability, result.results.values()
     return CandidateRow(
@@ -378,7 +381,7 @@ def _row_of_fit(
 
 
 def _row_without_fit(name: str, result: UpdateResult | JointResult, n_bands: int) -> CandidateRow:
-    """Return the row of a fit that did not end at a minimum."""
+    """Return the row of a fit that failed."""
     first, scores = result.first, (math.nan,) * n_bands
     about = (name, first.status, first.message, len(first.parameters), 0)
     return CandidateRow(*about, -math.inf, scores, math.nan, False, result)

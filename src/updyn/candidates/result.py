@@ -39,7 +39,7 @@ class CandidateRow:
     undetermined : int
         Number of combinations of these that the data do not determine.
     log_evidence : float
-        Natural logarithm of the evidence; -inf if the fit did not end at a minimum.
+        Natural logarithm of the evidence; -inf if the fit failed.
     band_scores : tuple of float
         Natural logarithm of the predictive density of each band that was held out, in the order of
         frequency; nan without a fit.
@@ -79,7 +79,7 @@ class CandidateRow:
 
     @property
     def is_fitted(self) -> bool:
-        """Whether the fit ended at a minimum."""
+        """Whether the fit succeeded."""
         return math.isfinite(self.log_evidence)
 
     def __repr__(self) -> str:
@@ -219,6 +219,8 @@ class ModelComparison(Sequence[CandidateRow]):
     def is_distinguishable(self, name: str) -> bool:
         """Return whether a candidate is worse than the first by more than chance explains.
 
+        False if one of the fits failed.
+
         Parameters
         ----------
         name : str
@@ -228,10 +230,8 @@ class ModelComparison(Sequence[CandidateRow]):
         -------
         bool
         """
-        if not self.rows[0].is_fitted:
+        if not (self.rows[0].is_fitted and self[name].is_fitted):
             return False
-        if not self[name].is_fitted:
-            return True
         if self.criterion == EVIDENCE:
             return self.log_odds(name) <= -CANDIDATES.strong_log_odds
         difference, error = self.score_difference(name)
@@ -249,10 +249,14 @@ class ModelComparison(Sequence[CandidateRow]):
         first = self.rows[0]
         if not first.is_fitted:
             return "No candidate was fitted."
-        others = [row.name for row in self.rows[1:] if not self.is_distinguishable(row.name)]
         text = f"{first.name} is first by {self.criterion}"
+        fitted = [row.name for row in self.rows[1:] if row.is_fitted]
+        others = [name for name in fitted if not self.is_distinguishable(name)]
+        failed = [row.name for row in self.rows if not row.is_fitted]
         if others:
             text += f", not distinguishable from {', '.join(others)}"
+        if failed:
+            text += f"; the fit of {', '.join(failed)} failed"
         if self.criterion == SCORE:
             text += ". No candidate reproduces the data to the noise, which overstates the evidence"
         return f"{text}."

@@ -113,11 +113,12 @@ def restore(
     result: UpdateResult | JointResult,
     session: Session | None = None,
     attribute: str = LIKELIHOOD,
+    statuses: Sequence[str] = AT_MINIMUM,
 ) -> RestoredFit:
     """Restore the problem, estimate and noise of an update.
 
     Raises OptionError if it is no result, its method lacks `attribute` (`LIKELIHOOD` or
-    `STATES_NOISE`), it is regularised, or the fit did not end at a minimum.
+    `STATES_NOISE`), it is regularised, or the fit did not end with one of the `statuses`.
     """
     results = list_results(result)
     first = results[0]
@@ -131,7 +132,7 @@ def restore(
             "a regularised fit has no likelihood from which its uncertainty follows; give the"
             " unknowns priors (prior_std)"
         )
-    if first.status not in AT_MINIMUM or not all(r.noise for r in results):
+    if first.status not in statuses or not all(r.noise for r in results):
         raise OptionError(
             f"the update has ended as {first.status!r}, not at a minimum of the misfit:"
             f" {first.message}"

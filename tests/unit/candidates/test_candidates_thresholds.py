@@ -64,7 +64,8 @@ def test_candidates_without_a_fit_are_last():
     assert first(*rows) == ("b", "predictive score")
     ranked, criterion = rank_candidates(rows)
     found = ModelComparison(ranked, criterion, ((1.0, 2.0),) * 2)
-    assert found.is_distinguishable("a")
+    assert not found.distinguishable
+    assert "the fit of a failed" in found.statement
     assert "a converged: " in found.summary()
     none, criterion = rank_candidates(rows[:1])
     assert ModelComparison(none, criterion, ((1.0, 2.0),)).statement == "No candidate was fitted."

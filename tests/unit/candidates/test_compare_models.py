@@ -157,6 +157,18 @@ def test_undetermined_combination_adds_nothing(model, frf):
     assert found.score_difference("halves")[0] == pytest.approx(0.0, abs=0.5)
 
 
+def test_fit_that_runs_out_of_steps_goes_on(model, frf, found):
+    """Its evidence is that of the minimum."""
+    pairs = {
+        "part 2": (model, updyn.parameters(model, stiffness="part2", bounds=BOUNDS)),
+        "part 3": (model, updyn.parameters(model, stiffness="part3", bounds=BOUNDS)),
+    }
+    options = {"noise": {"floor": FLOOR}, "starts": 0, "bands": 2}
+    early = updyn.compare_models(pairs, frf, **options, max_iterations=2)
+    assert early["part 2"].status == "max-iterations"
+    assert early["part 2"].log_evidence == pytest.approx(found["part 2"].log_evidence, abs=0.01)
+
+
 def test_predictive_score_decides_between_wrong_models(model, frf):
     """Neither reproduces the data; by the noise alone the odds would be beyond any doubt."""
     pairs = {
