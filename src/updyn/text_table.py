@@ -6,14 +6,19 @@ import re
 from collections.abc import Collection, Sequence
 
 __all__ = [
+    "FACTORS",
     "display_width",
     "fit_columns",
     "format_count",
+    "format_multiple",
     "percent",
+    "percent_of",
     "printable",
     "text_table",
 ]
 
+#: Ratio from which texts give a multiple instead of percent.
+FACTORS = 10.0
 #: Characters that a terminal would interpret, or that change the text direction.
 _CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069]")
 
@@ -75,6 +80,20 @@ def percent(share: float) -> str:
     """Return a share in percent with two digits, such as ``"4.2 %"`` and ``"130 %"``."""
     value = 100.0 * share
     return f"{value:.0f} %" if value >= 10.0 else f"{value:.2g} %"
+
+
+def percent_of(share: float, whole: str) -> str:
+    """Return a share of a whole: in percent, or as a multiple if it is large."""
+    if share >= FACTORS:
+        return f"{format_multiple(share)} times {whole}"
+    return f"{percent(share)} of {whole}"
+
+
+def format_multiple(factor: float) -> str:
+    """Return a factor with two digits, three above ten; no power of ten below a million."""
+    if factor < FACTORS:
+        return f"{factor:.2g}"
+    return f"{factor:.3g}" if factor < 1e3 or factor >= 1e6 else f"{factor:.0f}"
 
 
 def printable(text: str) -> str:

@@ -22,6 +22,7 @@ from updyn.report.plots import (
 from updyn.report.section import PageContent, ReportSection
 from updyn.report.settings import REPORT_LIST
 from updyn.style import CATEGORIES
+from updyn.text_table import FACTORS
 from updyn.updating.problem.parameters import Parameter
 from updyn.updating.result import UpdateResult
 
@@ -48,7 +49,7 @@ _TICKS = (
 #: Smallest distance between ticks, as a fraction of the axis length.
 _MIN_TICK_GAP = 0.07
 #: The same for the small figure of the largest changes.
-_SMALL_TICK_GAP = 0.3
+_SMALL_TICK_GAP = 0.25
 #: Order of the quantities; other quantities follow.
 _ORDER = ("stiffness", "mass", "viscous", "loss_factor")
 #: Legend entry, colour and symbol by outcome of an unknown.
@@ -270,9 +271,7 @@ def _lay_out(
                 "type": "log",
                 "range": np.log10(view).tolist(),
                 "tickvals": [1.0 + mark / 100.0 for mark in marks],
-                "ticktext": [
-                    f"{mark:+g} %".replace("-", "−").replace("+0 ", "0 ") for mark in marks
-                ],
+                "ticktext": [_format_tick(mark) for mark in marks],
                 "tickangle": 0,
                 "zeroline": False,
             },
@@ -439,10 +438,21 @@ def _choose_ticks(view: tuple[float, float], gap: float) -> list[float]:
 
 
 def _roundness(mark: float) -> tuple[bool, int]:
-    """Return a sort key: 0 first, then values whose first digit is 1, 5, 2, then the rest."""
+    """Return a sort key: 0 first, then values whose first digit is 1, 5, 2, then the rest.
+
+    The digit is that of the change in percent or, below half and above five times, of the factor.
+    """
     if mark == 0.0:
         return False, 0
-    return True, "152".find(f"{abs(mark):.0e}"[0]) % 10
+    digits = abs(mark) if -50 < mark < 400 else 100 + mark
+    return True, "152".find(f"{digits:.0e}"[0]) % 10
+
+
+def _format_tick(mark: float) -> str:
+    """Return a change in percent for an axis; large ones as factors."""
+    factor = 1.0 + mark / 100.0
+    text = f"×{factor:g}" if factor >= FACTORS else f"{mark:+g} %"
+    return text.replace("-", "−").replace("+0 ", "0 ")
 
 
 def _estimates_trace(

@@ -11,7 +11,7 @@ from updyn.correlation.figures import FIGURE_NAMES
 from updyn.frf import FRF, unit
 from updyn.modal import ModeSet
 from updyn.report.settings import REPORT_LIST
-from updyn.text_table import format_count
+from updyn.text_table import FACTORS, format_count, format_multiple
 from updyn.updating.problem.parameters import Parameter
 from updyn.updating.result import UpdateResult
 from updyn.updating.result import interval as confidence_interval
@@ -153,7 +153,7 @@ def _take_largest(direction: Mapping[str, float]) -> tuple[list[tuple[str, float
 
 
 def change(parameter: Parameter, value: float) -> str:
-    """Return the change from the start in percent, or from 0 to the value if the start is 0."""
+    """Return the change from the start in percent; large ones as factors, from 0 as the value."""
     if math.isnan(value):
         return number(value)
     if parameter.start == 0.0:
@@ -161,8 +161,9 @@ def change(parameter: Parameter, value: float) -> str:
     percent = 100.0 * (value / parameter.start - 1.0)
     if abs(percent) < 5e-4:
         return "0 %"
-    digits = "+.3g" if abs(percent) < 999.5 else "+.0f"
-    return f"{percent:{digits}} %".replace("-", "−")
+    if value / parameter.start >= FACTORS:
+        return f"×{format_multiple(value / parameter.start)}"
+    return f"{percent:+.3g} %".replace("-", "−")
 
 
 def interval(
@@ -187,12 +188,14 @@ def figure_of_agreement(value: float) -> str:
 
 
 def percentage(share: float) -> str:
-    """Return a fraction in percent with two digits, or a limit if it is below 0.0001 %."""
+    """Return a fraction in percent with two digits; as a multiple if large, a limit if small."""
     if math.isnan(share):
         return number(share)
+    if share >= FACTORS:
+        return f"{format_multiple(share)} times" if math.isfinite(share) else "∞"
     if 0.0 <= share < 1e-6:
         return "<0.0001 %" if share else "0 %"
-    if 0.1 <= share < 100.0:
+    if share >= 0.1:
         return f"{100.0 * share:.0f} %"
     return f"{number(100.0 * share, 2)} %"
 

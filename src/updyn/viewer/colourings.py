@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from updyn.arrays import RealArray
 from updyn.settings import FIGURES
+from updyn.text_table import FACTORS, format_multiple
 from updyn.viewer.scene import Colouring, Scale
 
 __all__ = ["by_size", "format_percent", "scale_of_changes"]
@@ -95,11 +96,12 @@ def scale_of_changes(factors: ArrayLike, reach: float) -> Scale:
 
 
 def format_percent(factor: float, digits: int = 3) -> str:
-    """Return the change by a factor in percent, with its sign."""
-    percent = 100.0 * (factor - 1.0)
-    text = f"{percent:+.{digits}g}"
-    if abs(percent) >= 10.0**digits:  # avoid powers of ten
-        text = f"{percent:+.0f}"
+    """Return the change by a factor in percent, with its sign; a large factor as a factor."""
+    if factor >= FACTORS:
+        return f"×{format_multiple(factor)}"
+    text = f"{100.0 * (factor - 1.0):+.{digits}g}"
+    if "e" in text:
+        text = f"{100.0 * (factor - 1.0):+.0f}"
     return f"{text} %".replace("-", "\u2212")
 
 

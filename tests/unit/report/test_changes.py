@@ -10,7 +10,7 @@ import pytest
 
 from pages_read import Page, values
 from report_case import largest, realistic, smallest
-from updyn.report.changes import changes_figure, is_significant
+from updyn.report.changes import changes_figure, is_significant, largest_changes
 from updyn.report.page import render
 from updyn.report.settings import REPORT_LIST
 from updyn.updating.problem.parameters import Parameter, ParameterSet
@@ -87,7 +87,7 @@ def of_values(ends, std):
     [
         ([0.1001, 0.0999], {"0 %", "+0.1 %", "−0.1 %"}),
         ([0.05, 0.12], {"0 %", "−50 %", "+10 %"}),
-        ([0.3, 3.0], {"0 %", "+100 %", "+900 %"}),
+        ([0.3, 3.0], {"0 %", "+100 %", "×10"}),
     ],
 )
 def test_the_axis_is_marked_at_round_changes(ends, marked):
@@ -97,6 +97,12 @@ def test_the_axis_is_marked_at_round_changes(ends, marked):
     shown = 10.0 ** np.array(axis["range"])
     assert all(shown[0] <= tick <= shown[1] for tick in axis["tickvals"])
     assert len(set(axis["ticktext"])) == len(axis["tickvals"])
+
+
+def test_the_largest_changes_are_marked_on_both_sides():
+    axis = largest_changes(of_values([0.0, 1.0], 1e-6))["layout"]["xaxis"]
+    assert axis["ticktext"] == ["−90 %", "0 %", "×10"]
+    assert axis["tickvals"] == pytest.approx([0.1, 1.0, 10.0])
 
 
 def test_a_value_that_fell_to_zero_stands_at_the_end_of_the_axis():

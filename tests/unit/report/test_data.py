@@ -325,12 +325,18 @@ def test_numbers_in_words():
     ]
     assert [figure_of_agreement(v) for v in (-0.001, -0.98)] == ["0.00", "−0.98"]
     shares = [0.0, 1e-9, 0.0213, 1.67, np.inf]
-    assert [percentage(v) for v in shares] == ["0 %", "<0.0001 %", "2.1 %", "167 %", "∞ %"]
+    assert [percentage(v) for v in shares] == ["0 %", "<0.0001 %", "2.1 %", "167 %", "∞"]
     assert percentage(np.nan) == "–"
+    assert [percentage(v) for v in (9.99, 10.0, 160.4, 46059.0)] == [
+        "999 %",
+        "10 times",
+        "160 times",
+        "46059 times",
+    ]
     assert decibels(0.213) == "0.21 dB"
     assert change(Parameter("a", "mass", 1.0, 0.1, 9.0), 1.234) == "+23.4 %"
     viscous = Parameter("a", "viscous", 1.0, 0.01, 100.0)
-    assert [change(viscous, v) for v in (0.04, 10.96, 34.5)] == ["−96 %", "+996 %", "+3350 %"]
+    assert [change(viscous, v) for v in (0.04, 10.96, 34.5)] == ["−96 %", "×11", "×34.5"]
     assert change(Parameter("a", "loss_factor", 0.0, 0.0, 1.0), 0.02) == "from 0 to 0.02"
     assert change(viscous, np.nan) == "–"  # of a failed fit
     assert unit("receptance", "1:Z", "2:Z") == "m/N"

@@ -47,6 +47,16 @@ def test_the_step_limit_that_ended_a_fit_is_doubled(fitted):
     assert limited.remedy.startswith("Raise max_iterations")
 
 
+@pytest.mark.parametrize("method", ["equation-error", "force-residual", "reduced-frf"])
+def test_a_biased_method_names_the_setting_of_the_better_one(fitted, method):
+    model, frf = chain.build(), chain.measure()
+    unknowns = updyn.parameters(model, stiffness="all")
+    result = updyn.update(model, frf, unknowns, method=method)
+    step = next(step for step in result.steps if "maximum likelihood" in str(step).lower())
+    assert read_setting(step) == {"name": "maximum-likelihood"}
+    assert step.place == "under [method] of the job"
+
+
 def test_the_lines_of_the_first_step_are_chosen():
     steps = (Remedy.repair("Omit it:", "mains=50", "Then check cables."), Remedy("Look."))
     assert choose_next_step(realistic(steps=steps)) is steps[0]

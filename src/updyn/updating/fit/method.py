@@ -25,6 +25,7 @@ from updyn.updating.problem.residuals import Residual, add_prior, is_cached, mak
 from updyn.updating.problem.session import Stopped
 
 __all__ = [
+    "UNBIASED",
     "Fit",
     "Method",
     "Regularisation",
@@ -39,6 +40,9 @@ __all__ = [
     "residual_std",
     "serial_correlation",
 ]
+
+#: Method that weights the data by their noise.
+UNBIASED = "maximum-likelihood"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -129,6 +133,8 @@ class Fit:
         data (`Method.describe_obstacle`); may be empty.
     remedy : str
         For a fit that failed: the advised action (`Method.failure_remedy`); may be empty.
+    better : str
+        Method without the bias that the note states, which ends with advice on it; may be empty.
     """
 
     x: RealArray
@@ -143,6 +149,7 @@ class Fit:
     rivals: tuple[Rival, ...] = ()
     cause: str = ""
     remedy: str = ""
+    better: str = ""
 
     @classmethod
     def without_jacobian(cls, x: RealArray, reason: str, note: str = "") -> Fit:

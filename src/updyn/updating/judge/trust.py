@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from updyn.errors import in_all
-from updyn.text_table import format_count, percent
+from updyn.text_table import format_count, format_multiple, percent, percent_of
 from updyn.updating.judge.causes.finding import Finding
 from updyn.updating.judge.claim import PARTS, Claim
 from updyn.updating.judge.distant import DistantUnknown
@@ -141,8 +141,8 @@ def _qualify_plausible(
     if rough is not None:
         return Claim(
             None,
-            f"The residual is not noise, and half of the values are off by {percent(rough)} or"
-            " more: the model is incomplete.",
+            "The residual is not noise, and half of the values are off by"
+            f" {percent_of(rough, 'their level')} or more: the model is incomplete.",
         )
     if without_interval:
         n, named = len(without_interval), LIST_LENGTHS.named_items
@@ -210,14 +210,14 @@ def _claim_predicted(figures: Mapping[str, Any]) -> Claim:
     residual = held["residual_median"]
     fitted = figures.get("after", {}).get("residual_median", residual)
     expected, deviations = held.get("residual_expected"), held.get("residual_deviations")
-    text = f"The residual of the held-out data is {percent(residual)} of their level"
+    text = f"The residual of the held-out data is {percent_of(residual, 'their level')}"
     # No residual is predicted if the fitted residual is not noise; noise then cannot explain the
     # held-out residual.
     is_beyond_noise = expected is None or (deviations > HELD_OUT.most_stds and residual > expected)
     if expected is not None:
         text += f"; noise and the deviations of the unknowns predict {percent(expected)}"
         if is_beyond_noise:
-            text += f" ({deviations:.2g} deviations)"
+            text += f" ({format_multiple(deviations)} deviations)"
     if residual > HELD_OUT.most_residual and not is_beyond_noise:
         if expected < HELD_OUT.unclear_residual:
             return Claim(True, f"{text}.")
@@ -245,7 +245,8 @@ def _claim_plausible(
         return Claim(False, against[0].statement)
     if misfit > PLAUSIBILITY.gross_misfit:
         return Claim(
-            False, f"Half of the values are still off by more than {100.0 * misfit:.0f} %."
+            False,
+            f"Half of the values are still off by more than {percent_of(misfit, 'their level')}.",
         )
     if distant:
         return Claim(

@@ -10,6 +10,7 @@ from types import MappingProxyType
 import numpy as np
 
 from updyn.remedy import Remedy, join_remedies
+from updyn.text_table import percent_of
 from updyn.updating.fit.method import Fit
 from updyn.updating.judge.adequacy import Adequacy
 from updyn.updating.judge.alternatives import Alternative
@@ -227,19 +228,19 @@ def _describe_step_limit(
     misfit: float,
     end: Ending | None,
     options: Mapping[str, object],
-) -> tuple[str, Remedy]:
-    """Return message and remedy of a fit at the step limit whose unknowns are determined."""
+) -> tuple[str, tuple[Remedy, ...]]:
+    """Return message and steps of a fit at the step limit whose unknowns are determined."""
     message = "The largest number of steps was reached before convergence."
     if end is None:
         advice = "Raise max_iterations, or start closer"
         remedy = _advise_raising(advice, "max_iterations", options)
-        return f"{message} {fit.cause}".strip(), remedy
+        return f"{message} {fit.cause}".strip(), (remedy,)
     if _is_decreasing(end):
         message += (
             f" The misfit was still falling: the values are {end.deviations:.2g} standard"
             " deviations from the next step's."
         )
-        return message, _advise_raising("Raise max_iterations", "max_iterations", options)
+        return message, (_advise_raising("Raise max_iterations", "max_iterations", options),)
     if end.deviations <= FIT_END.arrived_stds:
         message += (
             f" The remaining gain is {end.deviations:.1g} standard deviations: more steps would"
@@ -252,15 +253,16 @@ def _describe_step_limit(
         )
     misfit_text = _describe_misfit(fit, misfit)
     if misfit_text:
-        return message + misfit_text, _advise_on_misfit(fit)
+        return message + misfit_text, (_LOOK, *_advise_method(fit))
     if end.deviations <= FIT_END.arrived_stds:
-        return message, Remedy("Use the values; their standard deviations hold.")
+        return message, (Remedy("Use the values; their standard deviations hold."),)
     leading = [name for name in names if name in end.leading]
     report = analysis.report
-    return message, Remedy(
+    advice = (
         f"Add lines or sensors that tell {', '.join(leading)} apart (collinearity index"
         f" {report.collinearity:.3g}), hold one of them at a known value, or give a prior."
     )
+    return message, (Remedy(advice),)
 
 
 def _describe_end(
@@ -286,8 +288,10 @@ def _describe_end(
         return Verdict("stopped", message, (_CONTINUE,))
     if fit.reason == "max-iterations":
         if analysis.report.complete:
-            message, remedy = _describe_step_limit(fit, analysis, names, misfit, end, options)
-            return Verdict("max-iterations", message, (remedy,))
+            return Verdict(
+                "max-iterations",
+                *_describe_step_limit(fit, analysis, names, misfit, end, options),
+            )
         message = "The largest number of steps was reached before convergence."
         message = f"{message} {fit.cause}".strip()
         message = f"{message} Besides, {_describe_undetermined(analysis, names)}"
@@ -419,13 +423,18 @@ def _describe_convergence(fit: Fit, analysis: Analysis, names: list[str], misfit
         )
     misfit_text = _describe_misfit(fit, misfit)
     if misfit_text:
-        return Verdict("converged", message + misfit_text, (_advise_on_misfit(fit),))
-    return Verdict("converged", message, (Remedy(fit.note),) if fit.note else ())
+        return Verdict("converged", message + misfit_text, (_LOOK, *_advise_method(fit)))
+    return Verdict("converged", message, _advise_method(fit))
 
 
-def _advise_on_misfit(fit: Fit) -> Remedy:
-    """Return the remedy for a misfit that noise does not explain."""
-    return replace(_LOOK, remark=fit.note)
+def _advise_method(fit: Fit) -> tuple[Remedy, ...]:
+    """Return the note of the method, with the setting of the method that it advises."""
+    if not fit.note:
+        return ()
+    if not fit.better:
+        return (Remedy(fit.note),)
+    advice = f"{fit.note.removesuffix('.')}:"
+    return (Remedy.setting(advice, "method", "name", fit.better),)
 
 
 def _describe_misfit(fit: Fit, misfit: float) -> str:
@@ -435,7 +444,7 @@ def _describe_misfit(fit: Fit, misfit: float) -> str:
     if misfit > VERDICT.most_misfit and any(n.get("kind") not in known for n in fit.noise or ({},)):
         text += (
             " But the model does not fit the data: half of the values are off by more than"
-            f" {100 * misfit:.0f} %."
+            f" {percent_of(misfit, 'their level')}."
         )
     # Of several tests: the same for all but the kind of their noise.
     noise = fit.noise[0] if fit.noise else {}

@@ -12,7 +12,7 @@ import numpy as np
 from updyn.arrays import RealArray
 from updyn.dynamics.reduced_solver import NOT_CONDENSED
 from updyn.errors import SolverError
-from updyn.updating.fit.method import Fit, divide_by_std, residual_std
+from updyn.updating.fit.method import UNBIASED, Fit, divide_by_std, residual_std
 from updyn.updating.fit.methods.linear import basic_solution, describe_negative
 from updyn.updating.fit.methods.published import PublishedMethod
 from updyn.updating.fit.monitor import Monitor
@@ -78,9 +78,9 @@ class EquationErrorMethod(PublishedMethod):
             " not include this bias. Use maximum likelihood for noisy data."
         )
         R = local.R / sigma if sigma > 0 else local.R
-        return Fit(
-            x, reason, R, (record,) * len(problem.parts), note, divide_by_std(local, sigma), sigma
-        )
+        scaled = divide_by_std(local, sigma)
+        records = (record,) * len(problem.parts)
+        return Fit(x, reason, R, records, note, scaled, sigma, better=UNBIASED)
 
 
 def _gauss_newton(

@@ -14,6 +14,7 @@ from scipy.linalg import LinAlgError, cholesky, solve_triangular
 
 from updyn.arrays import ComplexArray, RealArray
 from updyn.updating.fit.method import (
+    UNBIASED,
     Fit,
     Method,
     Starts,
@@ -207,15 +208,10 @@ def make_sandwich_fit(
     except Stopped:
         reason = "stopped"
     if found is not None:
-        return Fit(
-            x,
-            reason,
-            found.R,
-            found.noise,
-            f"{note} {found.note}".strip(),
-            divide_by_std(local, sigma),
-            sigma,
-        )
+        text = f"{note} {found.note}".strip()
+        scaled = divide_by_std(local, sigma)
+        better = UNBIASED if text else ""
+        return Fit(x, reason, found.R, found.noise, text, scaled, sigma, better=better)
 
     def difference(part: int, H: ComplexArray) -> ComplexArray:
         misfit = H - problem.parts[part].frf.values
@@ -234,9 +230,9 @@ def make_sandwich_fit(
     }
     unit = sigma * float(np.sqrt(length))
     R = local.R / unit if unit > 0 else local.R
-    return Fit(
-        x, reason, R, (record,) * len(problem.parts), note, divide_by_std(local, sigma), sigma
-    )
+    better = UNBIASED if note else ""
+    records = (record,) * len(problem.parts)
+    return Fit(x, reason, R, records, note, divide_by_std(local, sigma), sigma, better=better)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -339,6 +335,6 @@ def _note(residual: LogError | OutputErrorSet, loud: Sequence[Any]) -> str:
         return ""
     return (
         f"In {100.0 * share:.0f} % of the values the noise is above half of |H|: their logarithm is"
-        " biased, which the standard deviations do not include; maximum-likelihood weights them"
-        " correctly."
+        " biased, which the standard deviations do not include; use maximum likelihood, which"
+        " weights them correctly."
     )

@@ -11,7 +11,7 @@ import scipy.linalg
 
 from updyn.arrays import IndexArray, RealArray
 from updyn.errors import OptionError, ParameterError, SolverError
-from updyn.updating.fit.method import Fit, Method, residual_std
+from updyn.updating.fit.method import UNBIASED, Fit, Method, residual_std
 from updyn.updating.fit.methods.settings import LINEAR_STEP
 from updyn.updating.fit.monitor import Monitor, condition
 from updyn.updating.fit.settings import TRUST_REGION
@@ -284,6 +284,6 @@ def make_unweighted_fit(
         return Fit.without_jacobian(x, "stopped")
     sigma = residual_std(local, problem.n_values, problem.n)
     record = {"kind": kind, "chi_square": 1.0, "inflation": 1.0}
-    return Fit(
-        x, reason, local.R / sigma if sigma > 0 else local.R, (record,) * len(problem.parts), note
-    )
+    R = local.R / sigma if sigma > 0 else local.R
+    records = (record,) * len(problem.parts)
+    return Fit(x, reason, R, records, note, better=UNBIASED if note else "")
