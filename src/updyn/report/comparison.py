@@ -73,8 +73,8 @@ def render(comparison: Comparison) -> str:
     content = PageContent(
         further={"comparison": ComparisonContent(comparison, gather_curves(comparison))}
     )
-    title = comparison.title or "Comparison of methods"
-    return assemble(content, _head(comparison), title, __version__)
+    title = f"{comparison.title}: methods" if comparison.title else "Comparison of methods"
+    return assemble(content, _head(comparison, title), title, __version__)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,7 +86,7 @@ class ComparisonContent:
 
 
 # -- head ----------------------------------------------------------------------------------------
-def _head(comparison: Comparison) -> str:
+def _head(comparison: Comparison, title: str) -> str:
     run = [row for row in comparison if row.applies]
     unknowns = format_count(len(comparison.parameters), "unknown")
     about = f"{format_count(len(comparison), 'method')}, {unknowns}"
@@ -101,7 +101,7 @@ def _head(comparison: Comparison) -> str:
             stopped += f" Not run: {', '.join(comparison.not_run)}."
     return render_template(
         "updyn.report/comparison_head.html",
-        title=comparison.title or "Comparison of methods",
+        title=title,
         about=about,
         verdict=_format_verdict(comparison, run),
         stopped=stopped,
@@ -121,7 +121,7 @@ def _format_verdict(comparison: Comparison, run: Sequence[Row]) -> str:
         return f"{start} None finds every unknown within {within} of the truth."
     converged = [row.method for row in run if row.status == "converged"]
     if converged:
-        return f"{start} {_join_names(converged)} converged with all unknowns determined."
+        return f"{start} Converged, with all unknowns determined: {_join_names(converged)}."
     return f"{start} None converged with all unknowns determined."
 
 

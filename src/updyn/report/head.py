@@ -21,7 +21,7 @@ from updyn.report.formats import (
 )
 from updyn.report.plots import Figure
 from updyn.report.residual import residual_tile
-from updyn.report.section import PageContent, ReportSection
+from updyn.report.section import Headline, PageContent, ReportSection, select_sections
 from updyn.report.templates import render_template
 from updyn.report.verdict import verdict
 from updyn.updating.next_step import choose_next_step
@@ -101,6 +101,7 @@ def head(
         title=page_title(content),
         about=f"{unknowns}, method {result.method}; {data or extent(result.data)}",
         judgement=verdict(content),
+        headlines=_collect_headlines(content),
         step=choose_next_step(content.update),
         others=result.steps[1:],
         key_figures=_key_figures(worst or result, figures),
@@ -109,10 +110,17 @@ def head(
     )
 
 
+def _collect_headlines(content: PageContent) -> list[tuple[str, Headline]]:
+    """Return anchor and verdict of each section that has one."""
+    found = [(section.anchor, section.headline(content)) for section in select_sections(content)]
+    return [(anchor, headline) for anchor, headline in found if headline is not None]
+
+
 def render_first_screen(evidence: Evidence, **context: object) -> tuple[str, dict[str, Figure]]:
     """Return the first screen of a page as HTML, and the figures of its evidence."""
+    shown = {"headlines": [], **context}
     html = render_template(
-        "updyn.report/head.html", figures=evidence.figures, panels=evidence.panels, **context
+        "updyn.report/head.html", figures=evidence.figures, panels=evidence.panels, **shown
     )
     return html, evidence.figures
 

@@ -40,7 +40,14 @@ from updyn.updating.judge.modal_table import ModalTable
 from updyn.updating.modes import compare_start_modes, modal_table
 from updyn.updating.result import JointResult, UpdateResult
 
-__all__ = ["SECTIONS", "PageContent", "ReportSection", "list_shown_objects", "select_sections"]
+__all__ = [
+    "SECTIONS",
+    "Headline",
+    "PageContent",
+    "ReportSection",
+    "list_shown_objects",
+    "select_sections",
+]
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,6 +98,13 @@ class PageContent:
         return isinstance(self.update, UpdateResult)
 
     @cached_property
+    def single_tests(self) -> Mapping[str, PageContent]:
+        """The content of the page of each of several tests, by name; empty for a single test."""
+        if not isinstance(self.update, JointResult):
+            return {}
+        return {name: PageContent(test) for name, test in self.tests.items()}
+
+    @cached_property
     def result(self) -> UpdateResult:
         """The result, or the first of several with the common title; `LookupError` if none."""
         if self.update is None:
@@ -111,6 +125,14 @@ class PageContent:
             start = self.start
             return start.table or compare_start_modes(start.model, start.data, start.modes)
         return self.result.modes or modal_table(self.result)
+
+
+@dataclass(frozen=True, slots=True)
+class Headline:
+    """A verdict of a section for the first screen: text and kind (good, warn or bad)."""
+
+    text: str
+    kind: str
 
 
 class ReportSection:
@@ -185,6 +207,10 @@ class ReportSection:
     def embedded_data(self, content: PageContent) -> dict[str, object]:
         """Return data for the scripts, ready for JSON, by id of the element that holds them."""
         return {}
+
+    def headline(self, content: PageContent) -> Headline | None:
+        """Return the verdict of the section for the first screen of an update; None without one."""
+        return None
 
     def script(self) -> str:
         """Return JavaScript that runs after the figures are drawn."""

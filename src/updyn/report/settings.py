@@ -99,6 +99,9 @@ class ReportListSettings:
     #: [unknowns] Unknowns with the largest changes on the first screen. Drawing: they fit next to
     #: the verdict at 800 px of height.
     largest_changes: int = 5
+    #: [tests] Tests whose worst channel is on the first screen. Drawing: two figures are side by
+    #: side on it.
+    shown_tests: int = 2
     #: [unknowns] Unknowns in the map of sensitivities; those with the largest are kept. Drawing:
     #: the map fits on the first screen.
     sensitive_unknowns: int = 10

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from updyn.correlation.modes import ModeCorrelation
 from updyn.report.formats import format_count
 from updyn.report.section import PageContent
+from updyn.updating.judge.badge import find_decisive
 from updyn.updating.judge.claim import Claim
 from updyn.updating.judge.counterparts import Counterparts
 from updyn.updating.judge.trust import Trust
@@ -54,6 +55,7 @@ class Verdict:
     """Whether the result can be trusted.
 
     `reservation` limits a verdict that holds; `remarks` are further sentences of the message.
+    `decisive` is the name of the part that alone rules the result out; empty if none does.
     """
 
     badge: str
@@ -61,6 +63,11 @@ class Verdict:
     parts: tuple[VerdictPart, ...]
     reservation: str = ""
     remarks: str = ""
+    decisive: str = ""
+
+    def shows(self, part: VerdictPart) -> bool:
+        """Whether the reason of a part is unfolded: it fails, and none is more important."""
+        return part.fails and self.decisive in ("", part.name)
 
 
 def verdict(content: PageContent) -> Verdict:
@@ -96,7 +103,14 @@ def _judge_by_trust(content: PageContent, trust: Trust, plain: Verdict) -> Verdi
             why, reservation = claim.statement, claim.further
         parts.append(VerdictPart(name.capitalize(), claim.holds, why, claim.asked))
     remarks = trust.beyond(result.status, result.message)
-    return replace(plain, parts=tuple(parts), reservation=reservation, remarks=remarks)
+    decisive = find_decisive(trust).capitalize() if result.status != "failed" else ""
+    return replace(
+        plain,
+        parts=tuple(parts),
+        reservation=reservation,
+        remarks=remarks,
+        decisive=decisive,
+    )
 
 
 def count_all_modes(peaks: Counterparts | None, found: ModeCorrelation | None, model: str) -> str:

@@ -126,15 +126,20 @@ def test_held_masses_that_are_wrong_are_the_next_step(pages, results):
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_marks_that_fail_show_their_sentence(pages, results, case):
-    marks = re.findall(r'<details class="mark (\w+)"( open)?>', top(pages[case]))
+def test_the_marks_that_decide_show_their_sentence(pages, results, case):
+    """What rules a result out is shown alone; without such a part, all parts that fail are."""
+    pattern = r'<details class="mark (\w+)"( open)?><summary.*?</span> (\w+) '
+    marks = re.findall(pattern, top(pages[case]), re.DOTALL)
     trust = results[case].trust
     assert len(marks) == (5 if trust else 2)
-    for kind, is_open in marks:
-        assert bool(is_open) == (kind in ("bad", "warn"))
+    unfolded = [name for _, is_open, name in marks if is_open]
+    failing = [name for kind, _, name in marks if kind in ("bad", "warn")]
+    decisive = {"swapped": ["Plausible"], "not-predicted": unfolded[:1]}
+    assert unfolded == decisive.get(case, failing)
+    assert set(unfolded) <= set(failing)
     if trust:
         fails = sum(claim.asked and claim.holds is not True for claim in trust.values())
-        assert sum(bool(is_open) for _, is_open in marks) == fails
+        assert len(failing) == fails
 
 
 def test_a_finding_limits_the_verdict_and_is_not_its_reason(pages):
@@ -183,6 +188,31 @@ def test_the_largest_changes_are_those_of_the_result(results):
         int(y): x for trace in bars for x, y in zip(trace["x"][1::3], trace["y"][1::3], strict=True)
     }
     assert ends == pytest.approx({place: found[place][0] for place in found})
+
+
+def test_several_tests_show_their_worst_channels(results):
+    """Each with a link to its own report, and the verdict of each further section."""
+    update = updyn.JointResult(
+        {"rotor <held>": results["usable"], "free": results["not-predicted"]}
+    )
+    content = PageContent(update)
+    evidence = show_evidence(content)
+    first, second, changes = evidence.panels
+    assert (first.heading, first.target) == (
+        "Rotor <held>, worst channel",
+        "rotor%20%3Cheld%3E/report.html#channels",
+    )
+    assert (second.heading, second.target) == (
+        "Free, worst channel",
+        "free/report.html#channels",
+    )
+    assert changes.target == "#changes"
+    data = PageContent(results["not-predicted"]).data
+    worst = worst_and_median(data)["worst"]
+    assert second.caption.startswith(f"{data.responses[worst[0]]} / {data.references[worst[1]]}")
+    html = top(render(update))
+    assert 'href="free/report.html#channels"' in html
+    assert "headline" not in html
 
 
 def test_small_curves_keep_the_peaks(results):

@@ -22,9 +22,10 @@ from updyn.control.job.messages import (
 from updyn.control.job.plant_result import make_plant, resolving_lines
 from updyn.control.job.record import control_record, servo_record
 from updyn.control.report.page import render, write_plant_page
-from updyn.control.report.plant import share
+from updyn.control.report.plant import judge_plant, share
 from updyn.control.servo.controller import Controller, Notch
 from updyn.job import load_job, prepare
+from updyn.report.page import render as render_update
 from updyn.report.plots import log_frequency, phases, thin_indices
 from updyn.report.section import PageContent, select_sections
 
@@ -323,7 +324,7 @@ def test_the_first_screen_of_a_servo(made):
     servo = plant_result.servo
     top = render(plant_result).split("<nav")[0]
     found = re.search(r'<p class="verdict (\w+)">(.*?)</p>', top)
-    assert found.groups() == ("warn", "Stable, also on all 4 plants of the family, with a small margin")  # fmt: skip
+    assert found.groups() == ("warn", "Servo stable, also on all 4 plants of the family, with a small margin")  # fmt: skip
     assert '<th scope="col">nominal</th><th scope="col">worst of 4 plants</th>' in top
     titles = ("phase margin", "gain margin", "modulus margin")
     nominal = python_control_margins(plant_result.family.nominal)
@@ -465,6 +466,16 @@ def test_neither_peaks_nor_gaps_are_lost_where_values_are_missing():
     value = np.sin(np.arange(1000.0))
     value[501] = np.nan
     assert 501 in thin_indices(value, 100)
+
+
+def test_the_report_of_the_update_starts_with_the_verdict_on_the_servo(made):
+    result, plant_result = made
+    text = "Servo stable, also on all 4 plants of the family, with a small margin"
+    found = re.findall(r'<p class="headline (\w+)"><a href="#servo">(.*?)</a></p>',
+                       render_update(result, plant=plant_result).split("<nav")[0])  # fmt: skip
+    assert found == [("warn", text)]
+    assert judge_plant(replace(plant_result, plant=None)).kind == "bad"
+    assert judge_plant(replace(plant_result, servo=None)).text == "Plant within its tolerance"
 
 
 def test_an_unstable_loop_says_so(made):

@@ -8,10 +8,15 @@ from pathlib import Path
 from updyn import __version__
 from updyn.control.job.messages import describe_plant_size
 from updyn.control.job.plant_result import PlantResult
-from updyn.control.report.plant import bode_name, channel_name, channels, plant_figures
+from updyn.control.report.plant import (
+    bode_name,
+    channel_name,
+    channels,
+    judge_plant,
+    plant_figures,
+)
 from updyn.control.report.servo import first_margins, most_critical, servo_figures
 from updyn.control.servo.verdict import judge_servo
-from updyn.report.formats import capitalize_first
 from updyn.report.page import assemble
 from updyn.report.section import PageContent
 from updyn.report.templates import render_template, write_page
@@ -47,21 +52,16 @@ def _first_screen(result: PlantResult) -> dict[str, object]:
     """Return the variables of the first screen: the verdict and a Bode diagram."""
     state = [] if result.updated else [result.source]
     plant = result.plant
+    verdict = judge_plant(result)
+    shown = {"kind": verdict.kind, "text": verdict.text}
     if plant is None:
-        reasons = [result.message, *state]
-        return {
-            "kind": "bad",
-            "text": "Tolerance not met: no plant is written",
-            "reasons": reasons,
-        }
+        return {**shown, "reasons": [result.message, *state]}
     size = describe_plant_size(result)
     if result.servo is not None:
         loop = most_critical(result.servo)
-        verdict = judge_servo(result.servo)
         return {
-            "kind": verdict.kind,
-            "text": capitalize_first(verdict.text),
-            "reasons": [*verdict.reasons, *state],
+            **shown,
+            "reasons": [*judge_servo(result.servo).reasons, *state],
             "margins": first_margins(result.servo),
             "size": size,
             "shown": f"bode-{loop.name}",
@@ -70,8 +70,7 @@ def _first_screen(result: PlantResult) -> dict[str, object]:
         }
     i, j = max(channels(result), key=lambda at: result.channel_errors(result.measure)[at])
     return {
-        "kind": "good" if result.updated else "warn",
-        "text": "Plant within its tolerance",
+        **shown,
         "reasons": state,
         "size": size,
         "shown": bode_name(i, j),

@@ -12,6 +12,7 @@ from updyn.control.job.plant_result import PlantResult
 from updyn.control.plant import Plant
 from updyn.control.ports import Port
 from updyn.control.report.settings import CONTROL_REPORT
+from updyn.control.servo.verdict import judge_servo
 from updyn.control.weight import UncertaintyWeight
 from updyn.report.formats import format_count, number
 from updyn.report.plots import (
@@ -25,7 +26,7 @@ from updyn.report.plots import (
     phases,
     stack_panels,
 )
-from updyn.report.section import PageContent, ReportSection
+from updyn.report.section import Headline, PageContent, ReportSection
 
 __all__ = [
     "PLANT",
@@ -34,6 +35,7 @@ __all__ = [
     "channel_unit",
     "channels",
     "degree_axis",
+    "judge_plant",
     "plant_figures",
     "share",
     "unit_ratio",
@@ -176,6 +178,11 @@ class PlantSection(ReportSection):
         """Return whether a page has the section: every page with a plant result."""
         return True
 
+    def headline(self, content: PageContent) -> Headline | None:
+        """Return the verdict on the plant; None if the section on the servo has one."""
+        result: PlantResult = content.further["plant"]
+        return judge_plant(result) if result.servo is None else None
+
     def figures(self, content: PageContent) -> dict[str, Figure]:
         """Return Bode diagrams and weights."""
         return plant_figures(content.further["plant"])
@@ -203,6 +210,16 @@ class PlantSection(ReportSection):
 
 
 PLANT = PlantSection()
+
+
+def judge_plant(result: PlantResult) -> Headline:
+    """Return the verdict on the servo, or on the plant if there is none."""
+    if result.plant is None:
+        return Headline("Tolerance not met: no plant is written", "bad")
+    if result.servo is None:
+        return Headline("Plant within its tolerance", "good" if result.updated else "warn")
+    verdict = judge_servo(result.servo)
+    return Headline(f"Servo {verdict.text}", verdict.kind)
 
 
 def _plant_context(result: PlantResult, plant: Plant) -> dict[str, object]:

@@ -11,7 +11,7 @@ from updyn.arrays import IndexArray, NumberArray, RealArray
 from updyn.control.job.plant_result import PlantResult
 from updyn.control.plant import Plant
 from updyn.control.report.nonlinear import nonlinear_context, nonlinear_figures
-from updyn.control.report.plant import degree_axis, unit_ratio
+from updyn.control.report.plant import degree_axis, judge_plant, unit_ratio
 from updyn.control.report.settings import CONTROL_REPORT
 from updyn.control.servo.drive import DriveFigures
 from updyn.control.servo.margins import Margins, RobustMargin
@@ -31,7 +31,7 @@ from updyn.report.plots import (
     stack_panels,
     thin_indices,
 )
-from updyn.report.section import PageContent, ReportSection
+from updyn.report.section import Headline, PageContent, ReportSection
 
 __all__ = [
     "SERVO",
@@ -371,6 +371,11 @@ class ServoSection(ReportSection):
         """Return whether the plant result has a servo or a drive."""
         result: PlantResult = content.further["plant"]
         return result.servo is not None or result.drive is not None
+
+    def headline(self, content: PageContent) -> Headline | None:
+        """Return the verdict on the servo; None without one."""
+        result: PlantResult = content.further["plant"]
+        return None if result.servo is None else judge_plant(result)
 
     def figures(self, content: PageContent) -> dict[str, Figure]:
         """Return loops, time responses, and simulations with backlash or friction."""

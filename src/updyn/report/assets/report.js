@@ -110,7 +110,8 @@ const updynReport = (() => {
   // the data; the figure grows by them.
   const NARROW = 640, LETTER = 7; // px; width of a letter of an axis
   function fitted(figure, place) {
-    const { data, height } = figure, own = { ...figure.layout };
+    const { data } = figure, own = { ...figure.layout };
+    const height = Math.max(figure.height, parseFloat(getComputedStyle(place).minHeight) || 0); // more on a wide page
     if (place.clientWidth > NARROW) return { data, own, height };
     for (const key of Object.keys(own)) {
       if (/^yaxis\d*$/.test(key) && own[key].ticktext) own[key] = { ...own[key], ticktext: shorten(own[key].ticktext, place.clientWidth) };
@@ -238,6 +239,7 @@ const updynReport = (() => {
         ask(part);
       });
     }
+    if (parent !== window) document.documentElement.classList.add("framed"); // the margins are those of the window
     folding();
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", repaint);
     addEventListener("beforeprint", toPaper);

@@ -7,7 +7,7 @@ from typing import Literal
 
 from updyn.updating.judge.trust import Trust
 
-__all__ = ["Badge", "choose_badge"]
+__all__ = ["Badge", "choose_badge", "find_decisive"]
 
 Colour = Literal["good", "warn", "bad"]
 
@@ -32,6 +32,19 @@ _ENDED = {
 }
 
 
+#: Badges by the claim that is not true, the most important first.
+_AGAINST = {
+    "resembles": Badge("Does not resemble the test", "bad"),
+    "plausible": Badge("Not credible", "bad"),
+    "validated": Badge("Does not predict", "bad"),
+}
+
+
+def find_decisive(trust: Trust) -> str:
+    """Return the name of the claim against the result that decides the badge; empty if none."""
+    return next((name for name in _AGAINST if trust[name].holds is False), "")
+
+
 def choose_badge(status: str, trust: Trust | None, *, ambiguous: bool = False) -> Badge:
     """Return the badge of a result; `ambiguous`: several determined solutions fit equally well."""
     badge = _ENDED.get(status, Badge(status, "warn"))
@@ -39,12 +52,9 @@ def choose_badge(status: str, trust: Trust | None, *, ambiguous: bool = False) -
         badge = Badge("Several answers fit", "warn")
     if trust is None or status == "failed":
         return badge
-    if trust.resembles.holds is False:
-        return Badge("Does not resemble the test", "bad")
-    if trust.plausible.holds is False:
-        return Badge("Not credible", "bad")
-    if trust.validated.holds is False:
-        return Badge("Does not predict", "bad")
+    decisive = find_decisive(trust)
+    if decisive:
+        return _AGAINST[decisive]
     if status != "converged":
         return badge
     if trust.plausible.holds is None or trust.determined.holds is not True:
