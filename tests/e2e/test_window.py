@@ -19,7 +19,7 @@ from updyn.style import DARK, PAPER
 from window import browsing, serving
 
 pytest.importorskip("nicegui")
-pytest.importorskip("playwright")
+expect = pytest.importorskip("playwright.sync_api").expect
 pytestmark = [
     pytest.mark.needs("browser"),
     # sockets and pipes of the driver of the browser, when it ends
@@ -40,9 +40,9 @@ def frequency(page, x):
 
 
 def wait_for_ink(page, colour):
-    """Wait until the first curve of the first figure has a colour of the form ``#rrggbb``."""
+    """Wait until the measured points of the first figure have a colour of the form ``#rrggbb``."""
     rgb = f"rgb({', '.join(str(int(colour[i : i + 2], 16)) for i in (1, 3, 5))})"
-    ink = "getComputedStyle(document.querySelector('.js-line')).stroke"
+    ink = "getComputedStyle(document.querySelector('.point')).fill"
     page.wait_for_function(f"(rgb) => {ink} === rgb", arg=rgb)
 
 
@@ -96,9 +96,11 @@ def test_from_the_measured_beam_to_the_same_numbers_by_command(chromium, tmp_pat
         folder = page.get_by_label("Folder for the results")
         folder.wait_for()
         folder.fill("beam/first")
+        stop = page.get_by_role("button", name="Stop")
+        expect(stop).to_be_disabled()
         page.get_by_role("button", name="Save and run").click()
         state(page, "^Running: .* steps?")
-        page.get_by_role("button", name="Stop").click()
+        stop.click()
         assert state(page, "^Ended") == "Ended: stopped"
         page.get_by_role("button", name="Resume").click()
         status = state(page, "^Ended: (?!stopped)").removeprefix("Ended: ")

@@ -27,6 +27,7 @@ from updyn.report.plots import (
     thin_indices,
     wrapped_phase,
 )
+from updyn.settings import FIGURES
 from updyn.style import CATEGORIES, STATES
 from updyn.web.settings import WEB_PAGE
 
@@ -79,9 +80,10 @@ def frf_chart(
         colour = f"@{_ROLES.get(name, role)}"
         style = _SMALL_STYLES if small else _STYLES
         look = style.get(name, {"width": 1.6})
-        traces.append(
-            curve(freq[at], level[at], name, colour, unit=shown_unit, legend=not small, **look)
-        )
+        trace = curve(freq[at], level[at], name, colour, unit=shown_unit, legend=not small, **look)
+        if name == "measured" and not small and len(at) <= FIGURES.measured_points:
+            trace |= {"mode": "markers", "marker": {"color": colour, "size": 6}}
+        traces.append(trace)
         levels.append(level)
         if phase:
             x, degrees = wrapped_phase(freq[at], np.asarray(values[at], dtype=np.complex128))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from updyn.style import css
 
-__all__ = ["FIGURE_SCRIPTS", "HEAD", "THEMES"]
+__all__ = ["FIGURE_SCRIPTS", "HEAD", "THEMES", "WIDEST"]
 
 #: How the pages look: as the browser prefers, or as chosen.
 THEMES = {"auto": "as the system", "light": "light", "dark": "dark"}
@@ -12,6 +12,8 @@ THEMES = {"auto": "as the system", "light": "light", "dark": "dark"}
 
 #: Address of the scripts of the report, which draw the figures.
 FIGURE_SCRIPTS = "/figure-scripts"
+#: Widest content of a page in px: more would part what belongs together.
+WIDEST = 1760
 #: Put into the head of every page.
 HEAD = f"""<style>
 {css()}
@@ -30,6 +32,9 @@ body.body--dark {{ --q-primary: var(--after) !important; --q-positive: var(--goo
   border-bottom: 1px solid var(--rule); }}
 .q-card, .q-table__card {{ background: var(--panel); box-shadow: none;
   border: 1px solid var(--rule); }}
+/* Pages and their header have the same margins. */
+.q-header, .updyn-content {{ padding-inline: max(16px, (100% - {WIDEST}px) / 2) !important; }}
+.q-btn.disabled {{ filter: grayscale(1); opacity: 0.45 !important; }}
 .updyn-drop {{ padding: 28px 16px; text-align: center; cursor: pointer; }}
 .q-uploader {{ background: var(--ground); border: 2px dashed var(--faint) !important;
   max-height: none; }}

@@ -13,6 +13,9 @@ from updyn.group import is_number
 from updyn.job.folder import JOB_FILE
 from updyn.report.changes import Change, judge_change
 from updyn.report.formats import change, paragraphs
+from updyn.updating.judge.badge import Badge, choose_badge
+from updyn.updating.judge.claim import PARTS, Claim
+from updyn.updating.judge.trust import Trust
 from updyn.updating.problem.parameters import Drive, Parameter
 from updyn.web.project import RunFolder
 
@@ -23,6 +26,7 @@ __all__ = [
     "compare_runs",
     "describe_outcome",
     "find_level_error",
+    "read_badge",
     "read_changes",
 ]
 
@@ -59,11 +63,27 @@ class RunOutcome:
     remarks: list[str]
 
 
-def describe_outcome(record: Mapping[str, object]) -> RunOutcome:
-    """Return the outcome of a run: its status and at most two sentences of its message."""
+def read_badge(record: Mapping[str, Any]) -> Badge:
+    """Return the verdict on a run in a phrase, from its record."""
+    status, claims = str(record["status"]), _as_mapping(record.get("trust"))
+    known = {part: _as_mapping(claims[part]) for part in PARTS if part in claims}
+    trust = None
+    if len(known) >= len(PARTS) - 1:  # records of old versions do not have "resembles"
+        trust = Trust(
+            **{
+                part: Claim(one.get("holds"), "", one.get("asked") is not False)
+                for part, one in known.items()
+            }
+        )
+    is_ambiguous = status == "not-identifiable" and bool(record.get("alternatives"))
+    return choose_badge(status, trust, ambiguous=is_ambiguous)
+
+
+def describe_outcome(record: Mapping[str, Any]) -> RunOutcome:
+    """Return the outcome of a run: its verdict and at most two sentences of its message."""
     first, *rest = paragraphs(str(record.get("message") or "")) or [""]
     step, *further = str(record.get("remedy") or "").splitlines() or [""]
-    statement = f"{record['status']}: {first}" if first else str(record["status"])
+    statement = f"{read_badge(record).phrase}. {first}".rstrip()
     return RunOutcome(statement, step, [*rest, *further])
 
 

@@ -28,7 +28,7 @@ class WebPageSettings:
     #: [dB] Largest difference of a model from the data in that map. Drawing: a factor of ten.
     map_difference: float = 20.0
     #: [px] Size of the text in small figures. Drawing: the smallest that is easily read.
-    small_text: int = 10
+    small_text: int = 11
     #: [channels] Channels of a table whose entries are shown at once. Drawing: a page of readable
     #: length.
     shown_channels: int = 20

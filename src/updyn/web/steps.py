@@ -11,6 +11,7 @@ import numpy as np
 from updyn.text_table import format_count
 from updyn.web.looking import JobView, assess_identifiability, check_job
 from updyn.web.project import RunFolder
+from updyn.web.runs import read_badge
 from updyn.web.workspace import Workspace
 
 __all__ = ["STEPS", "State", "Step", "list_steps"]
@@ -126,9 +127,10 @@ def _assess_check(workspace: Workspace, view: JobView | None) -> _Found:
     rows = workspace.find_answer(check_job)
     if rows is None:
         return "open", "Not checked yet: identifiability, modes in common, faults of the data."
-    n_problems = sum(row.is_problem for row in rows)
-    if n_problems:
-        return "warning", f"{format_count(n_problems, 'problem')} found."
+    problems = [row.statement for row in rows if row.is_problem]
+    if problems:
+        more = f" {len(problems) - 1} more below." if len(problems) > 1 else ""
+        return "warning", f"{problems[0]}{more}"
     return "done", "No problem was found."
 
 
@@ -149,7 +151,8 @@ def _assess_result(workspace: Workspace, runs: Sequence[RunFolder]) -> _Found:
     if not runs:
         return "open", "No result of this job yet: run it first."
     record = runs[0].record
-    status = f"Latest run: {record['status']}."
+    phrase = read_badge(record).phrase
+    status = f"Latest run: {phrase[0].lower()}{phrase[1:]}."
     trust = record.get("trust")
     for claim in trust.values() if isinstance(trust, dict) else ():
         if isinstance(claim, dict) and claim.get("holds") is False:

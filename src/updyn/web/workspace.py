@@ -22,7 +22,7 @@ from updyn.web.desk import Desk
 from updyn.web.document import JobDocument
 from updyn.web.faults import new_faults
 from updyn.web.form import REQUIRED, Form
-from updyn.web.looking import JobView, TestView, propose_job, read_view
+from updyn.web.looking import JobView, TestView, propose_job, read_run, read_view
 from updyn.web.project import Project, hide_folder
 from updyn.web.recognition import Recognised, recognise
 from updyn.web.settings import WEB_LIMIT, WEB_PAGE, WEB_TASK
@@ -354,6 +354,10 @@ class Workspace:
         """Call a function in the `Desk` with the path of a file of the project, and plain data."""
         self._discard_stale_data()
         return self._desk.ask(function, self.project.inside(name), *arguments)
+
+    def view_run(self, name: str) -> JobView:
+        """Return the content of the job of a run, by its file in the project."""
+        return self._hide_folder(self.ask_file(read_run, name))
 
     def view_new_measurement(self) -> None:
         """Read the measurement of the new job."""

@@ -8,6 +8,7 @@ import json
 import numpy as np
 import pytest
 
+from updyn.settings import FIGURES
 from updyn.style import CATEGORIES
 from updyn.web.charts import SCALES, channel_map, frf_chart, level_chart, unused_bands
 from updyn.web.settings import WEB_PAGE
@@ -18,6 +19,15 @@ H = np.array([1.0, 10.0j, 0.0, np.nan])
 
 def y_axis(chart: dict) -> dict:
     return chart["layout"]["yaxis"]
+
+
+def test_few_measured_lines_are_points_and_many_are_a_curve():
+    for n, mode in ((FIGURES.measured_points, "markers"), (FIGURES.measured_points + 1, "lines")):
+        freq = np.linspace(1.0, 2.0, n)
+        curves = {name: (freq, np.ones(n)) for name in ("measured", "start")}
+        measured, start = frf_chart("receptance", curves)["data"]
+        assert (measured["mode"], start["mode"]) == (mode, "lines")
+        assert frf_chart("receptance", curves, small=True)["data"][0]["mode"] == "lines"
 
 
 # -- curves

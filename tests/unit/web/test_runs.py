@@ -8,12 +8,14 @@ from pathlib import Path
 import pytest
 
 from updyn.report.changes import changes_of_fits
+from updyn.updating.judge.claim import PARTS
 from updyn.web.project import RunFolder
 from updyn.web.runs import (
     RunOutcome,
     compare_runs,
     describe_outcome,
     find_level_error,
+    read_badge,
     read_changes,
 )
 
@@ -160,7 +162,16 @@ def test_an_outcome_is_two_sentences_with_its_next_step():
         "remedy": "Check the shape.\nFree other groups.",
     }
     found = describe_outcome(record)
-    assert found.statement == "converged: The fit converged. A mode at 1.5 Hz is not in the model."
+    assert found.statement == "Converged. The fit converged. A mode at 1.5 Hz is not in the model."
     assert found.next_step == "Check the shape."
     assert found.remarks == ["Remark.", "Free other groups."]
-    assert describe_outcome({"status": "failed"}) == RunOutcome("failed", "", [])
+    assert describe_outcome({"status": "failed"}) == RunOutcome("Failed.", "", [])
+
+    parts = {part: {"holds": True, "asked": True} for part in PARTS}
+    for changed, phrase in (
+        ({}, "Usable"),
+        ({"validated": {"holds": None, "asked": False}}, "Fits, not validated"),
+        ({"plausible": {"holds": False, "asked": True}}, "Not credible"),
+        ({"resembles": {"holds": False, "asked": True}}, "Does not resemble the test"),
+    ):
+        assert read_badge({"status": "converged", "trust": parts | changed}).phrase == phrase

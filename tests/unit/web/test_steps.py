@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from updyn.web.looking import assess_identifiability, check_job
+from updyn.web.looking import CheckRow, assess_identifiability, check_job
 from updyn.web.steps import STEPS, Step, list_steps
 from updyn.web.worker import Worker
 from updyn.web.workspace import Workspace
@@ -81,6 +81,28 @@ def test_the_check_is_that_of_the_present_text(workspace: Workspace) -> None:
     edit(workspace, "bounds = [0.3, 3.0]", "bounds = [0.2, 3.0]")
     found = steps_of(workspace)
     assert (found[CHECK].state, found[UNKNOWNS].text) == ("open", "12 unknowns.")
+
+
+def test_the_step_states_the_first_problem(
+    workspace: Workspace, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rows = [
+        CheckRow("All is determined.", False),
+        CheckRow("5:X is upside down.", True),
+        CheckRow("A mode is missing.", True),
+    ]
+    known = Workspace.find_answer
+    for shown, text in (
+        (rows, "5:X is upside down. 1 more below."),
+        (rows[:2], "5:X is upside down."),
+    ):
+
+        def answer(self: Workspace, ask: object, shown: list[CheckRow] = shown) -> object:
+            return shown if ask is check_job else known(self, ask)
+
+        monkeypatch.setattr(Workspace, "find_answer", answer)
+        found = steps_of(workspace)[CHECK]
+        assert (found.state, found.text) == ("warning", text)
 
 
 @pytest.mark.parametrize(

@@ -60,7 +60,7 @@ def add_frame(
             warning=PAPER["warn"],
         )
         ui.dark_mode(_DARK[workspace.theme])
-        ui.query(".nicegui-content").classes("w-full max-w-screen-2xl mx-auto")
+        ui.query(".nicegui-content").classes("w-full updyn-content")
         with ui.header(elevated=False).classes("items-center gap-x-1 gap-y-0 py-1 updyn-nav"):
             ui.link("updyn", "/").classes("text-lg font-bold px-2 no-underline")
             with ui.element("nav").classes("flex gap-x-1").props('aria-label="Pages"'):

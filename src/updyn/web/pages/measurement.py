@@ -293,7 +293,7 @@ class _Measurement:
             for place, figure in enumerate(figures):
                 with ui.column().classes("gap-0 min-w-0"):
                     title = ui.button(on_click=lambda at=place: self._open(self._shown[at]))
-                    title.props("flat dense no-caps size=sm")
+                    title.props("flat dense no-caps size=12px")
                     self._titles.append(title)
                     self._figures.append(FigureView(figure, pick).classes("w-full"))
 

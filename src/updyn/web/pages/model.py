@@ -53,28 +53,35 @@ async def show(workspace: Workspace) -> None:
         show_view_errors(view)
         tests: list[TestView | ModalView] = [*view.tests, *view.modal]
         mover.show(tests)
-        if view.groups:
-            ui.label(view.model)
-            if view.has_picture:
-                address = f"/embedded/structure?modes={modes}&{workspace.open_document.version}"
-                embed_page(address, "Structure", "640px")
-            else:
-                ui.label("The model has no node positions, so it cannot be drawn.")
-            if view.has_picture and not modes:
-                label = f"Show the {WEB_PAGE.shown_modes} lowest modes of the start"
-                ui.button(label, on_click=animate).props("outline no-caps")
-        for test in tests:
-            ui.label(f"Sensors and forces {test.name}").classes("text-lg")
-            rows = test.matches
-            if not rows and isinstance(test, TestView):
-                rows = _unmatched_rows(test)
-            table = ui.table(
-                rows=rows, columns=_COLUMNS, row_key="sensor", selection="single", pagination=20
-            )
-            table.on_select(mover.select).props("flat dense wrap-cells").classes("max-w-full")
+        if view.groups and not view.has_picture:
+            ui.label("The model has no node positions, so it cannot be drawn.")
+        # side by side; one below the other on a narrow screen
+        with ui.row().classes("w-full items-start max-lg:flex-col lg:flex-nowrap"):
+            if view.groups and view.has_picture:
+                with ui.column().classes("w-full lg:flex-1 min-w-0"):
+                    address = f"/embedded/structure?modes={modes}&{workspace.open_document.version}"
+                    embed_page(address, "Structure", "640px")
+                    if not modes:
+                        label = f"Show the {WEB_PAGE.shown_modes} lowest modes of the start"
+                        ui.button(label, on_click=animate).props("outline no-caps")
+            with ui.column().classes("min-w-0 max-w-full"):
+                for test in tests:
+                    _show_matches(test, mover)
 
     watch(lambda: workspace.version, content.refresh)
     await content()
+
+
+def _show_matches(test: TestView | ModalView, mover: _Mover) -> None:
+    """Show the sensors and forces of a test with their DOFs of the model."""
+    rows = test.matches
+    if not rows and isinstance(test, TestView):
+        rows = _unmatched_rows(test)
+    ui.label(f"Sensors and forces {test.name}").classes("text-lg")
+    table = ui.table(
+        rows=rows, columns=_COLUMNS, row_key="sensor", selection="single", pagination=20
+    )
+    table.on_select(mover.select).props("flat dense wrap-cells").classes("max-w-full")
 
 
 def _unmatched_rows(test: TestView) -> list[dict[str, str]]:

@@ -13,11 +13,17 @@ from updyn.arrays import NumberArray, RealArray
 from updyn.report.changes import changes_of_fits
 from updyn.web.charts import SCALES, frf_chart
 from updyn.web.figure import FigureView
-from updyn.web.looking import JobView, ModelView, TestView, compute_run_model, read_run
+from updyn.web.looking import JobView, ModelView, TestView, compute_run_model
 from updyn.web.pages.frame import embed_page, run_slow, watch
 from updyn.web.pages.job import show_view_errors
 from updyn.web.project import RunFolder
-from updyn.web.runs import compare_runs, describe_outcome, find_level_error, read_changes
+from updyn.web.runs import (
+    compare_runs,
+    describe_outcome,
+    find_level_error,
+    read_badge,
+    read_changes,
+)
 from updyn.web.settings import WEB_PAGE
 from updyn.web.tasks import RUN
 from updyn.web.workspace import Workspace
@@ -27,7 +33,7 @@ __all__ = ["show"]
 _RUN_COLUMNS: list[dict[str, Any]] = [
     {"name": "name", "label": "run", "field": "name", "align": "left", "sortable": True},
     {"name": "time", "label": "written", "field": "time", "align": "left", "sortable": True},
-    {"name": "status", "label": "status", "field": "status", "align": "left"},
+    {"name": "verdict", "label": "verdict", "field": "verdict", "align": "left"},
     {"name": "level", "label": "level error (dB)", "field": "level", "align": "left"},
     {"name": "method", "label": "method", "field": "method", "align": "left"},
 ]
@@ -47,7 +53,7 @@ def show(workspace: Workspace) -> None:
     def page() -> None:
         runs = {workspace.project.name_of(run.path): run for run in workspace.project.runs()}
         if not runs:
-            ui.label("No results in this folder yet: start one on the page Run.")
+            ui.link("Run the job", "/run")
             return
         chosen = [next(iter(runs))]
         table = ui.table(
@@ -92,7 +98,7 @@ def _describe_run(name: str, run: RunFolder) -> dict[str, str]:
     return {
         "name": name,
         "time": time.strftime("%Y-%m-%d %H:%M", time.localtime(run.modified)),
-        "status": str(run.record["status"]),
+        "verdict": read_badge(run.record).phrase,
         "level": "" if after != after else f"{before:.2g} → {after:.2g}",
         "method": str(run.record.get("method") or ""),
     }
@@ -173,7 +179,7 @@ async def _show_curves(workspace: Workspace, runs: Mapping[str, RunFolder]) -> N
     """Show the updated models of runs over the measured FRFs of the first."""
     files = {name: workspace.project.name_of(run.path / "job.toml") for name, run in runs.items()}
     first = next(iter(files.values()))
-    view = await run_slow(workspace.ask_file, read_run, first, note="Reading the measurement …")
+    view = await run_slow(workspace.view_run, first, note="Reading the measurement …")
     if view is None:
         return
     show_view_errors(view)  # such as an input that has been moved since the run

@@ -19,7 +19,7 @@ from updyn.web.pages.frame import run_slow, watch
 from updyn.web.pages.job import has_no_job, show_view_errors
 from updyn.web.pages.task import show_controls, show_worker
 from updyn.web.project import RunFolder
-from updyn.web.runs import read_changes
+from updyn.web.runs import read_badge, read_changes
 from updyn.web.settings import WEB_PAGE
 from updyn.web.worker import Worker
 from updyn.web.workspace import Workspace
@@ -53,13 +53,11 @@ def _show_state(workspace: Workspace) -> None:
         worker = workspace.run
         if worker is None:
             latest = _find_latest(workspace)
-            text = "This job has not run yet."
-            if latest is not None:
+            if latest is not None:  # otherwise the sentence on the step says that there is none
                 text = f"Latest run: {workspace.project.name_of(latest.path)}, "
-                text += str(latest.record["status"])
-            with ui.row().classes("items-center"):
-                ui.label(text).classes("text-lg").mark("state")
-                if latest is not None:
+                text += read_badge(latest.record).phrase
+                with ui.row().classes("items-center"):
+                    ui.label(text).classes("text-lg").mark("state")
                     ui.link("Results", "/results")
             return
         _show_stages(worker)

@@ -41,14 +41,20 @@ def show_controls(workspace: Workspace, task: str, *, begin: str) -> None:
             if worker is not None:
                 worker.stop()
 
-        ui.button("Stop", on_click=stop).props("outline no-caps")
+        stop_button = ui.button("Stop", on_click=stop).props("outline no-caps")
 
     def update() -> None:
         for button in buttons:
             button.set_enabled(workspace.document is not None and not workspace.faults(task))
 
+    def update_stop() -> None:
+        worker = workspace.workers.get(task)
+        stop_button.set_enabled(worker is not None and worker.state == "running")
+
     update()
+    update_stop()
     watch(lambda: (workspace.version, _state_of_form(workspace, task)), update)
+    watch(lambda: _version(workspace.workers.get(task)), update_stop)
 
 
 def show_worker(worker: Worker, workspace: Workspace, place: str = "") -> None:
@@ -80,7 +86,8 @@ def task_page(task: str) -> Callable[[Workspace], None]:
             return
         ui.label(TASKS.find(task).about)
         with ui.row().classes("items-center gap-x-8"):
-            _show_form(workspace, task)
+            if TASKS.find(task).fields:
+                _show_form(workspace, task)
             show_controls(workspace, task, begin="Save and begin")
         if TASKS.find(task).panel:
             load_object(TASKS.find(task).panel)(workspace)
@@ -129,7 +136,7 @@ def _show_pages(workspace: Workspace, task: str, known: dict[str, str]) -> None:
             page.refresh()
 
     chosen = ui.select(pages, value=latest or None, label="Results", on_change=page.refresh)
-    chosen.classes("min-w-96")
+    chosen.classes("w-96 max-w-full")
     watch(lambda: workspace.version, follow)
     page()
 

@@ -210,7 +210,7 @@ def _show_table(workspace: Workspace, view: JobView, found: IdentifiabilityView)
             }
         )
     table = ui.table(rows=rows, columns=_COLUMNS, row_key="name", pagination=25)
-    table.props("flat dense wrap-cells").classes("w-full")
+    table.props("flat dense wrap-cells").classes("w-full max-w-4xl")
     named = {unknown.name: unknown for unknown in view.unknowns}
 
     def open_bounds(event: events.GenericEventArguments) -> None:
