@@ -16,7 +16,7 @@ from updyn.acceptance.settings import MODEL_ACCEPTANCE
 from updyn.acceptance.standards import find_limits
 from updyn.correlation.settings import MODE_PAIRING
 from updyn.errors import DataError, OptionError
-from updyn.frf import check_band
+from updyn.frf import FRF, check_band
 from updyn.modal import ModeSet
 from updyn.model import Model
 from updyn.uncertainty.counts import check_level
@@ -34,6 +34,7 @@ def accept(
     standard: str | AcceptanceLimits = "NASA-STD-5002",
     *,
     band: tuple[float, float] | None = None,
+    leave_out: Sequence[float] = (),
     fundamental: Sequence[int] | None = None,
     directions: str = DIRECTION_NAMES,
     std_frequency: float | None = None,
@@ -55,8 +56,11 @@ def accept(
     standard : {"NASA-STD-5002", "ECSS-E-ST-32-11C"} or AcceptanceLimits
         The limits.
     band : (float, float), optional
-        Band in Hz in which modes are compared. By default from 0 to the highest measured frequency
-        and 0.6 % above it.
+        Band in Hz in which modes are compared. By default that of the FRFs if the modes are
+        identified from them, else from 0 to the highest measured frequency and 0.6 % above it.
+    leave_out : sequence of float
+        Frequencies in Hz, to 0.6 %, of measured modes that are not compared, such as those in a
+        direction that the model does not have. The notes list them.
     fundamental : sequence of int, optional
         Numbers, from 1 by ascending frequency, of the measured modes in the band that are
         fundamental modes. By default the first.
@@ -98,12 +102,12 @@ def accept(
 
     Probabilities: of frequencies and similarities with other modes by normal distributions (delta
     method), the latter shrunk towards zero by their variance over all modes (C. N. Morris, J. Am.
-    Stat. Assoc. 78 (1983) 47-55). Errors of shapes lower MAC and the cross-orthogonality of a pair on average, which the
-    confidence distribution of a noncentral chi-square variable takes into account (M. Xie & K.
-    Singh, Int. Stat. Rev. 81 (2013) 3-39). If the measured modes are data of the update, errors
-    that both have in common are counted twice in `Requirement.probability`, which is then closer to
-    one half than necessary; `Requirement.probability_as_delivered` is free of this. Errors of the
-    model that the measured modes do not show are not covered.
+    Stat. Assoc. 78 (1983) 47-55). Errors of shapes lower MAC and the cross-orthogonality of a pair
+    on average, which the confidence distribution of a noncentral chi-square variable takes into
+    account (M. Xie & K. Singh, Int. Stat. Rev. 81 (2013) 3-39). If the measured modes are data of
+    the update, errors that both have in common are counted twice in `Requirement.probability`,
+    which is then closer to one half than necessary; `Requirement.probability_as_delivered` is free
+    of this. Errors of the model that the measured modes do not show are not covered.
 
     Examples
     --------
@@ -123,10 +127,12 @@ def accept(
     measured = modes
     if measured is None and result is not None:
         measured = find_measured_modes(result)
+        if band is None and isinstance(result.data, FRF):
+            band = float(result.data.freq[0]), float(result.data.freq[-1])
     if not isinstance(measured, ModeSet):
         raise DataError(f"accept: expected measured modes, found {type(measured).__name__}")
     low, high = _choose_band(band, measured)
-    measured = measured.select(band=(low, high))
+    measured, omitted = _leave_out(measured.select(band=(low, high)), leave_out)
     numbers = _check_numbers(fundamental, len(measured))
     check_directions(directions)
     reach = max(high, float(measured.frequency[-1]) * (1.0 + MODE_PAIRING.frequency_gate))
@@ -140,7 +146,7 @@ def accept(
     )
     checks = Checks(compared, limits, numbers, least_probability)
     title = computed.model.title if result is None else result.title
-    notes = tuple(_list_notes(computed, compared, limits))
+    notes = (*_list_notes(computed, compared, limits), *omitted)
     return Acceptance(limits, tuple(checks.list_requirements()), title, notes, least_probability)
 
 
@@ -149,6 +155,25 @@ def _choose_band(band: tuple[float, float] | None, measured: ModeSet) -> tuple[f
     if band is not None:
         return check_band(band)
     return 0.0, float(measured.frequency[-1]) * (1.0 + MODE_PAIRING.close_frequencies)
+
+
+def _leave_out(measured: ModeSet, frequencies: Sequence[float]) -> tuple[ModeSet, list[str]]:
+    """Return the modes without those at some frequencies in Hz, and a note on these."""
+    omitted = set()
+    for given in frequencies:
+        nearest = int(np.argmin(np.abs(measured.frequency - given)))
+        found = float(measured.frequency[nearest])
+        if abs(found - given) > MODE_PAIRING.close_frequencies * found:
+            raise OptionError(
+                f"leave_out: no measured mode at {given:g} Hz; the nearest is at {found:.6g} Hz",
+                key=("leave_out",),
+            )
+        omitted.add(nearest)
+    if not omitted:
+        return measured, []
+    listed = ", ".join(f"{measured.frequency[k]:#.5g}" for k in sorted(omitted))
+    kept = [k for k in range(len(measured)) if k not in omitted]
+    return measured.select(kept), [f"Measured modes left out by the user: {listed} Hz."]
 
 
 def _check_numbers(fundamental: Sequence[int] | None, n: int) -> tuple[int, ...]:

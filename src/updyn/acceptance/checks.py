@@ -262,4 +262,4 @@ def _with_error(one: Requirement, error: float, most: float) -> Requirement:
     noted = replace(one, note="; ".join(filter(None, [f"reduction error {error:.3f}", one.note])))
     if error <= most:
         return noted
-    return noted.left_open("the mass at the sensors represents this mode too badly")
+    return noted.left_open("the reduction error is too large")

@@ -51,6 +51,7 @@ class AcceptTable(Table):
     effective_mass: _Limit = None
     mass_met: _Limit = None
     band: Pair | None = None
+    leave_out: Annotated[tuple[float, ...], Strict(False)] = ()
     fundamental: Annotated[tuple[int, ...], Strict(False)] | None = None
     directions: str = "XYZ"
     std_frequency: _Share = None
@@ -70,7 +71,7 @@ class AcceptTable(Table):
     @property
     def options(self) -> dict[str, Any]:
         """Options of `accept`."""
-        names = ("band", "fundamental", "directions", "std_frequency", "std_shapes")
+        names = ("band", "leave_out", "fundamental", "directions", "std_frequency", "std_shapes")
         return {name: getattr(self, name) for name in (*names, "least_probability")}
 
 
@@ -146,12 +147,13 @@ def accept_start(ready: Prepared) -> Acceptance | None:
     model, modes = start_model(test, ready.parameters), test.modes
     if isinstance(test.data, ModeSet):
         return _accept(table, model, test.data, None)
-    model = fix_base(model, test.data)
     if modes is None:
+        table = table.model_copy(update={"band": table.band or (test.freq[0], test.freq[-1])})
         try:
             modes = identify_modes_for(*hold_base(model, test.data))
         except UpdynError as error:
             return _leave_open(table, str(error))
+    model = fix_base(model, test.data)
     return _accept(table, model, modes, None)
 
 

@@ -93,7 +93,7 @@ def _context(acceptance: Acceptance) -> dict[str, Any]:
         "source": limits.source,
         "head": head,
         "rows": rows,
-        "kinds": ["", "text", "", "", "text", "", "", "text"],
+        "kinds": ["", "", "text", "", "", "word", "", "", "note-cell"],
         "decided": decided,
         "bounds": "" if np.isnan(low) else f"{low:.3f} to {high:.3f}",
     }

@@ -295,6 +295,15 @@ def test_a_band_selects_measured_modes() -> None:
     assert len(by_kind(found, "pair")) == 1
 
 
+def test_modes_left_out_are_named() -> None:
+    frequencies = OMEGA / (2.0 * np.pi)
+    found = updyn.accept(make_model(), measure(), ALL, leave_out=[1.005 * frequencies[1]])
+    assert [one.measured for one in by_kind(found, "pair")] == list(frequencies[[0, 2]])
+    assert found.notes[-1] == "Measured modes left out by the user: 0.22508 Hz."
+    with pytest.raises(OptionError, match=r"no measured mode at 0\.228 Hz; the nearest is at"):
+        updyn.accept(make_model(), measure(), ALL, leave_out=[0.228])
+
+
 def test_table_and_summary() -> None:
     found = updyn.accept(make_model(), measure(std_frequency=[1e-4] * 3), "NASA-STD-5002")
     table = found.to_pandas()
