@@ -6,11 +6,15 @@ import dataclasses
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 
 import updyn
 from cantilever import cantilever
+from updyn.acceptance.computed import ComputedModes
 from updyn.acceptance.effective_mass import MassShares
 from updyn.errors import DataError, DofError, OptionError
+from updyn.uncertainty.draws import Draws
+from updyn.uncertainty.posterior import Posterior
 
 DOFS = ["1:X", "2:X", "3:X"]
 #: Masses of 1 kg between walls, with springs of 1 N/m: omega^2 = 2 - sqrt(2), 2, 2 + sqrt(2).
@@ -130,8 +134,6 @@ def test_unknowns_widen_the_probability() -> None:
     later = measure(factor=ratio, std_frequency=0.01 * f)
     found = updyn.accept(result, later, updyn.AcceptanceLimits(frequency=0.02))
     (one, *_) = by_kind(found, "frequency")
-    from scipy.stats import norm
-
     alone = 1.01 * 0.01 / ratio
     both = np.hypot(alone, 1.01 * std)
     for p, s in ((one.probability, both), (one.probability_as_delivered, alone)):
@@ -313,3 +315,125 @@ def test_table_and_summary() -> None:
     assert "at most 5.00 %" in text
     assert "NASA-STD-5002: pass" in repr(found)
     assert "frequency" in found._repr_html_()
+
+
+# -- sources -----------------------------------------------------------------------------------------
+@pytest.fixture(scope="module")
+def noisy_update():
+    start = measure(factor=np.array([1.02, 0.97, 1.01]))
+    unknowns = updyn.parameters(make_model(), stiffness="all")
+    return updyn.update(make_model(), start, unknowns, method="modal", shapes=False)
+
+
+def test_modes_of_the_update_are_the_default(noisy_update) -> None:
+    limits = updyn.AcceptanceLimits(frequency=0.05)
+    found = updyn.accept(noisy_update, standard=limits)
+    expected = updyn.accept(noisy_update.model, noisy_update.data, limits)
+    values = [[one.value for one in by_kind(each, "frequency")] for each in (found, expected)]
+    assert values[0] == pytest.approx(values[1])
+
+
+def test_draws_give_the_uncertainty_of_the_unknowns(noisy_update) -> None:
+    modes = measure(std_frequency=0.01 * OMEGA / (2.0 * np.pi))
+    limits, value = updyn.AcceptanceLimits(frequency=0.02), noisy_update.values["chain.stiffness"]
+    odds = []
+    for std in (0.01, 0.2):
+        chain = value * (1.0 + std * np.array([-1.0, 0.0, 1.0]))
+        numbers = [np.array([x]) for x in (value, std, 0.0, 9.0, 1.0)]
+        drawn = Draws("sampling", ("chain.stiffness",), chain[None, :, None], *numbers)
+        (one, *_) = by_kind(updyn.accept(drawn.of(noisy_update), modes, limits), "frequency")
+        odds.append((one.probability, one.probability_as_delivered))
+    error = np.sqrt(value) - 1.0
+    for (found, delivered), std in zip(odds, (0.01, 0.2), strict=True):
+        total = np.sqrt(value) * np.hypot(0.01, 0.5 * std)
+        expected = norm.cdf((0.02 - error) / total) - norm.cdf((-0.02 - error) / total)
+        assert found == pytest.approx(expected, rel=0.01)
+        assert delivered == pytest.approx(odds[0][1])
+
+
+def test_one_of_several_tests_is_selected() -> None:
+    model, unknowns = make_model(), updyn.parameters(make_model(), stiffness="all")
+    tests = [
+        updyn.Test(model, measure(factor=factor), name)
+        for name, factor in (("a", 1.0), ("b", np.array([1.01, 0.99, 1.0])))
+    ]
+    result = updyn.update_jointly(tests, unknowns, method="modal", shapes=False)
+    limits = updyn.AcceptanceLimits(frequency=0.05)
+    found = updyn.accept(result, standard=limits, test="b")
+    assert by_kind(found, "frequency")[0].measured == pytest.approx(1.01 * OMEGA[0] / (2.0 * np.pi))
+    with pytest.raises(OptionError, match="which test's model is meant"):
+        updyn.accept(result, standard=limits)
+
+
+def test_undetermined_unknowns_give_no_probability() -> None:
+    """Stiffness and mass of the whole model: only their ratio is known from frequencies."""
+    model = make_model()
+    split = {
+        "springs": updyn.Group(stiffness=model.stiffness.toarray()),
+        "masses": updyn.Group(mass=np.eye(3)),
+        "tip": updyn.Group(stiffness=np.diag([0.0, 0.0, 0.5])),
+    }
+    model = updyn.Model.from_groups(split, dofs=DOFS)
+    unknowns = updyn.parameters(model, stiffness=["springs", "tip"])
+    modes = updyn.ModeSet(updyn.modes(model, 3).frequency[:1] * 1.01)
+    result = updyn.update(model, modes, unknowns, method="modal")
+    three = measure(std_frequency=0.01 * OMEGA / (2.0 * np.pi))
+    found = updyn.accept(result, three, updyn.AcceptanceLimits(frequency=0.2))
+    odds = [one.probability for one in by_kind(found, "frequency")]
+    assert np.isnan(odds[1:]).all()
+    delivered = [one.probability_as_delivered for one in by_kind(found, "frequency")]
+    assert np.isfinite(delivered).all()
+
+
+def test_the_mass_that_is_met_is_uncertain() -> None:
+    """The share of a mode that an uncertain mass changes, against differences of models."""
+    groups = {
+        "springs": updyn.Group(
+            stiffness=make_model().stiffness.toarray(), mass=np.diag([1.0, 1.0, 0.0])
+        ),
+        "tip": updyn.Group(mass=np.diag([0.0, 0.0, 1.0])),
+    }
+    model = updyn.Model.from_groups(groups, dofs=DOFS)
+    unknowns = updyn.parameters(model, mass=["tip"])
+    modes = measure(factor=np.array([1.02, 0.97, 1.01]))
+    result = updyn.update(model, modes, unknowns, method="modal", shapes=False)
+    std, value = result.std["tip.mass"], result.values["tip.mass"]
+
+    def share(mass):
+        one = model.scaled({"tip": {"mass": mass}})
+        return MassShares.of(updyn.modes(one, 1).shapes, one.mass, one.dofs).shares[0, 0]
+
+    at, slope = share(value), (share(value + 1e-4) - share(value - 1e-4)) / 2e-4
+    limit = at + 0.5 * abs(slope) * std
+    limits = updyn.AcceptanceLimits(mass_met=limit)
+    (one,) = by_kind(updyn.accept(result, modes.select([0]), limits), "mass_met")
+    assert one.value == pytest.approx(at)
+    assert one.outcome == "fail"
+    assert one.probability == pytest.approx(norm.cdf(-0.5), abs=0.02)
+    assert one.probability_as_delivered == 0.0
+
+
+def test_the_spread_of_modes_is_that_of_changed_models() -> None:
+    base = make_model()
+    groups = {
+        "walls": updyn.Group(stiffness=base.stiffness.toarray(), mass=np.diag([1.0, 1.0, 0.0])),
+        "tip": updyn.Group(stiffness=np.diag([0.0, 0.0, 0.5]), mass=np.diag([0.0, 0.0, 1.0])),
+    }
+    model = updyn.Model.from_groups(groups, dofs=DOFS)
+    unknowns = updyn.parameters(model, stiffness=["tip"], mass=["tip"])
+    found = updyn.modes(model, 3)
+    noisy = updyn.ModeSet(found.frequency * [1.001, 0.9995, 1.0], found.shapes, DOFS)
+    result = updyn.update(model, noisy, unknowns, method="modal", shapes=False)
+    computed = ComputedModes.of_update(result, result, 10.0, None)
+    spread, root = computed.spread(0), Posterior.of(result).root
+    values = np.array([result.values[p.name] for p in result.parameters])
+    for i, step in enumerate(root.T):
+        ends = []
+        for sign in (1.0, -1.0):
+            one = updyn.modes(result.parameters.apply(model, values + sign * step), 1)
+            turn = np.sign(one.shapes[:, 0] @ computed.shapes[:, 0])
+            ends.append(np.append(turn * one.shapes[:, 0], one.frequency[0]))
+        change = 0.5 * (ends[0] - ends[1])
+        assert spread.shape[:, i] == pytest.approx(change[:-1], abs=1e-6)
+        assert spread.frequency[i] == pytest.approx(change[-1], abs=1e-7)
+    assert np.abs(spread.shape).max() > 1e-4
