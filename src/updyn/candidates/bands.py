@@ -1,4 +1,7 @@
-"""Predictive scores: the log density of bands that were held out of the fit in turn."""
+"""Predictive scores: the log density of bands that were held out of the fit in turn.
+
+A band has lines of FRFs or, of measured modes, some with successive frequencies.
+"""
 
 from __future__ import annotations
 
@@ -8,15 +11,15 @@ import numpy as np
 
 from updyn.arrays import IndexArray, RealArray
 from updyn.candidates.evidence import Prior, log_prediction
-from updyn.candidates.weighted import WeightedProblem
+from updyn.candidates.weighted import WeightedProblem, count_items
 from updyn.errors import SolverError
 
 __all__ = ["divide_lines", "score_bands"]
 
 
-def divide_lines(n_lines: Sequence[int], count: int) -> list[list[IndexArray]]:
-    """Return `count` contiguous bands of about equal numbers of lines, each by part."""
-    by_part = [np.array_split(np.arange(n), count) for n in n_lines]
+def divide_lines(n_items: Sequence[int], count: int) -> list[list[IndexArray]]:
+    """Return `count` contiguous bands of about equal numbers of lines or modes, each by part."""
+    by_part = [np.array_split(np.arange(n), count) for n in n_items]
     return [list(band) for band in zip(*by_part, strict=True)]
 
 
@@ -35,8 +38,8 @@ def score_bands(
     scores, estimates = [], []
     for number, band in enumerate(bands, 1):
         rest = [
-            np.setdiff1d(np.arange(len(part.frf.freq)), held)
-            for part, held in zip(data.problem.parts, band, strict=True)
+            np.setdiff1d(np.arange(n), held)
+            for n, held in zip(count_items(data.problem), band, strict=True)
         ]
         score, estimate = _score_band(data.select(rest), data.select(band), x, prior)
         scores.append(score)
@@ -54,5 +57,5 @@ def _score_band(
     local = fitted.data(found.x)
     scale = max(2.0 * local.cost / max(fitted.problem.n_numbers - len(x), 1), 1.0)
     score = log_prediction(local, held_out.data(found.x), prior, scale)
-    score += held_out.log_constant - held_out.problem.n_values * float(np.log(scale))
-    return score, found.x
+    score += held_out.log_constant(found.x) - 0.5 * held_out.problem.n_numbers * np.log(scale)
+    return float(score), found.x

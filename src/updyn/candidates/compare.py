@@ -9,27 +9,32 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.special import chdtrc
 
 from updyn.arrays import IndexArray, RealArray
 from updyn.candidates.bands import divide_lines, score_bands
 from updyn.candidates.evidence import Prior, log_evidence
+from updyn.candidates.noise import CommonNoise
 from updyn.candidates.result import CandidateRow, ModelComparison, rank_candidates
 from updyn.candidates.settings import CANDIDATES
-from updyn.candidates.weighted import WeightedProblem
 from updyn.comparison.bench import StepCounter, build_line_problem
 from updyn.dofs import Dof
 from updyn.dynamics.settings import REDUCTION
 from updyn.engines import Engine, opened_engine
 from updyn.errors import DataError, OptionError, StoppedError, key_path
 from updyn.frf import FRF
+from updyn.modal import ModeSet
 from updyn.model import Model
 from updyn.uncertainty.counts import check_count
-from updyn.uncertainty.restored import AT_MINIMUM, RestoredFit, restore
+from updyn.uncertainty.restored import AT_MINIMUM, RestoredFit, estimate_of, restore
 from updyn.uncertainty.surrogate import run_about
 from updyn.updating.fit.monitor import Progress
+from updyn.updating.fit.reducing import are_modes_reduced
+from updyn.updating.judge.settings import RESIDUAL_TEST
 from updyn.updating.problem.data import Test, check_tests, leave_out_undefined_line
 from updyn.updating.problem.lines import Lines, choose_lines
-from updyn.updating.problem.noise import level_by_unit
+from updyn.updating.problem.modal import ModalPart
+from updyn.updating.problem.noise.modes import ModalNoise, choose_modal_noise
 from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.problem.problem import Problem
 from updyn.updating.problem.selection import Selection
@@ -51,7 +56,7 @@ _JUDGED = (*AT_MINIMUM, "max-iterations")
 
 def compare_models(
     candidates: Mapping[str, tuple[Model, ParameterSet | Selection]],
-    frf: FRF,
+    frf: FRF | ModeSet,
     lines: str | ArrayLike | None = None,
     noise: Mapping[str, float | str] | str | None = None,
     engine: int | Client | Engine | None = None,
@@ -76,8 +81,9 @@ def compare_models(
     candidates : mapping of str to (Model, ParameterSet or Selection)
         At least two models with their unknowns, by name. Bounds and prior standard deviations of
         the unknowns are part of a candidate: they are the volume over which it is averaged.
-    frf : FRF
-        The measurement. Every response and reference has to be a DOF of every model.
+    frf : FRF or ModeSet
+        The measurement, FRFs or modes. Every response and reference, or every DOF of the modes, has
+        to be a DOF of every model.
     lines : None, str or array_like of float
         As for `updyn.update`; chosen once, with the first model.
     noise : None, str or mapping
@@ -90,7 +96,7 @@ def compare_models(
         stops with a `StoppedError`.
     bands : int, optional
         Number of contiguous bands that are held out in turn; by default 10, or as many as there are
-        lines.
+        lines or modes.
     base, force, title, tier, backend, accuracy
         As for `updyn.update`.
     **options
@@ -140,6 +146,8 @@ def compare_models(
     ('four parts', 'evidence', True)
     """
     if base is not None or force is not None:
+        if not isinstance(frf, FRF):
+            raise OptionError("base and force: modes have none; leave them out")
         frf = frf.with_excitation(base, force)
     listed = []
     for name, pair in _check_names(candidates).items():
@@ -176,9 +184,11 @@ def compare_candidates(
     for one in candidates:
         with key_path(one.name):
             check_tests(one.tests, one.unknowns.parameters)
+    if len({type(test.data) for one in candidates for test in one.tests}) > 1:
+        raise OptionError("FRFs and modes together cannot be compared; leave out one of the two")
     candidates = _share_lines(candidates, options)
-    n_lines = [len(test.frf.freq) for test in candidates[0].tests]
-    divided = divide_lines(n_lines, _check_bands(bands, min(n_lines)))
+    n_items = [len(_frequencies(test)) for test in candidates[0].tests]
+    divided = divide_lines(n_items, _check_bands(bands, min(n_items)))
     counter = StepCounter(callback)
     with opened_engine(options.engine) as engine:
         options = replace(options, engine=engine, callback=counter, seek_causes=False)
@@ -190,7 +200,7 @@ def compare_candidates(
                 raise StoppedError(f"stopped by the callback at candidate {one.name!r}")
         session = Session(engine, RecentCache())
         counter.stage = "bands"
-        rows = _judge_fits(fits, divided, session, counter, options.accuracy)
+        rows = _judge_fits(candidates, fits, divided, session, counter, options.accuracy)
     edges = [_band_limits(candidates[0].tests[0], band[0]) for band in divided]
     ranked, criterion = rank_candidates(rows)
     return ModelComparison(ranked, criterion, tuple(edges), title)
@@ -217,7 +227,7 @@ def _check_pair(name: str, pair: Any) -> tuple[Model, Selection]:
 
 def _check_bands(bands: int | None, n_lines: int) -> int:
     if n_lines < 2:
-        raise DataError("one line is too few to compare models; expected at least 2")
+        raise DataError("one line or mode is too few to compare models; expected at least 2")
     if bands is None:
         return min(CANDIDATES.bands, n_lines)
     return check_count("bands", bands, "bands", 2, n_lines)
@@ -229,6 +239,10 @@ def _share_lines(candidates: Sequence[Candidate], options: RunOptions) -> list[C
     usable = [tuple(map(leave_out_undefined_line, one.tests)) for one in candidates]
     shared = []
     for tests in zip(*usable, strict=True):
+        if all(isinstance(test.data, ModeSet) for test in tests):
+            _check_same_modes(tests, candidates)
+            shared.append(list(tests))
+            continue
         _check_same_data(tests, [one.name for one in candidates])
         fewest = min((test.frf for test in tests), key=lambda frf: len(frf.freq))
         at = _resolve_lines(tests[0], fewest, candidates[0].unknowns.parameters, options)
@@ -267,8 +281,33 @@ def _resolve_lines(
     return choose_lines(lines, part)
 
 
+def _check_same_modes(tests: Sequence[Test], candidates: Sequence[Candidate]) -> None:
+    """Raise if the modes of a test differ between candidates, or how many numbers are fitted."""
+    measured = []
+    for test, one in zip(tests, candidates, strict=True):
+        assert isinstance(test.data, ModeSet)
+        part = ModalPart.build(test.model, test.data, one.unknowns.parameters, ModalNoise())
+        measured.append((part.target.frequency.tolist(), part.n_numbers))
+    for (frequency, n), one in zip(measured[1:], candidates[1:], strict=True):
+        if frequency != measured[0][0]:
+            raise DataError(
+                f"candidate {one.name!r} is matched to other modes than {candidates[0].name!r}"
+            )
+        if n != measured[0][1]:
+            raise DataError(
+                f"{n} numbers of the modes are data of candidate {one.name!r}, {measured[0][1]} of"
+                f" {candidates[0].name!r}: measured damping is data if damping is unknown. Make"
+                " damping unknown in all candidates, or leave measured damping out"
+            )
+
+
+def _frequencies(test: Test) -> RealArray:
+    """Return the lines, or the natural frequencies, of a test in Hz."""
+    return test.data.freq if isinstance(test.data, FRF) else test.data.frequency
+
+
 def _band_limits(test: Test, band: IndexArray) -> tuple[float, float]:
-    freq = test.frf.freq[band]
+    freq = _frequencies(test)[band]
     return float(freq[0]), float(freq[-1])
 
 
@@ -283,6 +322,7 @@ def _fit_candidate(one: Candidate, options: RunOptions) -> UpdateResult | JointR
 
 
 def _judge_fits(
+    candidates: Sequence[Candidate],
     results: Mapping[str, UpdateResult | JointResult],
     bands: Sequence[Sequence[IndexArray]],
     session: Session,
@@ -291,39 +331,49 @@ def _judge_fits(
 ) -> list[CandidateRow]:
     """Return the row of each candidate, with the noise of the one with the largest likelihood."""
     fits = {
-        name: restore(result, session, statuses=_JUDGED)
-        for name, result in results.items()
-        if result.status in _JUDGED
+        one.name: _restore_fit(results[one.name], one.tests, session)
+        for one in candidates
+        if results[one.name].status in _JUDGED
     }
     rows = []
-    variances = _common_variances(list(fits.values())) if fits else []
+    noise = CommonNoise.of(list(fits.values())) if fits else None
     for name, result in results.items():
-        if name not in fits:
+        if name not in fits or noise is None:
             rows.append(_row_without_fit(name, result, len(bands)))
             continue
-        rows.append(_judge_fit(name, result, fits[name], variances, bands, counter, accuracy))
+        rows.append(_judge_fit(name, result, fits[name], noise, bands, counter, accuracy))
     return rows
 
 
-def _common_variances(fits: Sequence[RestoredFit]) -> list[RealArray]:
-    """Return E|dH|^2 of each part by the candidate with the largest likelihood of its own noise."""
-    found: list[tuple[float, list[RealArray]]] = []
-    for fit in fits:
-        cost, variances = 0.0, []
-        for noise, part in zip(fit.noises(), fit.whole.parts, strict=True):
-            H = part.responses(fit.x)
-            least = (CANDIDATES.least_noise * level_by_unit(part.frf)) ** 2
-            cost += noise.negative_log_likelihood(H, part.frf)
-            variances.append(np.maximum(noise.variance(H, part.frf), least))
-        found.append((cost, variances))
-    return min(found, key=lambda pair: pair[0])[1]
+def _restore_fit(
+    result: UpdateResult | JointResult, tests: Sequence[Test], session: Session
+) -> RestoredFit:
+    """Return a finished fit of FRFs, or of modes, for further analysis."""
+    if all(isinstance(test.data, FRF) for test in tests):
+        return restore(result, session, statuses=_JUDGED)
+    parts = []
+    for one, test in zip(result.results.values(), tests, strict=True):
+        assert isinstance(test.data, ModeSet)
+        part = ModalPart.build(
+            one.start,
+            test.data,
+            one.parameters,
+            choose_modal_noise(test.noise),
+            session=session,
+            name=test.name,
+            reduced=are_modes_reduced(one.options.get("tier"), one.start.n_dofs),
+        )
+        parts.append(part)
+    problem = Problem.of([], parts)
+    x = problem.coordinates.to_x(estimate_of(result.first))
+    return RestoredFit(tuple(result.results.values()), problem, problem, x, 1.0)
 
 
 def _judge_fit(
     name: str,
     result: UpdateResult | JointResult,
     fit: RestoredFit,
-    variances: Sequence[RealArray],
+    noise: CommonNoise,
     bands: Sequence[Sequence[IndexArray]],
     counter: StepCounter,
     accuracy: float,
@@ -338,12 +388,14 @@ def _judge_fit(
             raise Stopped
 
     def judge(problem: Problem) -> RealArray:
-        data = WeightedProblem.of(problem, variances)
+        data = noise.weigh(problem)
         point = data.likelihood.descend(fit.x)
         x = fit.x if point is None else point.x
         local = data.data(x)
         prior = Prior.of(problem.coordinates)
-        found["log_evidence"] = data.log_constant + log_evidence(local, x, prior)
+        found["log_evidence"] = data.log_constant(x) + log_evidence(local, x, prior)
+        spare = max(problem.n_numbers - len(x), 1)
+        found["probability"] = float(chdtrc(spare, 2.0 * local.cost))
         found["residual"] = float(np.sqrt(2.0 * local.cost / problem.n_numbers))
         scores, estimates = score_bands(data, x, bands, report)
         found["band_scores"] = tuple(scores.tolist())
@@ -362,6 +414,7 @@ def _row_of_fit(
     log_evidence: float,
     band_scores: tuple[float, ...],
     residual: float,
+    probability: float,
 ) -> CandidateRow:
     """Return the row of a fit that is judged."""
     first = result.first
@@ -375,9 +428,16 @@ def _row_of_fit(
         log_evidence,
         band_scores,
         residual,
-        all(one.adequacy is not None and one.adequacy.adequate for one in tests),
+        all(_is_adequate(one, probability) for one in tests),
         result,
     )
+
+
+def _is_adequate(result: UpdateResult, probability: float) -> bool:
+    """Return whether a residual is consistent with noise; of modes, by its `probability`."""
+    if isinstance(result.data, ModeSet):
+        return probability > RESIDUAL_TEST.alarm_level
+    return result.adequacy is not None and result.adequacy.adequate
 
 
 def _row_without_fit(name: str, result: UpdateResult | JointResult, n_bands: int) -> CandidateRow:

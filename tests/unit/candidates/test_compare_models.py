@@ -157,6 +157,48 @@ def test_undetermined_combination_adds_nothing(model, frf):
     assert found.score_difference("halves")[0] == pytest.approx(0.0, abs=0.5)
 
 
+@pytest.mark.parametrize("is_stated", [True, False])
+def test_modes_have_the_evidence_of_their_frequencies(model, is_stated):
+    """By quadrature over the logarithm of the factor; the noise is stated, or that of the data."""
+    true = model.scaled({"part2": {"stiffness": 1.2}})
+    share = 2e-3
+    frequency = updyn.modes(true, 6).frequency
+    frequency = frequency * (1.0 + share * np.random.default_rng(4).standard_normal(6))
+    modes = updyn.ModeSet(frequency, std_frequency=None if is_stated else share * frequency)
+    names = {"part 3": "part3", "both": ["part2", "part3"], "part 2": "part2"}
+    pairs = {
+        name: (model, updyn.parameters(model, stiffness=groups, bounds=BOUNDS))
+        for name, groups in names.items()
+    }
+    noise = {"frequency": share} if is_stated else None
+    found = updyn.compare_models(pairs, modes, noise=noise, starts=0)
+    assert [row.name for row in found] == ["part 2", "both", "part 3"]
+    assert found.criterion == "evidence"
+    assert found["part 2"].adequate
+    assert not found["part 3"].adequate
+    assert len(found.bands) == 6
+    x = np.linspace(np.log(1.17), np.log(1.23), 61)
+    logs = []
+    for one in np.exp(x):
+        there = updyn.modes(model.scaled({"part2": {"stiffness": one}}), 6).frequency
+        squares = np.sum((np.log(there / frequency) / share) ** 2)
+        logs.append(-0.5 * squares - 6 * np.log(np.sqrt(2.0 * np.pi) * share))
+    width = np.log(4.0)
+    exact = max(logs) + np.log(np.trapezoid(np.exp(np.array(logs) - max(logs)), x) / width)
+    assert found["part 2"].log_evidence == pytest.approx(exact, abs=0.02)
+
+
+def test_measured_damping_is_data_of_all_candidates_or_of_none(model):
+    measured = updyn.modes(model, 3)
+    modes = updyn.ModeSet(measured.frequency, loss_factor=measured.loss_factor)
+    pairs = {
+        "stiffness": (model, updyn.parameters(model, stiffness="part2")),
+        "damping": (model, updyn.parameters(model, stiffness="part2", loss_factor="all")),
+    }
+    with pytest.raises(DataError, match=r"6 numbers .* 3 of 'stiffness': measured damping"):
+        updyn.compare_models(pairs, modes)
+
+
 def test_fit_that_runs_out_of_steps_goes_on(model, frf, found):
     """Its evidence is that of the minimum."""
     pairs = {
@@ -227,7 +269,7 @@ def test_wrong_inputs_are_refused(model, frf):
         updyn.compare_models({"a": pair, "b": pair}, frf, bands=1)
     with pytest.raises(OptionError, match="bands = 41: expected at most 40"):
         updyn.compare_models({"a": pair, "b": pair}, frf, bands=41)
-    with pytest.raises(DataError, match="one line is too few"):
+    with pytest.raises(DataError, match="one line or mode is too few"):
         updyn.compare_models({"a": pair, "b": pair}, frf, frf.freq[:1])
     other = updyn.Model.from_groups(model.groups, [f"{n}:Y" for n in range(1, 13)])
     with pytest.raises(DofError):
