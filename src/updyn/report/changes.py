@@ -353,10 +353,11 @@ def changes_of_fits(fits: Mapping[str, Sequence[Change]]) -> Figure | None:
         right = [(row.place, row.text) for _, row in rows]
         traces.append(_invisible_trace([row for _, row in rows]))
     figure = _lay_out(len(places) - 1, view, left, right, gap=REPORT_LIST.tick_gap)
-    figure["layout"] |= {"showlegend": True}
+    margin = {"l": 60, "r": 16, "t": 48, "b": 48}  # with a row of the legend above the data
+    figure["layout"] |= {"showlegend": True, "margin": margin}
     figure["layout"]["xaxis"]["title"] = {"text": "change from the start"}
     each = max(24, 12 * len(fits))
-    return {"data": traces, "height": 110 + each * len(places)} | figure
+    return {"data": traces, "height": 128 + each * len(places)} | figure
 
 
 def _order_unknowns(changes: Iterable[Change]) -> dict[str, int]:

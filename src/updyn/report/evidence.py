@@ -86,7 +86,8 @@ def _describe_channel(data: ReportData, at: tuple[int, int]) -> str:
     """Return a channel with its residual before and after the update."""
     residuals = (data.residual_before, data.residual_after)
     shown = [percentage(float(v[at])) for v in residuals if v is not None]
-    before = [text.removesuffix(" %") for text in shown[:-1]]
+    unit = shown[-1].partition(" ")[2] if shown else ""
+    before = [text.removesuffix(f" {unit}") for text in shown[:-1]]
     return f"{format_channel(data, *at)}: residual {' → '.join([*before, *shown[-1:]])}"
 
 

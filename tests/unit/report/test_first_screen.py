@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import re
 from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -19,7 +20,7 @@ from updyn.demos import chain
 from updyn.remedy import Remedy
 from updyn.report.changes import largest_changes
 from updyn.report.channels import small_curves, worst_and_median
-from updyn.report.evidence import show_evidence
+from updyn.report.evidence import _describe_channel, show_evidence
 from updyn.report.formats import paragraphs, split_more
 from updyn.report.page import render
 from updyn.report.section import PageContent
@@ -213,6 +214,19 @@ def test_several_tests_show_their_worst_channels(results):
     html = top(render(update))
     assert 'href="free/report.html#channels"' in html
     assert "headline" not in html
+
+
+def test_the_unit_of_a_residual_is_written_once():
+    for before, after, text in (
+        (2.3, 1.22, "230 → 122 %"),
+        (347.0, 184.0, "347 → 184 times"),
+        (160.0, 0.45, "160 times → 45 %"),
+    ):
+        data = SimpleNamespace(
+            residual_before=np.array([[before]]), residual_after=np.array([[after]]),
+            responses=["1:X"], references=["2:X"], held_out=[False],
+        )  # fmt: skip
+        assert _describe_channel(data, (0, 0)) == f"1:X / 2:X: residual {text}"
 
 
 def test_small_curves_keep_the_peaks(results):
