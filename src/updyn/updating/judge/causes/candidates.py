@@ -16,7 +16,7 @@ from updyn.updating.judge.causes.promising import estimate_gain, select_variants
 from updyn.updating.judge.causes.ranking import rank_faults
 from updyn.updating.judge.causes.settings import CAUSE_CANDIDATES, CAUSE_ODDS, CAUSE_TRIAL
 from updyn.updating.judge.causes.suspects import ScoredFault, score_faults, select_likeliest
-from updyn.updating.judge.causes.trial import Trial, fit_robustly, run_trial
+from updyn.updating.judge.causes.trial import Trial, run_trial
 from updyn.updating.judge.causes.wrong_axes import WrongAxes
 from updyn.updating.problem.problem import FRFPart
 
@@ -63,10 +63,7 @@ def _select_for_model(
     """Return the faults worth a full fit with the given model, the likeliest first."""
     if has_small_residual(without):
         return _select_by_gain(part, without, stated)
-    points = [start, without.x]
-    with suppress(SolverError):
-        points.append(fit_robustly(part, start))
-    found = _drop_covered(_score_at_points(part, points), stated)
+    found = _drop_covered(_score_at_points(part, [start, without.x]), stated)
     return _select_by_short_trials(part, without, found, stated)
 
 

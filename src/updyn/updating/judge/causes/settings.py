@@ -208,8 +208,7 @@ class CauseTrialSettings:
     steps: int = 20
     #: [rounds] Estimates of the size in a short trial. Effort: it only orders the faults.
     short_rounds: int = 1
-    #: [steps] Steps of a descent in a short trial, and after each reweighting of a robust fit.
-    #: Effort: a rule of thumb.
+    #: [steps] Steps of a descent in a short trial. Effort: a rule of thumb.
     short_steps: int = 8
     #: [1] Ratio of the mean square misfit to that of a trial that leaves noise, above which a trial
     #: ends. Effort: twice the noise, which further rounds do not remove (a rule of thumb).
@@ -223,10 +222,6 @@ class CauseTrialSettings:
     #: [1] Predicted decrease of the cost, relative, below which a descent ends. Effort: it changes
     #: log odds by little.
     least_decrease: float = 1e-4
-    #: [1] The same for a robust fit. Effort: its end is only a starting point.
-    robust_least_decrease: float = 1e-3
-    #: [rounds] Reweightings of a robust fit. Effort: a rule of thumb.
-    reweightings: int = 4
     #: [1] Least loss factor at the start of a descent. Why: resonances then overlap, so that a
     #: descent moves them onto those of the data.
     least_start_loss: float = 0.1

@@ -37,7 +37,6 @@ from updyn.updating.problem.residuals import LineResidual, LogError, OutputError
 __all__ = [
     "Trial",
     "adapt_losses",
-    "fit_robustly",
     "free_held_quantities",
     "limit_correlation",
     "raise_loss_factors",
@@ -242,22 +241,18 @@ def _descend(part: FRFPart, x: RealArray, steps: int) -> tuple[RealArray, float,
     problem = _add_priors(part)
     residual = _make_residual(part)
     unit = max(np.sqrt(_mean_square(part, x)), CAUSE_MISFIT.perfect_rms)
-    settings = _make_trust_region(steps, CAUSE_TRIAL.least_decrease)
+    settings = TrustRegion(
+        steps,
+        CAUSE_TRIAL.tolerance,
+        radius=CAUSE_TRIAL.radius,
+        min_relative_decrease=CAUSE_TRIAL.least_decrease,
+    )
     x = descend(problem, residual, x, Monitor(problem), settings, unit).x
     e = _compute_misfit(part, x)
     centre, weight = problem.coordinates.prior
     squared_distance = float(np.sum((weight * (x - centre)) ** 2))
     correlation = serial_correlation(e) if len(e) > 1 else 0.0
     return x, float(np.mean(np.abs(e) ** 2)), squared_distance, correlation
-
-
-def _make_trust_region(steps: int, least_decrease: float) -> TrustRegion:
-    return TrustRegion(
-        steps,
-        CAUSE_TRIAL.tolerance,
-        radius=CAUSE_TRIAL.radius,
-        min_relative_decrease=least_decrease,
-    )
 
 
 def _make_residual(part: FRFPart) -> LineResidual:
@@ -292,22 +287,6 @@ def raise_loss_factors(part: FRFPart, x: RealArray) -> RealArray:
         np.where(is_factor, x, np.maximum(x, CAUSE_TRIAL.least_start_loss)),
         *part.coordinates.bounds,
     )
-
-
-def fit_robustly(part: FRFPart, x: RealArray) -> RealArray:
-    """Return the end of a fit with less weight on channels that disagree with the others."""
-    # The weight of the log error of a channel is 1 / (1 + s^2 / s_0^2), with s its rms and s_0 the
-    # median of all channels.
-    problem, plain = _add_priors(part), LogError.of_noisy_data(part)
-    assert plain.weight is not None
-    settings = _make_trust_region(CAUSE_TRIAL.short_steps, CAUSE_TRIAL.robust_least_decrease)
-    for _ in range(CAUSE_TRIAL.reweightings):
-        size = np.mean(np.abs(_compute_misfit(part, x)) ** 2, axis=0)
-        typical = max(float(np.median(size)), CAUSE_MISFIT.perfect_rms**2)
-        weight = plain.weight / np.sqrt(1.0 + size / typical)
-        residual = replace(plain, weight=weight)
-        x = descend(problem, residual, x, Monitor(problem), settings, np.sqrt(typical)).x
-    return x
 
 
 def free_held_quantities(part: FRFPart) -> tuple[FRFPart, RealArray]:
