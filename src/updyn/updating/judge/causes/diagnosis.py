@@ -356,7 +356,7 @@ def _find_likeliest(
         return []
     assert without is not None
     # The fit with the fault may only have helped the unknowns out of a poor minimum.
-    better = run_trial(current, None, [ranked[0].trial.x, *_find_imitation(current, ranked[0])])
+    better = run_trial(current, None, [ranked[0].trial.x])
     if better is not None and better.gain(without) > 0.0:
         compared = rank_faults([one.trial for one in ranked], better)
         ranked = list(filter(is_worth_reporting, compared))
@@ -369,18 +369,6 @@ def _put_special_cases_first(likely: Sequence[RankedFault]) -> list[RankedFault]
     """Return equally likely faults in their order, but special cases of others first."""
     special = {case for one in likely for case in one.fault.special_cases}
     return sorted(likely, key=lambda one: one.fault.key not in special)
-
-
-def _find_imitation(part: FRFPart, found: RankedFault) -> list[RealArray]:
-    """Return the point at which the unknowns imitate a fault; empty if the fault has no size."""
-    if not found.fault.has_free_size:
-        return []
-    evidence = Evidence(part, found.trial.x)
-    try:
-        change = np.asarray(found.fault.value * found.fault.slope(evidence), dtype=np.complex128)
-        return [evidence.imitate_change(change)]
-    except SolverError:
-        return []
 
 
 def _is_likely(ranked: Sequence[RankedFault]) -> bool:

@@ -326,14 +326,6 @@ class Evidence:
         """Changes of the misfit by the unknowns, to first order, shape (2 m, n)."""
         return self.derive_misfit(self.frf, self.weight)
 
-    def imitate_change(self, change: ComplexArray) -> RealArray:
-        """Return the point, to first order, at which the unknowns imitate a change of ln H."""
-        wanted = stack_real_imag(self.weight * change)
-        step = np.linalg.lstsq(
-            self.jacobian * self.spread, wanted, rcond=CAUSE_MISFIT.dependent_share
-        )[0]
-        return np.asarray(np.clip(self.x + self.spread * step, *self.part.coordinates.bounds))
-
     @cached_property
     def normal_matrix(self) -> RealArray:
         """Inner products of `jacobian`, shape (n, n)."""

@@ -9,7 +9,6 @@ import pytest
 import updyn
 from updyn.updating.judge.causes.catalogue import read_fault
 from updyn.updating.judge.causes.evidence import Evidence, compute_spread, stack_real_imag
-from updyn.updating.judge.causes.frequency_scale import FrequencyScale
 from updyn.updating.judge.causes.misfit import WeightedData, compute_log_misfit, count_values
 from updyn.updating.judge.causes.moved import MisplacedSensor
 from updyn.updating.judge.causes.quadratic import QuadraticMisfit
@@ -119,17 +118,6 @@ def test_a_sensor_elsewhere_beside_an_undamped_resonance(chain12, chain12_true):
     assert FirstOrderModel(evidence).fit(fault).cost == pytest.approx(
         cost_of(evidence, fault), rel=1e-6
     )
-
-
-def test_all_masses_together_imitate_a_scaled_axis(chain12, chain12_true):
-    """K - (e^v omega)^2 M is that of e^2v times all masses."""
-    frf = updyn.response(chain12_true, np.linspace(0.6, 22.0, 30), ["2:X", "7:X"], ["12:X"])
-    frf = replace(frf, variance=1e-4 * np.abs(frf.values) ** 2)
-    unknowns = updyn.parameters(chain12, mass="all")
-    part = FRFPart.build(chain12, frf, unknowns)
-    evidence = Evidence(part, part.coordinates.start)
-    change = 0.02 * FrequencyScale().slope(evidence)
-    assert evidence.imitate_change(change) - evidence.x == pytest.approx(0.04, rel=1e-5)
 
 
 @pytest.mark.parametrize("quantity", ["receptance", "mobility", "accelerance"])
