@@ -78,10 +78,7 @@ def _select_by_gain(part: FRFPart, without: Trial, stated: Sequence[Finding]) ->
     scored = score_faults(part, without.x, promising=True)
     found = [one for one in scored if one.gain >= CAUSE_CANDIDATES.least_log_odds]
     found = _drop_covered(select_likeliest(found), stated)
-    if len(found) <= CAUSE_CANDIDATES.most_fitted:
-        return [(one.fault, one.x) for one in found]
-    ends = [end for one in found if (end := _run_short_trial(part, one))]
-    return _select_best_trials(ends, without)
+    return [(one.fault, one.x) for one in found[: CAUSE_CANDIDATES.most_fitted]]
 
 
 def _score_at_points(part: FRFPart, points: Sequence[RealArray]) -> list[ScoredFault]:
