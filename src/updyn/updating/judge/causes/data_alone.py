@@ -81,6 +81,9 @@ def drop_explained_symptoms(
     `thin_data` has some lines of the data, before and after the model-based correction of the
     findings that no change of the data alone corrects.
     """
+    symptoms = [one for one in detections if one.fault.is_symptom]
+    if not symptoms:
+        return list(detections)
     repaired = frf
     for finding in findings:
         if finding.written:
@@ -91,7 +94,6 @@ def drop_explained_symptoms(
         {one.fault.kind for one in detect_data_faults(data, rigid)} for data in thin_data
     )
     removed = before - corrected
-    symptoms = [one for one in detections if one.fault.is_symptom]
     explained = [
         one for one in symptoms if one.fault.kind not in after or one.fault.kind in removed
     ]
