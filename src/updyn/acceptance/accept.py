@@ -85,7 +85,8 @@ def accept(
     Raises
     ------
     DataError
-        If there are no measured modes, in the band or at all, or the model has none there.
+        If there are no measured modes, in the band or at all, the model has none there, or a
+        measured mode is at 0 Hz.
     OptionError
         If the standard is unknown, or an option is not understood.
     DofError
@@ -121,6 +122,7 @@ def accept(
     ('pass', 'frequency')
     """
     limits = find_limits(standard)
+    _check_shares(std_frequency=std_frequency, std_shapes=std_shapes)
     if least_probability is not None:
         check_level(least_probability)
     result = None if isinstance(source, Model) else find_result(find_update(source), test)
@@ -132,7 +134,10 @@ def accept(
     if not isinstance(measured, ModeSet):
         raise DataError(f"accept: expected measured modes, found {type(measured).__name__}")
     low, high = _choose_band(band, measured)
-    measured, omitted = _leave_out(measured.select(band=(low, high)), leave_out)
+    measured = measured.select(band=(low, high))
+    if (measured.frequency == 0.0).any():
+        raise DataError("accept: a measured mode at 0 Hz is a rigid-body motion; state a band")
+    measured, omitted = _leave_out(measured, leave_out)
     numbers = _check_numbers(fundamental, len(measured))
     check_directions(directions)
     reach = max(high, float(measured.frequency[-1]) * (1.0 + MODE_PAIRING.frequency_gate))
@@ -155,6 +160,15 @@ def _choose_band(band: tuple[float, float] | None, measured: ModeSet) -> tuple[f
     if band is not None:
         return check_band(band)
     return 0.0, float(measured.frequency[-1]) * (1.0 + MODE_PAIRING.close_frequencies)
+
+
+def _check_shares(**given: float | None) -> None:
+    """Raise OptionError if an assumed standard deviation is not a share."""
+    for name, value in given.items():
+        if value is not None and not 0.0 < value < 1.0:
+            raise OptionError(
+                f"{name} = {value!r}: expected a share between 0 and 1, such as 0.01", key=(name,)
+            )
 
 
 def _leave_out(measured: ModeSet, frequencies: Sequence[float]) -> tuple[ModeSet, list[str]]:

@@ -80,7 +80,8 @@ class Checks:
         stated = [self._decide(measure(limit)) for limit in bounds if limit is not None]
         if not stated:
             return
-        if len({one.outcome for one in stated}) > 1 or len(stated) < len(bounds):
+        outcomes = {one.outcome for one in stated} | {PASS for limit in bounds if limit is None}
+        if len(outcomes) > 1:
             yield stated[0].left_open(f"{_NO_MASSES}, which decide the limit")
             return
         note = f"{mode_class or 'possibly major'} mode" if mode_class != "other" else ""

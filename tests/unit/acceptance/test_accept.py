@@ -186,7 +186,13 @@ def test_without_masses_only_the_outcome_of_both_limits_counts() -> None:
     for factor, outcome in ((1.06, "pass"), (1.15, "not decidable"), (1.3, "fail")):
         found = updyn.accept(make_model(factor), measure(), "ECSS-E-ST-32-11C", directions="")
         assert by_kind(found, "frequency")[1].outcome == outcome
-    assert "effective masses are not known" in by_kind(found, "frequency")[1].note or outcome
+        assert by_kind(found, "mac")[1].outcome == "pass"
+    lost = updyn.accept(make_model(1.15), measure(), "ECSS-E-ST-32-11C", directions="")
+    assert "effective masses are not known" in by_kind(lost, "frequency")[1].note
+    only_major = updyn.AcceptanceLimits(frequency_major=0.05, effective_mass=0.1)
+    for factor, outcome in ((1.06, "pass"), (1.15, "not decidable")):
+        found = updyn.accept(make_model(factor), measure(), only_major, directions="")
+        assert by_kind(found, "frequency")[1].outcome == outcome
 
 
 def test_major_modes_that_are_not_measured() -> None:
@@ -286,6 +292,10 @@ def test_bad_options() -> None:
         updyn.accept(model, measure(), fundamental=[4])
     with pytest.raises(OptionError, match="directions 'XW'"):
         updyn.accept(model, measure(), directions="XW")
+    with pytest.raises(OptionError, match="std_shapes = 5: expected a share"):
+        updyn.accept(model, measure(), std_shapes=5)
+    with pytest.raises(DataError, match="a measured mode at 0 Hz"):
+        updyn.accept(model, updyn.ModeSet([0.0, 0.1]))
     with pytest.raises(DofError):
         updyn.accept(model, updyn.ModeSet([1.0], [[1.0]], ["9:X"]))
     with pytest.raises(DataError, match="no elastic mode up to"):
