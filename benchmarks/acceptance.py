@@ -144,6 +144,8 @@ def main() -> None:
         print_table(found)
         for kind in KINDS:
             of_kind = [(p, met) for k, p, met in found if k == kind and 0.001 < p < 0.999]
+            if not of_kind:
+                continue
             stated, met = np.mean(of_kind, axis=0)
             print(f"{kind}: {len(of_kind)}, mean stated {stated:.3f}, truly met {met:.3f}")
 
