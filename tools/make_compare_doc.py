@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 import tempfile
 import warnings
+from collections.abc import Iterable
 from pathlib import Path
 
 from updyn.comparison import Comparison, Row
@@ -21,7 +22,7 @@ PAGE = Path(__file__).parents[1] / "docs" / "compare.md"
 JOBS = ("compare", "compare_stiffness", "compare_full")
 
 
-def compared(folder: Path, name: str) -> Comparison:
+def compared(folder: Path, name: str, methods: Iterable[str] | None = None) -> Comparison:
     """Run one of the gear train's jobs for comparisons, as its command on the page does."""
     gear_train.write_inputs(folder)
     truth = folder / f"{name}_truth.toml"
@@ -29,7 +30,11 @@ def compared(folder: Path, name: str) -> Comparison:
         # K of unit 2 is indefinite by the rounding of Table 2.
         warnings.simplefilter("ignore", UpdynWarning)
         return compare_job(
-            load_job(folder / f"{name}.toml"), folder / "out", truth=truth, fewest=True
+            load_job(folder / f"{name}.toml"),
+            folder / "out",
+            truth=truth,
+            fewest=True,
+            methods=methods,
         )
 
 
