@@ -13,6 +13,7 @@ largest |u| is therefore the steady loop, of a motion that has grown from rest.
 from __future__ import annotations
 
 from abc import abstractmethod
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -21,7 +22,7 @@ import scipy.sparse as sp
 from updyn.arrays import IndexArray, RealArray
 from updyn.nonlinear.element import AmplitudeElement, PeriodForce
 
-__all__ = ["MasingElement"]
+__all__ = ["Loops", "MasingElement", "follow_loops"]
 
 
 class MasingElement(AmplitudeElement):
@@ -54,32 +55,13 @@ class MasingElement(AmplitudeElement):
         -------
         PeriodForce
         """
-        n, start = len(u), int(np.argmax(np.abs(u)))
-        moved = np.roll(u, -start)
-        origin = _find_origins(moved)
-        begins = origin < 0
-        change = moved - np.where(begins, 0.0, moved[origin])
-        scale = np.where(begins, 1.0, 2.0)
-        F, slope, by = self._load(np.abs(change) / scale)
-        sign = scale * np.sign(change)
-        own, partial = sign * F, sign[:, None] * by
-        # The force of each branch adds to that of its reversal, which lies on an earlier branch.
-        force, total = np.zeros(n), np.zeros_like(partial)
-        sample, at = np.arange(n), np.arange(n)
-        rows, columns, values = [], [], []
-        while len(sample):
-            force[sample] += own[at]
-            total[sample] += partial[at]
-            later = origin[at] >= 0
-            earlier = origin[at[later]]
-            rows += [sample, sample[later]]
-            columns += [at, earlier]
-            values += [slope[at], -slope[at[later]]]
-            sample, at = sample[later], earlier
-        places = [(np.concatenate(index) + start) % n for index in (rows, columns)]
-        stiffness = sp.csr_array((np.concatenate(values), tuple(places)), shape=(n, n))
-        force, total = np.roll(force, start), np.roll(total, start, axis=0)
-        return PeriodForce(force, stiffness, np.zeros(n), total)
+        loops = follow_loops(self, u[None])
+        n, earlier = len(u), loops.earlier[0]
+        rows = np.concatenate([np.arange(n), np.repeat(np.arange(n), len(earlier))])
+        columns = np.concatenate([np.arange(n), np.tile(earlier, n)])
+        values = np.concatenate([loops.stiffness[0], loops.memory[0].ravel()])
+        stiffness = sp.csr_array((values, (rows, columns)), shape=(n, n))
+        return PeriodForce(loops.force[0], stiffness, np.zeros(n), loops.parameters[0])
 
     def at_rest(self) -> tuple[float, float]:
         """Return stiffness and damping for vanishing amplitude: all sliders stick.
@@ -93,21 +75,93 @@ class MasingElement(AmplitudeElement):
         return float(slope[0]), 0.0
 
 
-def _find_origins(u: RealArray) -> IndexArray:
-    """Return the reversal from which each sample's branch begins; -1 for the initial curve.
+@dataclass(frozen=True, slots=True, eq=False)
+class Loops:
+    """Forces of an element at m motions with n samples each, in N (N m), with derivatives.
 
-    The first sample has the largest |u|.
+    `force` (m, n); `stiffness` (m, n), by the deformation of the same sample; `parameters` (m, n,
+    n_p). The force also depends on the deformations at the reversals `earlier`, (m, n_r), by
+    `memory`, (m, n, n_r).
     """
-    values = u.tolist()
-    origins, reversals = [-1], [0]
-    for i in range(1, len(values)):
-        now, before = values[i], values[i - 1]
-        if (now - before) * (before - values[reversals[-1]]) < 0.0:
-            reversals.append(i - 1)
-        while len(reversals) > 2:
-            last, previous = values[reversals[-1]], values[reversals[-2]]
-            if abs(now - last) < abs(previous - last):
+
+    force: RealArray
+    stiffness: RealArray
+    parameters: RealArray
+    earlier: IndexArray
+    memory: RealArray
+
+
+def follow_loops(element: MasingElement, u: RealArray) -> Loops:
+    """Return the steady forces of motions u, (m, n), that have grown from rest."""
+    m, n = u.shape
+    line = np.arange(m)[:, None]
+    place = (np.abs(u).argmax(axis=1)[:, None] + np.arange(n)) % n
+    moved = u[line, place]
+    at, parent, owner = _pad_branches([_find_branches(motion) for motion in moved])
+    begins = owner < 0
+    change = moved - np.where(begins, 0.0, moved[line, at[line, owner]])
+    scale = np.where(begins, 1.0, 2.0)
+    F, slope, by = (x.reshape(m, n, -1) for x in element._load((np.abs(change) / scale).ravel()))
+    slope, sign = slope[..., 0], scale * np.sign(change)
+    own = sign[..., None] * np.concatenate([F, by], axis=2)
+    # Force and derivatives of a branch add to those of its reversal, which lies on an earlier
+    # branch. The last position is that of no reversal.
+    R = at.shape[1]
+    total, D = np.zeros((m, R + 1, own.shape[2])), np.zeros((m, R + 1, R + 1))
+    each = np.arange(m)
+    for r in range(R):
+        before, steep = parent[:, r], slope[each, at[:, r]]
+        total[:, r] = own[each, at[:, r]] + total[each, before]
+        D[:, r] = D[each, before]
+        D[:, r, r] += steep
+        D[each, r, before] -= steep
+    total[:, R], D[:, R], D[:, :, R] = 0.0, 0.0, 0.0
+    own += total[line, owner]
+    memory = D[line, owner]
+    memory[line, np.arange(n), owner] -= slope
+    out = np.empty_like(own), np.empty_like(slope), np.empty((m, n, R))
+    for values, moved_values in zip(out, (own, slope, memory[..., :R]), strict=True):
+        values[line, place] = moved_values
+    return Loops(out[0][..., 0], out[1], out[0][..., 1:], place[line, at], out[2])
+
+
+def _find_branches(u: RealArray) -> tuple[list[int], list[int], IndexArray]:
+    """Return the samples of the reversals, the reversal from which each is reached, and the owners.
+
+    The owner of a sample is the reversal from which its branch begins; -1 is the initial curve. The
+    first sample, which has the largest |u|, is the first reversal.
+    """
+    moving = np.flatnonzero(np.diff(u))
+    rises = u[moving + 1] > u[moving]
+    turns = moving[1:][rises[1:] != rises[:-1]].tolist()
+    at, parent, stack = [0], [-1], [0]
+    owner = np.full(len(u), -1, dtype=np.intp)
+    begin = 1
+    for end in [*turns, len(u) - 1]:
+        while begin <= end:
+            owner[begin : end + 1] = stack[-1]
+            if len(stack) <= 2:
                 break
-            del reversals[-2:]
-        origins.append(reversals[-1])
-    return np.array(origins, dtype=np.intp)
+            last, before = u[at[stack[-1]]], u[at[stack[-2]]]
+            closed = np.abs(u[begin : end + 1] - last) >= abs(before - last)
+            if not closed.any():
+                break
+            begin += int(closed.argmax())
+            del stack[-2:]
+        begin = end + 1
+        if begin < len(u):
+            at.append(end)
+            parent.append(int(owner[end]))
+            stack.append(len(at) - 1)
+    return at, parent, owner
+
+
+def _pad_branches(
+    found: list[tuple[list[int], list[int], IndexArray]],
+) -> tuple[IndexArray, IndexArray, IndexArray]:
+    """Return reversals and their origins, (m, n_r), and the owners, (m, n), of all motions."""
+    most = max(len(at) for at, _, _ in found)
+    at, parent = np.zeros((len(found), most), np.intp), np.full((len(found), most), -1, np.intp)
+    for i, (own_at, own_parent, _) in enumerate(found):
+        at[i, : len(own_at)], parent[i, : len(own_at)] = own_at, own_parent
+    return at, parent, np.stack([owner for _, _, owner in found])

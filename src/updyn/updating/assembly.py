@@ -10,7 +10,6 @@ from typing import Any, Self
 import numpy as np
 
 from updyn.arrays import RealArray
-from updyn.errors import OptionError
 from updyn.updating.fit.checkpoint import checkpoint_session, fingerprint
 from updyn.updating.fit.methods import options_of
 from updyn.updating.fit.reducing import (
@@ -62,14 +61,6 @@ class Assembly:
         reducing = bool(tests) and is_reduced(
             options.tier, largest, n_lines, options.method, options.regularise
         )
-        if reducing and any(test.model.nonlinear for test in tests):
-            if options.tier == "reduced":
-                raise OptionError(
-                    "tier 'reduced': not built for models with nonlinear elements; expected"
-                    " 'dense' or 'sparse'",
-                    key=("tier",),
-                )
-            reducing = False
         check_regularise(options.regularise, options.method, reducing=reducing)
         parts = [
             FRFPart.build(

@@ -25,6 +25,10 @@ def duffing(coefficient: float, stiffness: float = 1.0) -> updyn.Model:
 
 def measure(model: updyn.Model, level: float, sweep: str, seed: int = 0) -> updyn.FRF:
     frf = updyn.response(model, FREQ, ["1:X"], ["1:X"], level=level, sweep=sweep).frf
+    return add_noise(frf, seed)
+
+
+def add_noise(frf: updyn.FRF, seed: int) -> updyn.FRF:
     draw = np.random.default_rng(seed).standard_normal((2, *frf.values.shape))
     size = np.sqrt((0.01 * np.abs(frf.values)) ** 2 + 1e-6 * np.mean(np.abs(frf.values) ** 2))
     return replace(frf, values=frf.values + size * (draw[0] + 1j * draw[1]) / np.sqrt(2))
@@ -96,3 +100,45 @@ def test_an_update_needs_data() -> None:
     unknowns = updyn.parameters(model, nonlinear="all")
     with pytest.raises(OptionError, match="at least one FRF"):
         updyn.update(model, [], unknowns)
+
+
+def shaft(n: int, coefficient: float) -> updyn.Model:
+    """A chain in two parts with a cubic spring in the middle, one end held."""
+    groups = {}
+    for name, own in (("near", range(n // 2)), ("far", range(n // 2, n))):
+        K = np.zeros((n, n))
+        for i in own:
+            K[i, i] += 1e4
+            if i:
+                K[i - 1 : i + 1, i - 1 : i + 1] += [[1e4, -1e4], [-1e4, 0.0]]
+        groups[name] = updyn.Group(K, loss_factor=0.02)
+    groups["masses"] = updyn.Group(mass=np.eye(n))
+    model = updyn.Model.from_groups(groups, [f"{i + 1}:X" for i in range(n)])
+    ends = [f"{n // 2}:X", f"{n // 2 + 1}:X"]
+    return model.with_elements({"cube": (updyn.CubicSpring(coefficient), ends)})
+
+
+def test_a_reduced_model_gives_the_answer_of_the_whole_one() -> None:
+    n = 40
+    true = shaft(n, 1e6).scaled({"near": {"stiffness": 1.2}})
+    lines = np.linspace(0.4, 1.6, 31)
+    ends = [f"{n // 2}:X", f"{n}:X"]
+    tests = [
+        add_noise(updyn.response(true, lines, ends, [ends[1]], level=F).frf, seed)
+        for seed, F in enumerate((1.0, 15.0))
+    ]
+    start = shaft(n, 3e5)
+    unknowns = updyn.parameters(start, stiffness=["near", "far"], nonlinear="all")
+    found = {
+        tier: updyn.update(start, tests, unknowns, noise=NOISE, starts=0, tier=tier)
+        for tier in ("dense", "reduced")
+    }
+    assert found["reduced"].first.options["tier"] == "reduced"
+    assert found["reduced"].first.options["error"] < 1e-5
+    for name, value in {"near.stiffness": 1.2, "cube.coefficient": 1e6}.items():
+        whole, reduced = (found[tier].values[name] for tier in ("dense", "reduced"))
+        std = found["dense"].std[name]
+        assert std < 0.3 * value
+        assert abs(whole - value) < 4.0 * std
+        assert reduced == pytest.approx(whole, abs=0.05 * std)
+        assert found["reduced"].std[name] == pytest.approx(std, rel=1e-2)

@@ -113,31 +113,38 @@ class LineBalance:
         last = np.full(len(at), np.inf)
         if not len(at):
             return x, last <= 0.0
-        active = np.arange(len(at))
-        now = self.evaluate(x, at, share)
+        active, stalls = np.arange(len(at)), np.zeros(len(at), dtype=np.intp)
+        R, J, size = self._balance(x, at, share)
         for _ in range(LINE_BALANCE.most_iterations):
-            size = now.size
             last[active] = size
-            done = size <= LINE_BALANCE.residual
-            kept = np.flatnonzero(~done & np.isfinite(size))
-            active = active[kept]
+            kept = (size > LINE_BALANCE.residual) & np.isfinite(size)
+            kept &= stalls[active] < LINE_BALANCE.most_stalls
+            active, before = active[kept], size[kept]
             if not len(active):
                 break
-            step = _solve_each(now.jacobian[kept], -now.residual[kept].reshape(len(kept), -1))
-            before, step = size[kept], step.reshape(x[active].shape)
+            step = _solve_each(J[kept], -R[kept]).reshape(x[active].shape)
             # Longer steps may lead to another solution.
             length = np.linalg.norm(step, axis=2, keepdims=True) / _amplitudes(x[active])
             step *= np.minimum(1.0, LINE_BALANCE.largest_step / length.max(axis=1, keepdims=True))
             x[active] += step
-            now = self.evaluate(x[active], at[active], share[active])
+            R, J, size = self._balance(x[active], at[active], share[active])
             for _ in range(LINE_BALANCE.most_halvings):
-                worse = np.flatnonzero(~(now.size < before))
+                worse = np.flatnonzero(~(size < before))
                 if not len(worse):
                     break
                 step[worse] *= 0.5
-                x[active[worse]] -= step[worse]
-                now = self.evaluate(x[active], at[active], share[active])
+                some = active[worse]
+                x[some] -= step[worse]
+                R[worse], J[worse], size[worse] = self._balance(x[some], at[some], share[some])
+            stalls[active[~(size < before)]] += 1
         return x, last <= LINE_BALANCE.accepted_residual
+
+    def _balance(
+        self, x: RealArray, at: IndexArray, share: RealArray
+    ) -> tuple[RealArray, RealArray, RealArray]:
+        """Return residual, (k, n_e n_c), Jacobian and relative size of the residual, (k,)."""
+        now = self.evaluate(x, at, share)
+        return now.residual.reshape(len(at), -1), now.jacobian, now.size
 
     def linear(self) -> RealArray:
         """Return the deformations without the elements, (m, n_e, n_c)."""
@@ -180,8 +187,11 @@ class LineBalance:
         excess = grid / np.maximum(np.abs(unit[:, :, e]), np.finfo(np.float64).tiny)
         rises = (excess[:, :-1] < self.level[:, None]) & (excess[:, 1:] >= self.level[:, None])
         found = []
-        for position in (rises.argmax(axis=1), rises.shape[1] - 1 - rises[:, ::-1].argmax(axis=1)):
-            line = np.flatnonzero(rises.any(axis=1))
+        first, last = rises.argmax(axis=1), rises.shape[1] - 1 - rises[:, ::-1].argmax(axis=1)
+        for position, chosen in ((first, rises.any(axis=1)), (last, rises.sum(axis=1) > 1)):
+            line = np.flatnonzero(chosen)
+            if not len(line):
+                continue
             at = position[line]
             below, above = np.log(excess[line, at]), np.log(excess[line, at + 1])
             share = (np.log(self.level[line]) - below) / (above - below)
@@ -190,9 +200,9 @@ class LineBalance:
             own[:, e] = self._describe_one(e, amplitude, self.omega[line])
             guess = self.level[line, None] * _respond_to_unit(H[line], own[:, None])[:, 0]
             x, is_solved = near.copy(), np.zeros(m, dtype=np.bool_)
-            first = np.zeros((len(line), n, len(f.harmonics)), dtype=np.complex128)
-            first[:, :, f.first] = guess
-            x[line], is_solved[line] = self.solve(self._to_real(first), line)
+            harmonics = np.zeros((len(line), n, len(f.harmonics)), dtype=np.complex128)
+            harmonics[:, :, f.first] = guess
+            x[line], is_solved[line] = self.solve(self._to_real(harmonics), line)
             found.append((x, is_solved))
         return found
 

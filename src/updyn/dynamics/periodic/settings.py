@@ -54,6 +54,9 @@ class LineBalanceSettings:
     largest_step: float = 0.3
     #: [halvings] Halvings of a Newton step whose residual does not fall. Effort: a rule of thumb.
     most_halvings: int = 4
+    #: [steps] Newton steps without a smaller residual, after which a line is given up. Effort: a
+    #: step across the corner of an element may need another one.
+    most_stalls: int = 3
     #: [1] Smallest step of the force amplitude, as a share of its end. Effort: a rule of thumb.
     least_level_step: float = 0.01
     #: [1] Smallest step from a line to the next, as a share of their distance. Effort: a rule of

@@ -39,6 +39,7 @@ from updyn.updating.fit.answers import (
     is_within_uncertainty,
     select_as_likely,
 )
+from updyn.updating.fit.equivalent import find_equivalent_start
 from updyn.updating.fit.method import Fit, Method, Rival, descend
 from updyn.updating.fit.methods import METHODS
 from updyn.updating.fit.models import Models
@@ -97,7 +98,7 @@ def make_reduction(part: FRFPart, accuracy: float, others: IndexArray | None = N
     `accuracy` is the accepted error of a receptance, relative to the largest of its line; the
     motion of `others`, further DOFs, counts too.
     """
-    freq = part.frf.freq
+    freq = part.solved_lines
     if others is None:
         others = np.zeros(0, dtype=np.intp)
     return Reduction(
@@ -138,24 +139,24 @@ class _Part:
         state = self.exact.state(x)
         self.reduction.build(state)
         if self.reduction.basis.size > REDUCED_FIT.most_vectors:
-            self.reduction.compress(state, self.exact.frf.freq)
+            self.reduction.compress(state, self.exact.solved_lines)
 
     def build_around(self, points: Sequence[RealArray], samples: Sequence[RealArray]) -> None:
         first, *others = (self.exact.state(x) for x in points)
         self.reduction.build(first)
         self.reduction.extend(others)
-        freq = self.exact.frf.freq
+        freq = self.exact.solved_lines
         states = [self.exact.state(x) for x in samples]
         self.lost = self.reduction.compress_around(states, freq, SEARCH_BASIS.dropped_energy)
         self.solver = self.reduction.solver("reduced, around the start")
 
     def certify(self, x: RealArray) -> None:
-        state, freq = self.exact.state(x), self.exact.frf.freq
+        state, freq = self.exact.state(x), self.exact.solved_lines
         self.certificate = self.reduction.certify(state, freq, enrich=False)
 
     def certify_or_enrich(self, x: RealArray) -> bool:
         """Certify the basis at x and return True, or enrich it there and return False."""
-        state, freq = self.exact.state(x), self.exact.frf.freq
+        state, freq = self.exact.state(x), self.exact.solved_lines
         self.certificate = self.reduction.certify_or_enrich(state, freq)
         return self.certificate is not None
 
@@ -241,12 +242,14 @@ class Reducing:
         """
         self._latest_x = self._home
         try:
-            if self._may_search(strategy):
+            if not problem.is_linear:
+                self._latest_x = self._find_equivalent_start(problem, strategy, noises, monitor)
+            elif self._may_search(strategy):
                 self._latest_x = self._find_start(problem, strategy, noises, monitor)
         except Stopped:
             return problem, Fit.without_jacobian(self._latest_x, "stopped")
         problem, fit = self._fit_in_rounds(problem, strategy, noises, monitor, self._latest_x)
-        if not self.certified or fit.reason in ("stopped", "failed"):
+        if not (self.certified and problem.is_linear) or fit.reason in ("stopped", "failed"):
             return problem, fit
         return self._search_other_answers(problem, strategy, noises, monitor, fit)
 
@@ -269,6 +272,18 @@ class Reducing:
         self._search_ends = starts.points[1:]
         with monitor.stage("reduce"):
             return self._choose_start(problem, noises, starts.points[0])
+
+    def _find_equivalent_start(
+        self, problem: Problem, strategy: Method, noises: Sequence[NoiseModel], monitor: Monitor
+    ) -> RealArray:
+        """Return the point from which to fit nonlinear elements, with its models."""
+        with monitor.stage("reduce"):
+            around = self._build_around_start(problem)
+        noises = self._add_basis_error(problem, noises)
+        starts = find_equivalent_start(around, strategy, noises, monitor)
+        with monitor.stage("reduce"):
+            self._build(starts.points[0])
+        return starts.points[0]
 
     def _descend_from_start(
         self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor
@@ -579,7 +594,9 @@ class Reducing:
         """Enrich the reduced models at x, to `times` the accepted error."""
         for part in self._parts:
             state, accuracy = part.exact.state(x), times * part.reduction.accuracy
-            part.reduction.enrich_until_accurate([state], part.exact.frf.freq, accuracy=accuracy)
+            part.reduction.enrich_until_accurate(
+                [state], part.exact.solved_lines, accuracy=accuracy
+            )
         self._set_place(x)
 
     def _enrich_or_certify(self, x: RealArray) -> bool:

@@ -63,6 +63,9 @@ class Forward(Protocol):
     def dofs(self) -> IndexArray:
         """DOFs of the model whose motion and forces are needed in addition to the channels."""
 
+    def solved_lines(self, freq: RealArray) -> RealArray:
+        """Return the frequencies in Hz at which the linear model is solved for some lines."""
+
     def key(self, frf: FRF) -> list[object]:
         """Return the part of a cache key that tells evaluations of one model apart."""
 
@@ -92,6 +95,10 @@ class LinearForward:
     def dofs(self) -> IndexArray:
         """No further DOFs."""
         return np.zeros(0, dtype=np.intp)
+
+    def solved_lines(self, freq: RealArray) -> RealArray:
+        """Return the lines."""
+        return freq
 
     def key(self, frf: FRF) -> list[object]:
         """Return nothing: the solver and the unknowns define the receptances."""
@@ -343,6 +350,10 @@ class EquivalentForward:
         """DOFs of the elements."""
         return self.local.dofs
 
+    def solved_lines(self, freq: RealArray) -> RealArray:
+        """Return the lines."""
+        return freq
+
     def key(self, frf: FRF) -> list[object]:
         """Return the amplitudes."""
         return ["equivalent", self.freq, self.amplitudes]
@@ -415,6 +426,10 @@ class PeriodicForward:
             samples=LINE_BALANCE.samples,
         )
 
+    def solved_lines(self, freq: RealArray) -> RealArray:
+        """Return the harmonics of the lines."""
+        return np.unique(np.outer(self.fourier.harmonics, freq))
+
     def key(self, frf: FRF) -> list[object]:
         """Return the level."""
         return ["periodic", _level(frf)]
@@ -484,11 +499,16 @@ class PeriodicForward:
         if not np.isfinite(best).all():
             missing = part.frf.freq[int(np.argmin(np.isfinite(best)))]
             raise SolverError(f"no periodic response was found at {missing:g} Hz")
+        tried: set[tuple[int, int, float]] = set()
         for _ in range(LINE_BALANCE.jump_passes):
             before, jumps = best.sum(), balance.jumps(x)
             for at, source in ((jumps + 1, jumps), (jumps, jumps + 1)):
-                is_far = best[at] > LEVELS.far
-                at, source = at[is_far], source[is_far]
+                # A solution leads to the same one at the next line again.
+                moves = list(zip(at.tolist(), source.tolist(), best[source].tolist(), strict=True))
+                is_new = np.array([move not in tried for move in moves], dtype=np.bool_)
+                is_new &= best[at] > LEVELS.far
+                tried.update(moves)
+                at, source = at[is_new], source[is_new]
                 candidate, is_solved = balance.move(x[source], source, at)
                 compare(candidate[is_solved], at[is_solved])
             if best.sum() == before:

@@ -187,6 +187,11 @@ class FRFPart:
         """Number of lines."""
         return len(self.frf.freq)
 
+    @property
+    def solved_lines(self) -> RealArray:
+        """Frequencies in Hz at which the linear model is solved."""
+        return self.forward.solved_lines(self.frf.freq)
+
     def values(self, x: RealArray) -> RealArray:
         """Return the unknowns' values at x, shape (n,)."""
         return self.coordinates.to_values(x)

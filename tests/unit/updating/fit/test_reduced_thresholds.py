@@ -82,7 +82,7 @@ def test_large_bases_are_compressed(size, is_compressed):
         basis=SimpleNamespace(size=size),
         compress=lambda *about: calls.append(about),
     )
-    part = SimpleNamespace(state=lambda x: x, frf=SimpleNamespace(freq=np.ones(1)))
+    part = SimpleNamespace(state=lambda x: x, solved_lines=np.ones(1))
     _Part(part, reduction).build(np.zeros(1))
     assert bool(calls) == is_compressed
 
@@ -291,7 +291,7 @@ def test_a_basis_around_the_start_drops_a_share_of_the_energy():
         compress_around=lambda states, freq, share: dropped.append(share),
         solver=lambda text: None,
     )
-    part = SimpleNamespace(state=lambda x: x, frf=SimpleNamespace(freq=np.ones(1)))
+    part = SimpleNamespace(state=lambda x: x, solved_lines=np.ones(1))
     _Part(part, reduction).build_around([np.zeros(1)], [np.zeros(1)])
     assert dropped == [1e-4]
 
