@@ -16,7 +16,8 @@ _SECONDARY = (
 #: Limits by standard. NASA-STD-5002: 5 % and 0.9 / 0.1 as quoted in the literature on modal
 #: surveys of spacecraft, such as J. C. Akers & J. Sills, Topics in Modal Analysis & Parameter
 #: Identification (0.90 and 0.10 as the least acceptable values of cross-orthogonality).
-#: ECSS-E-ST-32-11C: criteria of correlation by class of modes, as quoted in the literature.
+#: ECSS-E-ST-32-11C: criteria of correlation by class of modes; no publication that quotes them was
+#: compared.
 STANDARDS: dict[str, AcceptanceLimits] = {
     "NASA-STD-5002": AcceptanceLimits(
         "NASA-STD-5002", frequency=0.05, cross=0.9, cross_off=0.1, source=_SECONDARY
