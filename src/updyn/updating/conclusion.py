@@ -24,6 +24,7 @@ from updyn.updating.judge.verdict import (
     compose_verdict,
     explain_ambiguity,
     explain_early_end,
+    explain_level_dependence,
     explain_rejection,
     rule_out_faults,
 )
@@ -84,6 +85,8 @@ def conclude(setup: Setup, judged: Judged, history: Sequence[Iteration]) -> Conc
         verdict = explain_early_end(verdict)
     if verdict.status == "converged" and not trust.credible:
         verdict = explain_rejection(verdict, trust)
+    if causes.level_dependence:
+        verdict = explain_level_dependence(verdict, causes.level_dependence)
     if causes.has_no_cause:
         verdict = rule_out_faults(verdict)
     pull = found.fit.regularisation
@@ -159,6 +162,7 @@ def _trust(
         at_bound=_factors_at_bound(parameters, found.at_bound),
         findings=judged.causes.findings,
         not_searched=judged.causes.not_searched,
+        level_dependence=judged.causes.level_dependence,
         structural=any(one is not None and one.outcome == "structure" for one in found.adequacy),
         distant=find_distant_unknowns(parameters, values),
         without_interval=fit.noise[0].get("not_known", ()) if fit.noise else (),

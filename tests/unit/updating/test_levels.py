@@ -102,6 +102,31 @@ def test_an_update_needs_data() -> None:
         updyn.update(model, [], unknowns)
 
 
+def measure_two_masses(coefficient: float) -> tuple[updyn.Model, list[updyn.FRF]]:
+    """A linear model, and data at two levels of the same with a cubic spring."""
+    K = 1e4 * np.array([[2.0, -1.0], [-1.0, 1.0]])
+    groups = {"springs": updyn.Group(K, loss_factor=0.03), "masses": updyn.Group(mass=np.eye(2))}
+    model = updyn.Model.from_groups(groups, ["1:X", "2:X"])
+    true = model.with_elements({"cube": (updyn.CubicSpring(coefficient), "1:X")})
+    lines, ends = np.linspace(7.0, 14.0, 81), ["1:X", "2:X"]
+    found = [updyn.response(true, lines, ends, ["2:X"], level=F).frf for F in (0.5, 4.0)]
+    return model, [add_noise(frf, seed) for seed, frf in enumerate(found)]
+
+
+@pytest.mark.parametrize(("coefficient", "is_credible"), [(2e7, False), (1e-3, True)])
+def test_a_linear_model_of_a_structure_that_changes_with_the_level_is_refused(
+    coefficient, is_credible
+) -> None:
+    model, data = measure_two_masses(coefficient)
+    unknowns = updyn.parameters(model, stiffness="all", loss_factor="all")
+    tests = [updyn.Test(model, frf, name=f"{frf.level[0]} N", noise=NOISE) for frf in data]
+    result = updyn.update_jointly(tests, unknowns, starts=0)
+    assert (result.trust.plausible.holds is True) == is_credible
+    assert ("The FRFs depend on the level from 0.5 to 4 N" in result.first.message) != is_credible
+    advised = "Add nonlinear elements" in str(result.first.remedy)
+    assert advised != is_credible
+
+
 def shaft(n: int, coefficient: float) -> updyn.Model:
     """A chain in two parts with a cubic spring in the middle, one end held."""
     groups = {}

@@ -102,6 +102,7 @@ def judge_result(
     at_bound: tuple[Sequence[str], int],
     findings: Sequence[Finding],
     not_searched: str = "",
+    level_dependence: str = "",
     structural: bool = False,
     distant: Sequence[DistantUnknown] = (),
     without_interval: Sequence[str] = (),
@@ -111,12 +112,14 @@ def judge_result(
     `remaining_gain` is in standard deviations; `rank` is the number of determined combinations and
     of unknowns; `correlation` has the figures of each test; `at_bound` has the stiffnesses and
     masses at a bound and their number among the unknowns; `not_searched` is the reason why causes
-    were not searched.
+    were not searched; `level_dependence` is how the modes of the data change with the force level.
     """
     validated = claim_validated(correlation)
     plausible = _claim_plausible(
         status, correlation, misfit, at_bound, findings, not_searched, distant if structural else ()
     )
+    if level_dependence and plausible.holds is not None:
+        plausible = Claim(False, level_dependence)
     if plausible:
         is_rough = structural and misfit > PLAUSIBILITY.rough_misfit and not validated
         plausible = _qualify_plausible(

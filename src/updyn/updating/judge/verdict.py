@@ -334,6 +334,18 @@ def add_causes(verdict: Verdict, findings: Sequence[Finding]) -> Verdict:
     return replace(verdict, message=f"{verdict.message} {statements}", steps=steps)
 
 
+def explain_level_dependence(verdict: Verdict, statement: str) -> Verdict:
+    """Return the verdict on a linear model fitted to data of several force levels that differ."""
+    advice = (
+        "Add nonlinear elements to the model ([[element]] in the job), or update to one level and"
+        " use the result at this level."
+    )
+    message = verdict.message
+    if statement not in message:
+        message = f"{message} {statement}"
+    return replace(verdict, message=message, steps=(Remedy(advice),))
+
+
 def explain_early_end(verdict: Verdict) -> Verdict:
     """Return the verdict on a fit whose search was ended by a data fault."""
     why = "No further start was tried: without that fault, the model explains the data."

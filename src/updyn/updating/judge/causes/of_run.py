@@ -10,9 +10,10 @@ from updyn.arrays import RealArray
 from updyn.errors import SolverError
 from updyn.updating.fit.monitor import CAUSES, Monitor
 from updyn.updating.judge.assessment import Judgement
-from updyn.updating.judge.causes.data_alone import find_data_faults
+from updyn.updating.judge.causes.data_alone import find_data_faults, with_variance
 from updyn.updating.judge.causes.diagnosis import find_causes, find_obstacle, is_far_from_start
 from updyn.updating.judge.causes.finding import Finding
+from updyn.updating.judge.levels.of_run import find_level_dependence
 from updyn.updating.judge.trust import claim_validated
 from updyn.updating.problem.data import Split
 from updyn.updating.problem.noise import NoiseModel
@@ -26,13 +27,15 @@ __all__ = ["CauseSearch", "Causes"]
 class Causes:
     """Causes of the residual of a fit, and why a necessary search was not made (empty if it was).
 
-    `is_overruling`: a cause ended the search for an answer.
+    `is_overruling`: a cause ended the search for an answer. `level_dependence` is how the modes of
+    the tests change with the force level; empty if they do not.
     """
 
     findings: tuple[Finding, ...] = ()
     was_searched: bool = False
     not_searched: str = ""
     is_overruling: bool = False
+    level_dependence: str = ""
 
     @property
     def has_no_cause(self) -> bool:
@@ -91,7 +94,11 @@ class CauseSearch:
                             reason = f"the search for causes failed ({error})"
                     not_searched = reason
                     out += find_data_faults(whole, noise)
-        return Causes(tuple(out), was_searched, not_searched, bool(self._overruling))
+        levels = find_level_dependence(
+            with_variance(split.whole, noise) if noise.size_known else split.whole
+            for split, noise in zip(self.splits, self.noises, strict=True)
+        )
+        return Causes(tuple(out), was_searched, not_searched, bool(self._overruling), levels)
 
     def _whole_part(self, part: FRFPart, i: int) -> FRFPart:
         """Return the part of a test with its whole model and all of its data."""
