@@ -100,6 +100,7 @@ def test_from_the_measured_beam_to_the_same_numbers_by_command(chromium, tmp_pat
         expect(stop).to_be_disabled()
         page.get_by_role("button", name="Save and run").click()
         state(page, "^Running: .* steps?")
+        expect(page.get_by_role("button", name="Save and run")).to_be_disabled()
         stop.click()
         assert state(page, "^Ended") == "Ended: stopped"
         page.get_by_role("button", name="Resume").click()

@@ -23,16 +23,16 @@ export class Panel {
     this.svg.setAttribute("aria-hidden", "true");
     this.svg.setAttribute("class", "v-over");
     this.legend = made("div", { className: "v-legend" });
-    this.stage = made("div", { className: "v-stage" }, this.canvas, this.svg, this.legend);
     this.spectrum = made("div", { className: "v-spectrum", hidden: true });
     this.said = made("p", { className: "v-said", "aria-live": "polite" });
+    this.stage = made("div", { className: "v-stage" }, this.canvas, this.svg, this.legend, this.said);
     this.chosen();
     this.layers = made("span", { className: "v-layers" });
     this.top = made("div", { className: "v-bar" }, ...this.what, this.layers);
     element.classList.add("updyn-viewer");
     element.replaceChildren(
       this.top, this.stage, this.spectrum,
-      made("div", { className: "v-bar v-low" }, ...this.how()), this.said,
+      made("div", { className: "v-bar v-low" }, ...this.how()),
     );
   }
 

@@ -17,8 +17,13 @@ POLICY = (
     "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:;"
     " font-src data:; base-uri 'none'; form-action 'none'"
 )
-#: Height of the viewer in a separate page: the window without the controls.
-_HEIGHT = "max(300px, 100vh - 150px)"
+#: In a separate page the viewer fills the window: the picture takes what the controls leave.
+_FILLED = (
+    " body { margin: 8px; height: calc(100vh - 16px); display: flex; flex-direction: column;"
+    " background: var(--ground); color: var(--text); font-family: var(--font); --v-height: auto; }"
+    " body > .updyn-viewer { flex: 1; display: flex; flex-direction: column; margin: 0; }"
+    " .v-stage { flex: 1 0 300px; }"
+)
 _WITHOUT_SCRIPTS = "The viewer is drawn by a script, and scripts are switched off here."
 
 
@@ -77,8 +82,7 @@ def page(scene: Scene) -> str:
         f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
         f'<title>{title}</title><link rel="icon" href="data:,">'
-        f"<style>{css()} body {{ margin: 8px; background: var(--ground); color: var(--text);"
-        f" font-family: var(--font); --v-height: {_HEIGHT}; }}</style></head>\n"
+        f"<style>{css()}{_FILLED}</style></head>\n"
         f"<body>{fragment(scene)}\n<script>{script()}\nupdynViewer.start();</script></body></html>\n"
     )
 

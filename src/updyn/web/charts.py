@@ -240,7 +240,8 @@ def level_chart(errors: Mapping[int, float]) -> Figure:
     best["line"] = {**best["line"], "shape": "hv"}  # type: ignore[dict-item]
     best |= {"mode": "lines", "hoverinfo": "skip", "hovertemplate": None}
     x: dict[str, Any] = {"title": {"text": "step"}}
-    if len(steps) <= 6:
+    if not steps or steps[-1] - steps[0] <= 6:
         x["dtick"] = 1
-    panel = Panel("level error (dB)", [points, best], log_range(found))
+    y = log_range(found) | {"exponentformat": "none"}
+    panel = Panel("level error (dB)", [points, best], y)
     return stack_panels([panel], x, height=260)

@@ -493,13 +493,18 @@ class Workspace:
             self._stamp, self._asked = stamp, None
             self._desk.close()  # its process caches data
 
+    @property
+    def is_busy(self) -> bool:
+        """Whether a task is under way; only one can be."""
+        return any(worker.active for worker in self.workers.values())
+
     def begin(self, task: str, folder: str, *, resume: bool = False) -> Worker:
         """Save the job, and begin or resume a task of it with results in `folder`.
 
         An `InputError` is raised if a task is active, an entry of the form of the task cannot be
         written into the job, or the folder is not in the project.
         """
-        if any(worker.active for worker in self.workers.values()):
+        if self.is_busy:
             raise InputError("a task is under way; stop it first")
         if not folder.strip():
             raise InputError("the results need a folder; give its name")

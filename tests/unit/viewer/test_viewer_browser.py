@@ -128,6 +128,27 @@ def test_the_ground_of_the_picture_is_that_of_the_page(tmp_path, look, ground):
     assert told(settled(path, tmp_path / "profile", "corner"), "corner") == ground
 
 
+FILLED = """<script>
+(async () => {
+  const place = document.querySelector("[data-scene]"), root = document.documentElement;
+  for (let i = 0; i < 100 && !place.updynViewer; i++) await new Promise((done) => setTimeout(done, 50));
+  const bottom = (name) => document.querySelector(name).getBoundingClientRect().bottom;
+  root.dataset.below = innerHeight - bottom(".v-low");
+  root.dataset.high = bottom(".v-stage canvas") / innerHeight;
+  root.dataset.scrolls = root.scrollHeight > innerHeight;
+  root.dataset.done = true;
+})();
+</script></body>"""
+
+
+def test_it_fills_its_page(tmp_path):
+    found = opened(block_scene(), tmp_path, "--window-size=700,640", actions=FILLED)
+    assert "errors" not in found, found["errors"]
+    assert 0.0 < float(found["below"]) < 12.0  # px: the margin of the page
+    assert float(found["high"]) > 0.6
+    assert found["scrolls"] == "false"
+
+
 def test_less_motion_starts_at_rest(tmp_path):
     found = opened(block_scene(), tmp_path, "--force-prefers-reduced-motion")
     assert "errors" not in found, found["errors"]

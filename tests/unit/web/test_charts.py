@@ -180,3 +180,10 @@ def test_the_best_level_so_far_never_rises():
     assert best["y"] == [6.0, 6.0, 2.0, 0.5, 0.5]
     assert best["line"]["shape"] == "hv"
     json.dumps(level_chart({}), allow_nan=False)
+
+
+@pytest.mark.parametrize(("steps", "every"), [((0, 1, 2), 1), ((0, 22, 36), None)])
+def test_each_step_has_a_tick_only_if_they_are_few(steps, every):
+    layout = level_chart(dict.fromkeys(steps, 0.5))["layout"]
+    assert layout["xaxis"].get("dtick") == every
+    assert layout["yaxis"]["exponentformat"] == "none"  # 0.5 dB, not 5x10^-1

@@ -77,7 +77,8 @@ def _show_matches(test: TestView | ModalView, mover: _Mover) -> None:
     rows = test.matches
     if not rows and isinstance(test, TestView):
         rows = _unmatched_rows(test)
-    ui.label(f"Sensors and forces {test.name}").classes("text-lg")
+    title = ", ".join(filter(None, ["Sensors and forces", test.name]))
+    ui.label(title).classes("text-lg")
     table = ui.table(
         rows=rows, columns=_COLUMNS, row_key="sensor", selection="single", pagination=20
     )

@@ -44,8 +44,9 @@ def show_controls(workspace: Workspace, task: str, *, begin: str) -> None:
         stop_button = ui.button("Stop", on_click=stop).props("outline no-caps")
 
     def update() -> None:
+        ready = workspace.document is not None and not workspace.faults(task)
         for button in buttons:
-            button.set_enabled(workspace.document is not None and not workspace.faults(task))
+            button.set_enabled(ready and not workspace.is_busy)
 
     def update_stop() -> None:
         worker = workspace.workers.get(task)
@@ -53,7 +54,7 @@ def show_controls(workspace: Workspace, task: str, *, begin: str) -> None:
 
     update()
     update_stop()
-    watch(lambda: (workspace.version, _state_of_form(workspace, task)), update)
+    watch(lambda: (workspace.version, _state_of_form(workspace, task), workspace.is_busy), update)
     watch(lambda: _version(workspace.workers.get(task)), update_stop)
 
 
