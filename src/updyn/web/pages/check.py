@@ -50,6 +50,6 @@ def _show_row(workspace: Workspace, row: CheckRow) -> None:
         if row.repair:
             repair = edits.add_repair(row.repair, row.test)
             ui.button(
-                f"Repair: {row.repair.partition(',')[0]}",
+                f"Repair: {row.repair}",
                 on_click=show_errors(lambda: workspace.edit(f"repair {row.repair}", repair)),
             ).props("no-caps")
