@@ -124,7 +124,7 @@ DARK: Mapping[str, str] = {
     "none": "#525b66",
     "plain": "#7d97ad",
     "ghost": "#333a42",
-    "edge": "#0c0f12",
+    "edge": "#47525e",
     "force": "#ff7ac2",
 }
 #: Colours that differ between paper and a light screen: text and rules are darker.
