@@ -13,6 +13,7 @@ from updyn.updating.before_search import ModeComparison
 from updyn.updating.fit.methods import options_of
 from updyn.updating.fit.monitor import Iteration
 from updyn.updating.judge.alternatives import Alternative, find_differences, select_distinct
+from updyn.updating.judge.between_tests import describe_separable_share
 from updyn.updating.judge.causes.finding import Finding
 from updyn.updating.judge.claim import Claim
 from updyn.updating.judge.distant import find_distant_unknowns
@@ -90,7 +91,8 @@ def conclude(setup: Setup, judged: Judged, history: Sequence[Iteration]) -> Conc
     if causes.has_no_cause:
         verdict = rule_out_faults(verdict)
     pull = found.fit.regularisation
-    notes = [verdict.message, setup.selection.note, "" if pull is None else pull.note]
+    differing = describe_separable_share(found.separable_share)
+    notes = [verdict.message, differing, setup.selection.note, "" if pull is None else pull.note]
     plain = Conclusion(
         verdict.status,
         " ".join(filter(None, notes)),

@@ -23,6 +23,7 @@ from updyn.updating.fit.null_space import complement, covariance_within, null_sp
 from updyn.updating.judge.adequacy import Adequacy, add_suspects, assess_residual
 from updyn.updating.judge.advice import advise
 from updyn.updating.judge.alternatives import Alternative, find_alternatives
+from updyn.updating.judge.between_tests import find_separable_share
 from updyn.updating.judge.discrepancy import Discrepancy, estimate_discrepancy
 from updyn.updating.judge.held_out import predictive_figures
 from updyn.updating.judge.identifiability import Analysis, analyse_identifiability
@@ -60,6 +61,7 @@ class Judgement:
     `covariance`, shape (n, n), is from data and priors, inf for undetermined unknowns; `misfit` is
     the median of |H - H_X| / |H_X| over the values clear of the noise, 0 if unknown, nan without
     any; `at_bound` gives "lower" or "upper" by unknown. `discrepancy` is included in `covariance`.
+    `separable_share` is that of a misfit which an estimate for each test would explain.
     """
 
     fit: Fit
@@ -73,6 +75,7 @@ class Judgement:
     rounding: Rounding | None = None
     alternatives: tuple[Alternative, ...] = ()
     discrepancy: Discrepancy | None = None
+    separable_share: float = 0.0
 
 
 def judge_fit(
@@ -152,6 +155,10 @@ def judge_fit(
     if any("degrees_of_freedom" in record for record in fit.noise):
         widen = partial(_widen_over_ratios, problem, fit, noises, analysis.null_space, spread)
         spread = unless_stopped(widen, spread)
+    separable = 0.0
+    if len(problem.parts) > 1 and problem.is_linear and _is_structure(adequacy):
+        compare_tests = partial(_find_separable_share, problem, noises, fit.x)
+        separable = unless_stopped(compare_tests, 0.0)
     error: Discrepancy | None = None
     is_tested = any(found is not None and found.outcome not in _UNINFORMATIVE for found in adequacy)
     if is_likelihood and is_tested and problem.is_linear:
@@ -186,6 +193,7 @@ def judge_fit(
         rounding,
         others,
         error,
+        separable,
     )
 
 
@@ -304,21 +312,33 @@ def _estimate_model_error(
     # likelihood must be significant. Few data hardly determine the noise: None.
     if any("degrees_of_freedom" in record for record in fit.noise):
         return None
-    errors, size_known = [], True
-    for part, noise in zip(problem.parts, noises, strict=True):
-        H = part.responses(fit.x)
-        known = noise.refit(H, part.frf, problem.share(part))
-        errors.append(OutputError(whitening_weights(known, H, part)))
-        size_known = size_known and noise.bulk.size_known
-    is_structure = any(found is not None and found.outcome == "structure" for found in adequacy)
     return estimate_discrepancy(
         problem,
         fit,
-        OutputErrorSet(tuple(errors)),
+        _whiten(problem, noises, fit.x),
         undetermined,
-        size_known=size_known,
-        least_gain=0.0 if is_structure else gain_by_chance(),
+        size_known=all(noise.bulk.size_known for noise in noises[: len(problem.parts)]),
+        least_gain=0.0 if _is_structure(adequacy) else gain_by_chance(),
     )
+
+
+def _whiten(problem: Problem, noises: Sequence[NoiseModel], x: RealArray) -> OutputErrorSet:
+    """Return the output errors of the tests at x, in standard deviations of the noise."""
+    errors = []
+    for part, noise in zip(problem.parts, noises, strict=True):
+        H = part.responses(x)
+        known = noise.refit(H, part.frf, problem.share(part))
+        errors.append(OutputError(whitening_weights(known, H, part)))
+    return OutputErrorSet(tuple(errors))
+
+
+def _find_separable_share(problem: Problem, noises: Sequence[NoiseModel], x: RealArray) -> float:
+    return find_separable_share(problem, _whiten(problem, noises, x), x)
+
+
+def _is_structure(adequacy: Sequence[Adequacy | None]) -> bool:
+    """Return whether the residual of any test contains structure."""
+    return any(found is not None and found.outcome == "structure" for found in adequacy)
 
 
 def _add_model_error(

@@ -371,6 +371,18 @@ class PlausibilitySettings:
 
 
 @dataclass(frozen=True)
+class BetweenTestsSettings:
+    """Differences between the structures of several tests."""
+
+    #: [1] Share of the misfit that separate estimates explain, above which structures differ. Why:
+    #: the majority; an error that all tests share is explained by none.
+    separable_share: float = 0.5
+    #: [1] Longest step of a separate estimate, in logarithms of factors. Why: the linearisation
+    #: holds for factors of about two.
+    longest_step: float = 0.7
+
+
+@dataclass(frozen=True)
 class HeldOutSettings:
     """Numbers of the claim that held-out data are predicted."""
 
@@ -444,6 +456,7 @@ NOISE_RATIOS = NoiseRatioSettings()
 FIT_END = FitEndSettings()
 VERDICT = VerdictSettings()
 PLAUSIBILITY = PlausibilitySettings()
+BETWEEN_TESTS = BetweenTestsSettings()
 HELD_OUT = HeldOutSettings()
 MODAL_TRUST = ModalTrustSettings()
 SEPARATION = SeparationSettings()
