@@ -1,6 +1,6 @@
 """Updates of linear groups and nonlinear elements to FRFs at three force levels.
 
-Six structures of 7 to 2,016 degrees of freedom with one to three elements; sine tests at a fifth of
+Six structures of 7 to 1,944 degrees of freedom with one to three elements; sine tests at a fifth of
 a middle level, at this level and at five times it; 1 % noise and a floor of 0.1 % of the rms. The
 start has stiffnesses and loss factors off by up to 30 % and parameters of elements off by a factor
 of three, up or down at random. Each fit is compared with one from the truth:
@@ -116,16 +116,16 @@ def band(model: updyn.Model, count: int, lines: int) -> np.ndarray:
 
 def make_structures() -> dict[str, Callable[[], Structure]]:
     return {
-        "gear train": _gear_train,
+        "shaft": _shaft,
         "chain": _chain,
         "drive": _drive,
         "building": _building,
-        "shaft line": _shaft_line,
+        "long chain": _long_chain,
         "solid": _solid,
     }
 
 
-def _gear_train() -> Structure:
+def _shaft() -> Structure:
     true = models.drive_train(7, parts=3)
     at = [f"{n}:RZ" for n in (1, 3, 4, 7)]
     elements = {"mesh": (cubic, ["3:RZ", "4:RZ"])}
@@ -154,7 +154,7 @@ def _building() -> Structure:
     return Structure(true, at, "4:X", band(true, 4, 120), elements, "storey ? x")
 
 
-def _shaft_line() -> Structure:
+def _long_chain() -> Structure:
     true = models.chain(100, parts=4)
     elements = {
         "stop": (cubic, ["100:X"]),
