@@ -224,6 +224,7 @@ JOB_TABLES: Registry[JobTable] = Registry(
         "modes": "updyn.job.identification:MODES",
         "uncertainty": "updyn.job.uncertainty:UNCERTAINTY",
         "shapes": "updyn.job.shapes:SHAPES",
+        "population": "updyn.job.population:POPULATION",
         "accept": "updyn.job.acceptance:ACCEPT",
         "plant": "updyn.control.job.job_tables:PLANT",
         "servo": "updyn.control.job.job_tables:SERVO",

@@ -26,7 +26,7 @@ from updyn.updating.fit.monitor import Progress
 if TYPE_CHECKING:
     from updyn.updating.result import JointResult, UpdateResult
 
-__all__ = ["UNCERTAINTY", "UncertaintyTable"]
+__all__ = ["UNCERTAINTY", "UncertaintyTable", "wrap_callback"]
 
 #: The output file, next to the results.
 FILE = "uncertainty.nc"
@@ -90,7 +90,7 @@ class _UncertaintyJobTable(JobTable):
         options: dict[str, Any] = {
             "seed": table.seed,
             "engine": engine,
-            "callback": _wrap_callback(callback),
+            "callback": wrap_callback(callback),
         }
         if table.kind == "profile":
             return profile(result, table.names, level=table.level, **options)
@@ -115,7 +115,8 @@ class _UncertaintyJobTable(JobTable):
 UNCERTAINTY = _UncertaintyJobTable()
 
 
-def _wrap_callback(callback: Callable[[Progress], bool | None] | None) -> Any:
+def wrap_callback(callback: Callable[[Progress], bool | None] | None) -> Any:
+    """Return the callback of work of many pieces that shows it as progress of a run."""
     if callback is None:
         return None
 

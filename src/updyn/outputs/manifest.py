@@ -45,6 +45,7 @@ OUTPUT_NAMES = frozenset(
         "modes.html",
         "modes.unv",
         "acceptance.html",
+        "population.json",
         "modes-updated.nc",
         "modes-updated.unv",
         "modes-expanded.nc",

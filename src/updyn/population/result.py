@@ -20,7 +20,7 @@ from updyn.updating.result import UpdateResult
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["PopulationResult", "Specimen"]
+__all__ = ["HEADINGS", "PopulationResult", "Specimen"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -253,16 +253,24 @@ class PopulationResult:
         -------
         str
         """
-        return f"{self._statement()}\n\n{text_table(_HEADINGS, self._rows())}"
+        return f"{self.statement}\n\n{text_table(HEADINGS, self.rows())}"
 
-    def _statement(self) -> str:
+    @property
+    def statement(self) -> str:
+        """Number of specimens, and whether they differ by more than the noise."""
         what = self.title or "Population"
         count = format_count(len(self.specimens), "specimen")
         if self.differs:
             return f"{what}: {count}; they differ by more than the noise of their tests."
         return f"{what}: {count}; the noise of the tests explains their differences."
 
-    def _rows(self) -> list[list[str]]:
+    def rows(self) -> list[list[str]]:
+        """Return the cells of a table with a row for each unknown.
+
+        Returns
+        -------
+        list of list of str
+        """
         spans, scatter = self.intervals(), self.std_intervals()
         return [
             [
@@ -277,7 +285,7 @@ class PopulationResult:
 
     def _repr_html_(self) -> str:
         facts = {"specimens": len(self.specimens), "unknowns": len(self.mean)}
-        return card(self._statement(), facts, table(_HEADINGS, self._rows()))
+        return card(self.statement, facts, table(HEADINGS, self.rows()))
 
     def __repr__(self) -> str:
         specimens = format_count(len(self.specimens), "specimen")
@@ -290,4 +298,4 @@ class PopulationResult:
         return dict(zip(self.mean, zip(low.tolist(), high.tolist(), strict=True), strict=True))
 
 
-_HEADINGS = ("unknown", "mean", "95 % interval", "std", "95 % interval")
+HEADINGS = ("unknown", "mean", "95 % interval", "std", "95 % interval")

@@ -258,6 +258,7 @@ SECTIONS: Registry[ReportSection] = Registry(
         "unknowns": "updyn.report.unknowns:UNKNOWNS",
         "uncertainty.intervals": "updyn.report.uncertainty:UNCERTAINTY",
         "accept.requirements": "updyn.report.acceptance:REQUIREMENTS",
+        "population.scatter": "updyn.report.population:POPULATION",
         "identifiability": "updyn.report.identifiability:IDENTIFIABILITY",
         "held": "updyn.report.regularisation:REGULARISATION",
         "convergence": "updyn.report.convergence:CONVERGENCE",
