@@ -214,8 +214,9 @@ def test_the_example_runs(folder: Path) -> None:
     job.write_text(blocks()[0], encoding="utf-8")
     loaded = load_job(job)
     stated = {table for table in tomllib.loads(blocks()[0]) if table != "title"}
-    # The demo's measurement is a file of FRFs.
-    assert stated == {*Job.model_fields, *JOB_TABLES} - {"title", "records", "element"}
+    # The demo's measurement is one file of FRFs.
+    others = {"title", "records", "element", "population"}
+    assert stated == {*Job.model_fields, *JOB_TABLES} - others
     result = run_job(
         loaded,
         folder / "out",

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from updyn.control.job.job_tables import plant_outputs
 from updyn.control.job.tables import PlantTable
+from updyn.job.acceptance import ACCEPT, AcceptTable
 from updyn.job.comparison import COMPARISON_FILES
 from updyn.job.identification import MODES_FILES
 from updyn.job.planning import PLAN_FILES
+from updyn.job.population import POPULATION, PopulationTable
 from updyn.job.schema import OUTPUTS
 from updyn.job.shapes import SHAPES, ShapesTable
 from updyn.job.uncertainty import FILE
@@ -27,6 +29,8 @@ def test_the_list_holds_what_the_commands_write_and_nothing_else() -> None:
     written = {
         *OUTPUTS,
         FILE,
+        *ACCEPT.outputs(AcceptTable()),
+        *POPULATION.outputs(PopulationTable()),
         *MODES_FILES,
         *PLAN_FILES,
         *COMPARISON_FILES,
