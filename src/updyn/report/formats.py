@@ -192,7 +192,7 @@ def percentage(share: float) -> str:
     if math.isnan(share):
         return number(share)
     if share >= FACTORS:
-        return f"{format_multiple(share)} times" if math.isfinite(share) else "∞"
+        return f"{format_multiple(share)} times" if math.isfinite(share) else "∞ %"
     if 0.0 <= share < 1e-6:
         return "<0.0001 %" if share else "0 %"
     if share >= 0.1:

@@ -325,7 +325,7 @@ def test_numbers_in_words():
     ]
     assert [figure_of_agreement(v) for v in (-0.001, -0.98)] == ["0.00", "−0.98"]
     shares = [0.0, 1e-9, 0.0213, 1.67, np.inf]
-    assert [percentage(v) for v in shares] == ["0 %", "<0.0001 %", "2.1 %", "167 %", "∞"]
+    assert [percentage(v) for v in shares] == ["0 %", "<0.0001 %", "2.1 %", "167 %", "∞ %"]
     assert percentage(np.nan) == "–"
     assert [percentage(v) for v in (9.99, 10.0, 160.4, 46059.0)] == [
         "999 %",
