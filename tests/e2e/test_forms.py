@@ -7,7 +7,7 @@ import tomllib
 import pytest
 
 from updyn.demos import find_demo
-from window import PATIENCE, browsing, serving, visit
+from window import PATIENCE, browsing, choose, serving, visit
 
 pytest.importorskip("nicegui")
 expect = pytest.importorskip("playwright.sync_api").expect
@@ -32,7 +32,7 @@ def window(chromium, tmp_path_factory):
     """A project with a job for each test, in one window."""
     folder = tmp_path_factory.mktemp("project")
     job = find_demo("chain").write_inputs(folder)
-    for name in ("boxes", "tabs", *(f"pause{between}" for between in PAUSES)):
+    for name in ("boxes", "tabs", "halted", *(f"pause{between}" for between in PAUSES)):
         (folder / f"{name}.toml").write_bytes(job.read_bytes())
     with serving(folder) as server, browsing(chromium, server) as (page, heard):
         yield server, page, folder
@@ -113,6 +113,23 @@ def test_boxes_clicked_quickly_are_all_taken(window):
     assert {item["quantity"] for item in table(job, "parameter")} == {"stiffness"}
 
 
+def test_nothing_is_lost_while_the_server_does_not_answer(window):
+    """The connection of a page lasts longer than a pause of a busy computer."""
+    server, page, _ = window
+    job = open_job(window, "halted")
+    visit(page, f"{server.base}/unknowns")
+    first, second = (page.get_by_role("checkbox", name=f"part{n} mass") for n in (1, 2))
+    first.click()
+    page.get_by_text(f"{job.name} (edited)").wait_for()
+    with server.halted():
+        second.click()
+        page.get_by_role("button", name="Save", exact=True).click()
+        page.wait_for_timeout(9000)  # ms; 6 s lost both clicks once
+    page.get_by_text(job.name, exact=True).wait_for()
+    masses = [item["groups"] for item in table(job, "parameter") if item["quantity"] == "mass"]
+    assert masses == [["part3", "part4"]]
+
+
 def test_nothing_incomplete_or_invalid_is_written_or_begun(chromium, job):
     before = job.read_bytes()
     with serving(job.parent, "job.toml") as server, browsing(chromium, server) as (page, heard):
@@ -151,13 +168,10 @@ def test_nothing_incomplete_or_invalid_is_written_or_begun(chromium, job):
 
 def test_a_job_without_the_suffix_is_listed(chromium, job):
     with serving(job.parent) as server, browsing(chromium, server) as (page, heard):
-        page.get_by_role("combobox", name="model").click()
-        page.get_by_role("option", name="chain.uff").click()
+        choose(page, "model", "chain.uff")
         page.get_by_text("is a measurement; expected a model").wait_for()
-        page.get_by_role("combobox", name="model").click()
-        page.get_by_role("option", name="chain.h5").click()
-        page.get_by_role("combobox", name="measurement").click()
-        page.get_by_role("option", name="chain.uff").click()
+        choose(page, "model", "chain.h5")
+        choose(page, "measurement", "chain.uff")
         page.get_by_label("Name of the job").fill("job")
         page.get_by_text("job.toml: exists already").wait_for()
         page.get_by_label("Name of the job").fill("portal")

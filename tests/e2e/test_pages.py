@@ -119,7 +119,7 @@ def test_a_finding_shows_the_effect_of_its_repair_and_can_be_left_out(window):
 def test_results_of_an_earlier_session_are_found_and_compared(window):
     server, page, _ = window
     visit(page, f"{server.base}/run")
-    page.get_by_text("Latest run: second, converged").wait_for()
+    page.get_by_text("Latest run: second, usable").wait_for()
     page.get_by_text(re.compile("^Level error .* in the end")).wait_for()
     wait_for_figures(page, 2)
     page.get_by_role("link", name="Results").last.click()

@@ -8,7 +8,7 @@ import pytest
 
 from updyn.cli import main
 from updyn.demos import chain, find_demo
-from window import browsing, serving
+from window import browsing, choose, serving
 
 pytest.importorskip("nicegui")
 pytest.importorskip("playwright")
@@ -28,12 +28,6 @@ def foreign_text(channels=("Real", "Imag")):
         for f, (a, b) in zip(frf.freq.tolist(), frf.values[:, :2, 0].tolist(), strict=True)
     ]
     return "\n".join(["Analyser; 4.2", ";".join(heads), *rows, ""])
-
-
-def choose(page, what, name):
-    page.get_by_role("combobox", name=what).first.click()
-    page.get_by_role("option", name=name).first.click()
-    page.get_by_role("option").first.wait_for(state="hidden")
 
 
 def test_from_a_dropped_file_of_any_layout_to_a_checked_job(chromium, tmp_path):

@@ -36,6 +36,15 @@ class Server:
 
         return text in httpx.get(self.address, follow_redirects=True).text
 
+    @contextmanager
+    def halted(self) -> Iterator[None]:
+        """Let the server not answer meanwhile, as on a computer that is busy or asleep."""
+        self.process.send_signal(signal.SIGSTOP)
+        try:
+            yield
+        finally:
+            self.process.send_signal(signal.SIGCONT)
+
     @property
     def port(self) -> int:
         return int(urlsplit(self.address).port or 0)
@@ -110,6 +119,13 @@ def visit(page: object, address: str) -> None:
     page.wait_for_selector("html:not([inert])")
 
 
+def choose(page: object, label: str, option: str) -> None:
+    """Choose an option of a list; a list that closes takes the clicks for the next one."""
+    page.get_by_role("combobox", name=label).first.click()
+    page.get_by_role("option", name=option).first.click()
+    page.get_by_role("option").first.wait_for(state="hidden")
+
+
 @contextmanager
 def browsing(
     chromium: object, server: Server, width: int = 1280, height: int = 1000
@@ -120,6 +136,6 @@ def browsing(
     page = context.new_page()
     heard = Heard()
     heard.listen(page)
-    page.goto(server.address)
+    visit(page, server.address)
     yield page, heard
     context.close()

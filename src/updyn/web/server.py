@@ -18,7 +18,7 @@ from nicegui import ui
 from updyn.errors import InputError
 from updyn.web.guard import Guard
 from updyn.web.pages import add_pages
-from updyn.web.settings import WEB_LIMIT
+from updyn.web.settings import WEB_CONNECTION, WEB_LIMIT
 from updyn.web.workspace import Workspace
 
 __all__ = ["bind", "serve"]
@@ -59,7 +59,13 @@ def serve(job: Path | None, folder: Path, *, port: int = 0, open_browser: bool =
 
     app = FastAPI(lifespan=lifespan, docs_url=None, redoc_url=None, openapi_url=None)
     add_pages(app, workspace)
-    ui.run_with(app, title="updyn", dark=None, show_welcome_message=False)
+    ui.run_with(
+        app,
+        title="updyn",
+        dark=None,
+        show_welcome_message=False,
+        reconnect_timeout=WEB_CONNECTION.lost_after,  # pages have their own
+    )
     most_bytes = workspace.most_upload + WEB_LIMIT.form_bytes
     guarded = Guard(app, port=port, token=token, most_bytes=most_bytes)
     config = uvicorn.Config(

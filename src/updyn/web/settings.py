@@ -89,6 +89,18 @@ class WebLimitSettings:
 
 
 @dataclass(frozen=True)
+class WebConnectionSettings:
+    """Connection of a page to the server."""
+
+    #: [s] Time without an answer after which the connection is taken for lost. Effort: longer than
+    #: a computer is busy or asleep between two clicks, which would be lost with the connection.
+    lost_after: float = 60.0
+    #: [s] Time in which a page may connect anew after its connection has ended. Effort: until then
+    #: the server also updates pages that were left.
+    reconnect_seconds: float = 3.0
+
+
+@dataclass(frozen=True)
 class WebTaskSettings:
     """Processes behind the pages."""
 
@@ -116,5 +128,6 @@ class WebTaskSettings:
 
 
 WEB_PAGE = WebPageSettings()
+WEB_CONNECTION = WebConnectionSettings()
 WEB_LIMIT = WebLimitSettings()
 WEB_TASK = WebTaskSettings()

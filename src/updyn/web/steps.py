@@ -151,8 +151,7 @@ def _assess_result(workspace: Workspace, runs: Sequence[RunFolder]) -> _Found:
     if not runs:
         return "open", "No result of this job yet: run it first."
     record = runs[0].record
-    phrase = read_badge(record).phrase
-    status = f"Latest run: {phrase[0].lower()}{phrase[1:]}."
+    status = f"Latest run: {read_badge(record).name}."
     trust = record.get("trust")
     for claim in trust.values() if isinstance(trust, dict) else ():
         if isinstance(claim, dict) and claim.get("holds") is False:

@@ -19,6 +19,11 @@ class Badge:
     phrase: str
     colour: Colour
 
+    @property
+    def name(self) -> str:
+        """The phrase within a sentence."""
+        return self.phrase[0].lower() + self.phrase[1:]
+
 
 #: Badges by status.
 _ENDED = {

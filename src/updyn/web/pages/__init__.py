@@ -17,7 +17,7 @@ from updyn.web.looking import render_structure
 from updyn.web.pages import check, job, measurement, model, results, running, start, table, unknowns
 from updyn.web.pages.frame import add_frame
 from updyn.web.pages.task import task_page
-from updyn.web.settings import WEB_PAGE
+from updyn.web.settings import WEB_CONNECTION, WEB_PAGE
 from updyn.web.steps import STEPS
 from updyn.web.workspace import Workspace
 
@@ -55,7 +55,8 @@ def add_pages(app: FastAPI, workspace: Workspace) -> None:
     places = {place: name for place, (name, _) in PAGES.items()}
     steps = {place: (STEPS[place], fill) for place, fill in _STEP_PAGES.items()}
     for place, (name, fill) in {**PAGES, **steps, **_OPENED}.items():
-        ui.page(place)(add_frame(workspace, places, place, name, fill))
+        page = ui.page(place, reconnect_timeout=WEB_CONNECTION.reconnect_seconds)
+        page(add_frame(workspace, places, place, name, fill))
 
     app.mount(FIGURE_SCRIPTS, StaticFiles(packages=[("updyn.report", "assets")]))
 
