@@ -94,6 +94,10 @@ from .store.uncertainty import write_uncertainty as write_uncertainty
 from .uncertainty.bootstrap import bootstrap as bootstrap
 from .uncertainty.bootstrap import merge_draws as merge_draws
 from .uncertainty.expansion import expand_modes as expand_modes
+from .uncertainty.level_result import CandidateLevel as CandidateLevel
+from .uncertainty.level_result import FittedLevel as FittedLevel
+from .uncertainty.level_result import LevelAssessment as LevelAssessment
+from .uncertainty.levels import assess_levels as assess_levels
 from .uncertainty.mode_prediction import predict_modes as predict_modes
 from .uncertainty.prediction import predict as predict
 from .uncertainty.profile import profile as profile

@@ -30,6 +30,9 @@ def test_the_example_runs_and_folds() -> None:
     result, wanted = namespace["result"], {"springs.stiffness": 1.2, "joint.coefficient": 3e8}
     for name, value in wanted.items():
         assert abs(result.values[name] - value) < 1e-3 * value
+    levels = namespace["levels"]
+    assert [one.level for one in levels.candidates] == [0.25, 0.5, 1.0, 2.0, 4.0]
+    assert levels.best.level == 4.0
 
 
 def test_every_element_is_on_the_page() -> None:

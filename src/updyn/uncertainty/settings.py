@@ -179,6 +179,20 @@ class SurrogateSettings:
     most_enrichments: int = 2
 
 
+@dataclass(frozen=True)
+class LevelCandidateSettings:
+    """Force levels that are proposed for a further test."""
+
+    #: [1] Lowest level, as a multiple of the lowest one of the tests. Default: about a factor of
+    #: two, as steps of levels in tests.
+    below: float = 0.5
+    #: [1] Highest level, as a multiple of the highest one of the tests. Default: as `below`.
+    above: float = 2.0
+    #: [1] Relative difference up to which two levels are the same. Rounding: far above rounding,
+    #: far below differences of tests.
+    same: float = 1e-6
+
+
 COUNT_LIMITS = CountLimitSettings()
 BOOTSTRAP = BootstrapSettings()
 POSTERIOR_SEARCH = PosteriorSearchSettings()
@@ -188,3 +202,4 @@ PROFILES = ProfileSettings()
 SAMPLER = SamplerSettings()
 MIXTURE = MixtureSettings()
 SURROGATE = SurrogateSettings()
+LEVEL_CANDIDATES = LevelCandidateSettings()

@@ -53,7 +53,7 @@ class Surrogate:
         for part, reduction, result in zip(
             self.exact.parts, self._reductions, self.results, strict=True
         ):
-            state, freq = part.state(x), part.frf.freq
+            state, freq = part.state(x), part.solved_lines
             begin_reduction(reduction, result.start, result.kept_basis, state, freq)
             reduction.enrich_until_accurate([state], freq)
 
@@ -61,13 +61,13 @@ class Surrogate:
         """Enrich the bases at some points, as far as the model can be solved."""
         for part, reduction in zip(self.exact.parts, self._reductions, strict=True):
             with suppress(SolverError):
-                reduction.enrich_around([part.state(x) for x in points], part.frf.freq)
+                reduction.enrich_around([part.state(x) for x in points], part.solved_lines)
 
     def settle(self, points: Sequence[RealArray]) -> None:
         """Enrich the bases at some points, as `enrich`, until they are accurate."""
         for part, reduction in zip(self.exact.parts, self._reductions, strict=True):
             with suppress(SolverError):
-                reduction.enrich_until_accurate([part.state(x) for x in points], part.frf.freq)
+                reduction.enrich_until_accurate([part.state(x) for x in points], part.solved_lines)
 
     def problem(self) -> Problem:
         """Return the problem with the current reduced models."""
@@ -82,7 +82,8 @@ class Surrogate:
         errors = []
         for part, reduction in zip(self.exact.parts, self._reductions, strict=True):
             try:
-                errors.append(reduction.errors([part.state(x) for x in points], part.frf.freq))
+                states = [part.state(x) for x in points]
+                errors.append(reduction.errors(states, part.solved_lines))
             except SolverError:
                 return np.inf
         return float(np.max(errors))
