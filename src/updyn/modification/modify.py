@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import linear_sum_assignment
-from scipy.special import ndtri
+from scipy.special import ndtri, stdtrit
 
 from updyn.arrays import RealArray
 from updyn.dofs import Dof
@@ -26,6 +26,7 @@ from updyn.uncertainty.counts import check_level
 from updyn.uncertainty.mode_prediction import select_count
 from updyn.uncertainty.posterior import Posterior
 from updyn.uncertainty.prediction import differentiate_frf
+from updyn.uncertainty.restored import at_alternative
 from updyn.uncertainty.updated_modes import UpdatedModes
 from updyn.updating.result import JointResult, UpdateResult, find_result
 
@@ -76,13 +77,14 @@ def modify(
     Warns
     -----
     UpdynWarning
-        If other answers fit the data equally well; the effect of the change may differ for them.
+        If other answers fit the data equally well; `Modification.others` has the effect by each.
 
     Notes
     -----
     The unknowns have one covariance before and after the change. The standard deviation of a
     difference follows from the difference of the derivatives (delta method), and is therefore often
-    far below that of the values. Errors of the model are not covered.
+    far below that of the values. Intervals are Gaussian, or Student's if the noise is estimated
+    from few numbers, as `UpdateResult.intervals`. Errors of the model are not covered.
 
     Examples
     --------
@@ -95,20 +97,43 @@ def modify(
     True
     """
     one = find_result(result, test)
-    if one.alternatives:
-        count = format_count(len(one.alternatives), "other answer")
-        warnings.warn(
-            f"the update has {count} that may fit as well; the change is predicted by the first",
-            UpdynWarning,
-            stacklevel=2,
-        )
+    options = n, test, tier
+    found = _predict_change(result, change, Posterior.of(result), options)
+    if not one.alternatives:
+        return found
+    others = []
+    for alternative in one.alternatives:
+        other = at_alternative(result, alternative)
+        posterior = Posterior.of_alternative(result, other)
+        if posterior is not None:
+            others.append(_predict_change(other, change, posterior, options))
+    count = format_count(len(one.alternatives), "other answer")
+    advice = "Modification.others has the effect by each" if others else "only this is given"
+    warnings.warn(
+        f"the update has {count} that may fit as well; the change is predicted by the first, and"
+        f" {advice}",
+        UpdynWarning,
+        stacklevel=2,
+    )
+    return replace(found, others=tuple(others))
+
+
+def _predict_change(
+    result: UpdateResult | JointResult,
+    change: Callable[[Model], Model],
+    posterior: Posterior,
+    options: tuple[int | None, str | None, str | None],
+) -> Modification:
+    """Return the effect of a change by one answer."""
+    n, test, tier = options
+    one = find_result(result, test)
     number, highest = select_count(one, n)
     changed = change_update(one, change)
     before = UpdatedModes.of(one, number, highest, tier)
     further = min(before.number + MODIFICATION.further_modes, one.start.n_dofs)
     after = UpdatedModes.of(changed.result, further, highest, tier)
-    posterior = Posterior.of(result)
-    modes = _compare_modes(before, after, changed, posterior)
+    freedom = one.noise.get("degrees_of_freedom")
+    modes = _compare_modes(before, after, changed, posterior, freedom)
     return Modification(one.model, changed.result.model, modes, one, changed, posterior)
 
 
@@ -124,6 +149,8 @@ class ModeChange:
         Standard deviations in Hz, of the difference too; nan where they are undetermined.
     similarity : float
         Square of the cross-orthogonality of both shapes with the mass before the change, 0 to 1.
+    degrees_of_freedom : int or None
+        Those of Student's distribution of the interval; None for a Gaussian.
 
     Examples
     --------
@@ -138,6 +165,7 @@ class ModeChange:
     std_after: float
     std_change: float
     similarity: float
+    degrees_of_freedom: int | None = None
 
     @property
     def change(self) -> float:
@@ -156,7 +184,7 @@ class ModeChange:
         -------
         (float, float)
         """
-        half = _quantile(level) * self.std_change
+        half = _quantile(level, self.degrees_of_freedom) * self.std_change
         return self.change - half, self.change + half
 
 
@@ -172,6 +200,8 @@ class FRFChange:
         Change of the magnitude in dB; nan between motions that are not coupled.
     std_db : ndarray of float
         Its standard deviation; inf where an undetermined combination of unknowns changes it.
+    degrees_of_freedom : int or None
+        Those of Student's distribution of the interval; None for a Gaussian.
 
     Examples
     --------
@@ -189,6 +219,7 @@ class FRFChange:
     after: FRF
     change_db: RealArray
     std_db: RealArray
+    degrees_of_freedom: int | None = None
 
     def interval(self, level: float = 0.95) -> tuple[RealArray, RealArray]:
         """Return the ends of the confidence interval of the change in dB.
@@ -202,7 +233,7 @@ class FRFChange:
         -------
         low, high : ndarray of float
         """
-        half = _quantile(level) * self.std_db
+        half = _quantile(level, self.degrees_of_freedom) * self.std_db
         return self.change_db - half, self.change_db + half
 
 
@@ -216,6 +247,9 @@ class Modification:
         The updated model and the changed one.
     modes : tuple of ModeChange
         Changes of the modes, by ascending frequency before the change.
+    others : tuple of Modification
+        The effect by each other answer of the update that fits the data equally well
+        (`UpdateResult.alternatives`); empty for updates to modes.
 
     Examples
     --------
@@ -234,6 +268,7 @@ class Modification:
     _result: UpdateResult = field(repr=False)
     _changed: ChangedUpdate = field(repr=False)
     _posterior: Posterior = field(repr=False)
+    others: tuple[Modification, ...] = ()
 
     def frf(
         self,
@@ -278,7 +313,8 @@ class Modification:
         std = decibels * self._posterior.propagate(np.where(known[..., None], slope, 0.0), 1.0)
         std = np.nan_to_num(std, nan=np.inf)
         change, std = (np.where(known, values, np.nan) for values in (change, std))
-        return FRFChange(before, after, change, std)
+        freedom = self._result.noise.get("degrees_of_freedom")
+        return FRFChange(before, after, change, std, freedom)
 
     def to_pandas(self, level: float = 0.95) -> pd.DataFrame:
         """Return a table with a row for each mode.
@@ -318,7 +354,10 @@ class Modification:
         -------
         str
         """
-        return text_table(_HEADINGS, self._rows())
+        blocks = [text_table(_HEADINGS, self._rows())]
+        for number, other in enumerate(self.others, 2):
+            blocks += [f"By answer {number}, which fits as well:", other.summary()]
+        return "\n\n".join(blocks)
 
     def _rows(self) -> list[list[str]]:
         rows = []
@@ -332,7 +371,9 @@ class Modification:
         return rows
 
     def _repr_html_(self) -> str:
-        return card("Modification", {"modes": len(self.modes)}, table(_HEADINGS, self._rows()))
+        parts = [table(_HEADINGS, one._rows()) for one in (self, *self.others)]
+        facts = {"modes": len(self.modes), "answers": len(parts) if self.others else ""}
+        return card("Modification", facts, *parts)
 
     def __repr__(self) -> str:
         return f"Modification({format_count(len(self.modes), 'mode')})"
@@ -342,7 +383,11 @@ _HEADINGS = ("mode", "before (Hz)", "after (Hz)", "change (Hz)", "95 % interval"
 
 
 def _compare_modes(
-    before: UpdatedModes, after: UpdatedModes, changed: ChangedUpdate, posterior: Posterior
+    before: UpdatedModes,
+    after: UpdatedModes,
+    changed: ChangedUpdate,
+    posterior: Posterior,
+    freedom: int | None,
 ) -> tuple[ModeChange, ...]:
     """Return the changes of the modes, paired by their shapes."""
     first, second = (m.modes.shapes[:, : m.number] for m in (before, after))
@@ -361,6 +406,7 @@ def _compare_modes(
                 std_after=float(posterior.propagate(moved, g)),
                 std_change=float(posterior.propagate(moved - slope, f)),
                 similarity=min(float(similarity[k, m]), 1.0),
+                degrees_of_freedom=freedom,
             )
         )
     return tuple(found)
@@ -374,6 +420,7 @@ def _differentiate(modes: UpdatedModes, k: int) -> RealArray:
         return np.full(len(modes.values), np.nan)
 
 
-def _quantile(level: float) -> float:
-    """Return the quantile of the normal distribution for an interval."""
-    return float(ndtri(0.5 + 0.5 * check_level(level)))
+def _quantile(level: float, freedom: int | None) -> float:
+    """Return the quantile for an interval: Gaussian, or Student's with degrees of freedom."""
+    upper = 0.5 + 0.5 * check_level(level)
+    return float(ndtri(upper) if freedom is None else stdtrit(freedom, upper))

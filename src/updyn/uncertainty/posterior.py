@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy.linalg
 
 from updyn.arrays import RealArray
 from updyn.errors import OptionError, SolverError
@@ -43,12 +44,31 @@ class Posterior:
             return cls(covariance, np.zeros((len(covariance), 0)))
         if isinstance(source, Draws):
             raise OptionError(f"{len(source)} draws are too few for a covariance")
-        has_likelihood = getattr(METHODS.find(source.first.method), LIKELIHOOD)
-        if has_likelihood and all(isinstance(one.data, FRF) for one in source.results.values()):
+        if _has_likelihood(source):
             return cls._of_likelihood(source)
         # The null space is recorded as text only: each unknown in it counts as undetermined.
         involved = np.flatnonzero(~np.diag(known))
         return cls(np.where(known, covariance, 0.0), np.eye(len(covariance))[:, involved])
+
+    @classmethod
+    def of_alternative(
+        cls, source: UpdateResult | JointResult, other: UpdateResult | JointResult
+    ) -> Posterior | None:
+        """Return the posterior at another answer (`at_alternative`); None without a likelihood.
+
+        It is widened by the factor by which errors of the model widen that of the update.
+        """
+        if not _has_likelihood(source):
+            return None
+        found = cls._of_likelihood(other)
+        stated = source.first.covariance
+        if not np.isfinite(stated).all():
+            return found
+        alone = cls._of_likelihood(source)
+        if alone.null_space.size:
+            return found
+        ratios = scipy.linalg.eigh(stated, alone.covariance, eigvals_only=True)
+        return replace(found, covariance=found.covariance * max(float(ratios[-1]), 1.0))
 
     @classmethod
     def _of_likelihood(cls, source: UpdateResult | JointResult) -> Posterior:
@@ -76,6 +96,13 @@ class Posterior:
         if change > PREDICTED_BAND.open_change * size:
             return np.full_like(variance, np.nan)
         return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
+
+
+def _has_likelihood(source: UpdateResult | JointResult) -> bool:
+    """Return whether the likelihood of an update can be evaluated again."""
+    method = METHODS.find(source.first.method)
+    are_frfs = all(isinstance(one.data, FRF) for one in source.results.values())
+    return bool(getattr(method, LIKELIHOOD)) and are_frfs
 
 
 def find_update(source: UpdateResult | JointResult | Draws) -> UpdateResult | JointResult:

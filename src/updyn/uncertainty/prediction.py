@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import ndtri
+from scipy.special import ndtri, stdtrit
 
 from updyn.arrays import BoolArray, ComplexArray, RealArray
 from updyn.dofs import Dof, DofSet
@@ -88,8 +88,9 @@ def predict(
     Notes
     -----
     The band covers the uncertainty of the unknowns and of the noise, not errors of the model.
-    Magnitude and phase follow from d ln H = dH / H. An undetermined combination of unknowns makes
-    the band infinite at values that it changes, and does not affect the others.
+    Magnitude and phase follow from d ln H = dH / H. The quantile is Gaussian, or Student's if the
+    noise is estimated from few numbers (`UpdateResult.intervals`). An undetermined combination of
+    unknowns makes the band infinite at values that it changes, and does not affect the others.
 
     Examples
     --------
@@ -114,7 +115,8 @@ def predict(
         variance = _noise_variance(result, problem, x)
     if draws is not None:
         return _propagate_draws(problem, x, at, draws.kind, level, variance, seed)
-    return _propagate_covariance(problem, x, Posterior.of(about), level, variance)
+    freedom = result.noise.get("degrees_of_freedom")
+    return _propagate_covariance(problem, x, Posterior.of(about), level, variance, freedom)
 
 
 def differentiate_frf(
@@ -200,6 +202,7 @@ def _propagate_covariance(
     posterior: Posterior,
     level: float,
     noise: RealArray | None,
+    freedom: int | None,
 ) -> Band:
     H, dH = _solve(part, x)
     slope = part.coordinates.slope(x)
@@ -222,7 +225,8 @@ def _propagate_covariance(
         u = np.conj(H) / np.abs(H) ** 2
         magnitude = u.real**2 * rr + u.imag**2 * ii - 2.0 * u.real * u.imag * ri
         phase = u.imag**2 * rr + u.real**2 * ii + 2.0 * u.real * u.imag * ri
-        z = float(ndtri(0.5 + 0.5 * level))
+        upper = 0.5 + 0.5 * level
+        z = float(ndtri(upper) if freedom is None else stdtrit(freedom, upper))
         spread = np.where(is_open, np.inf, z * np.sqrt(np.maximum(magnitude, 0.0)))
         phase_spread = np.where(is_open, np.inf, z * np.sqrt(np.maximum(phase, 0.0)))
         phase_spread = np.minimum(phase_spread, np.pi)

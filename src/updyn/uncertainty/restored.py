@@ -12,6 +12,7 @@ from updyn.arrays import RealArray
 from updyn.errors import OptionError, suggest
 from updyn.uncertainty.likelihood import Likelihood
 from updyn.updating.fit.methods import METHODS, make_method, methods_with, options_of
+from updyn.updating.judge.alternatives import Alternative
 from updyn.updating.problem.noise import NoiseModel, Robust, choose_noise, restore_noise
 from updyn.updating.problem.problem import FRFPart, Problem
 from updyn.updating.problem.residuals import OutputError, OutputErrorSet
@@ -23,6 +24,7 @@ __all__ = [
     "LIKELIHOOD",
     "STATES_NOISE",
     "RestoredFit",
+    "at_alternative",
     "estimate_of",
     "find_positions",
     "list_results",
@@ -153,6 +155,22 @@ def restore(
 def estimate_of(result: UpdateResult) -> RealArray:
     """Return the estimate in the units of the unknowns, shape (n,)."""
     return np.array([result.values[name] for name in result.parameters.names])
+
+
+def at_alternative(
+    result: UpdateResult | JointResult, other: Alternative
+) -> UpdateResult | JointResult:
+    """Return an update with values and models of another answer, without others."""
+    if isinstance(result, JointResult):
+        found = {name: _at_alternative(one, other) for name, one in result.results.items()}
+        return replace(result, results=found)
+    return _at_alternative(result, other)
+
+
+def _at_alternative(result: UpdateResult, other: Alternative) -> UpdateResult:
+    values = np.array([other.values[name] for name in result.parameters.names])
+    model = result.parameters.apply(result.start, values)
+    return replace(result, values=dict(other.values), model=model, alternatives=(), kept_basis=None)
 
 
 def std_of(result: UpdateResult) -> RealArray:

@@ -9,6 +9,7 @@ import pytest
 
 import updyn
 from updyn.demos import chain
+from updyn.updating.judge.alternatives import Alternative
 
 
 @pytest.fixture(scope="module")
@@ -132,10 +133,73 @@ def test_modes_that_change_their_order_are_followed():
     )
 
 
-def test_other_answers_are_stated(result):
-    other = dataclasses.replace(result, alternatives=(None,))
-    with pytest.warns(updyn.UpdynWarning, match="1 other answer that may fit as well"):
-        updyn.modify(other, add_ballast, 1)
+@pytest.fixture(scope="module")
+def mirrored():
+    """Five masses between two walls, measured amid: the springs to the walls may be exchanged."""
+    outer, inner = np.zeros((2, 5, 5)), np.zeros((5, 5))
+    outer[0, 0, 0] = outer[1, 4, 4] = 3e4
+    for i in range(4):
+        inner[i : i + 2, i : i + 2] += 4e4 * np.array([[1.0, -1.0], [-1.0, 1.0]])
+    groups = {
+        "left": updyn.Group(outer[0], loss_factor=0.02),
+        "row": updyn.Group(inner, np.eye(5), loss_factor=0.02),
+        "right": updyn.Group(outer[1], loss_factor=0.02),
+    }
+    start = updyn.Model.from_groups(groups, [f"{i + 1}:X" for i in range(5)])
+    true = start.scaled({"left": {"stiffness": 1.5}, "right": {"stiffness": 0.7}})
+    frf = updyn.response(true, np.linspace(5.0, 70.0, 60), ["3:X"], ["3:X"])
+    noise = np.random.default_rng(0).standard_normal((2, *frf.values.shape)) * 0.007
+    frf = dataclasses.replace(frf, values=frf.values * (1.0 + noise[0] + 1j * noise[1]))
+    unknowns = updyn.parameters(start, stiffness=["left", "right"])
+    result = updyn.update(start, frf, unknowns, noise={"relative": 0.01})
+    assert len(result.alternatives) == 1
+    return result
+
+
+def modify_at(result, label):
+    with pytest.warns(updyn.UpdynWarning, match="others has the effect by each"):
+        return updyn.modify(result, lambda m: m.with_element("mass", [label], mass=0.5), 4)
+
+
+def test_the_effect_by_another_answer_is_that_of_the_mirrored_change(mirrored):
+    left, right = modify_at(mirrored, "1:X"), modify_at(mirrored, "5:X")
+    (other,) = left.others
+    for name in ("change", "std_change", "std_after"):
+        by_other = [getattr(mode, name) for mode in other.modes]
+        expected = [getattr(mode, name) for mode in right.modes]
+        assert by_other == pytest.approx(expected, rel=1e-3)
+    assert other.modes[0].change != pytest.approx(left.modes[0].change, rel=1e-2)
+    one, two = other.frf([20.0], ["2:X"], ["3:X"]), right.frf([20.0], ["4:X"], ["3:X"])
+    assert one.change_db[0, 0, 0] == pytest.approx(two.change_db[0, 0, 0], rel=1e-3)
+    assert "By answer 2, which fits as well:" in left.summary()
+    assert left.summary().endswith(other.summary())
+    assert left._repr_html_().count("<table") == 2
+
+
+def test_errors_of_the_model_widen_the_effect_by_another_answer(mirrored):
+    wide = dataclasses.replace(mirrored, covariance=4.0 * mirrored.covariance)
+    (other,), (expected,) = modify_at(wide, "1:X").others, modify_at(mirrored, "1:X").others
+    assert other.modes[0].std_change == pytest.approx(2.0 * expected.modes[0].std_change, rel=1e-6)
+
+
+def test_other_answers_of_modes_are_stated(result):
+    modes = updyn.modes(result.model, 3)
+    data = updyn.ModeSet(modes.frequency, std_frequency=1e-3 * modes.frequency)
+    unknowns = updyn.parameters(result.start, stiffness="part1")
+    found = updyn.update(result.start, data, unknowns, starts=0)
+    other = Alternative({"part1.stiffness": 2.0}, 1.0)
+    found = dataclasses.replace(found, alternatives=(other,))
+    with pytest.warns(updyn.UpdynWarning, match="1 other answer that .* only this is given"):
+        assert updyn.modify(found, add_ballast, 1).others == ()
+
+
+def test_intervals_are_those_of_student_if_the_noise_is_estimated_from_few_numbers(result):
+    few = dataclasses.replace(result, noise={**result.noise, "degrees_of_freedom": 4})
+    found = updyn.modify(few, add_ballast, 1)
+    mode, frf = found.modes[0], found.frf([5.0], ["12:X"], ["1:X"])
+    quantile = 2.7764451  # of 4 degrees of freedom, as tabulated
+    assert mode.interval()[1] == pytest.approx(mode.change + quantile * mode.std_change, rel=1e-6)
+    assert frf.interval()[1] == pytest.approx(frf.change_db + quantile * frf.std_db, rel=1e-6)
 
 
 @pytest.mark.parametrize(

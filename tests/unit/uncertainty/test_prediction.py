@@ -52,6 +52,15 @@ def test_it_is_the_delta_method_in_closed_form() -> None:
     np.testing.assert_allclose(band.phase_upper - band.phase_lower, 0.0, atol=1e-6)
 
 
+@pytest.mark.filterwarnings("ignore:.*the model has no mass")
+def test_the_quantile_is_that_of_student_if_the_noise_is_estimated_from_few_numbers() -> None:
+    result = one_spring(floor=0.1)
+    few = replace(result, noise={**result.noise, "degrees_of_freedom": 4})
+    wide = [updyn.predict(r, [0.5], ["1:X"], ["1:X"]) for r in (result, few)]
+    ratio = np.log(wide[1].upper / wide[1].lower) / np.log(wide[0].upper / wide[0].lower)
+    np.testing.assert_allclose(ratio, 2.7764451 / 1.959964, rtol=1e-6)
+
+
 def test_phase_and_magnitude_follow_what_the_unknowns_do(result) -> None:
     """Against differences: each unknown moved by its own share of the covariance's root."""
     band = updyn.predict(
