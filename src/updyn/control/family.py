@@ -21,9 +21,10 @@ from updyn.control.target import CandidateSelection
 from updyn.dofs import Dof
 from updyn.dynamics.affine import State
 from updyn.engines import Engine, opened_engine
-from updyn.errors import ModelError, OptionError, SolverError
+from updyn.errors import ModelError, OptionError, SolverError, suggest
 from updyn.frf import check_lines
 from updyn.model import Model
+from updyn.population.result import PopulationResult
 from updyn.sensitivity import Unknowns
 from updyn.uncertainty.draws import Draws
 from updyn.uncertainty.restored import AT_MINIMUM
@@ -156,7 +157,7 @@ class PlantFamily:
 
 
 def plant_family(
-    result: UpdateResult | JointResult,
+    result: UpdateResult | JointResult | PopulationResult,
     inputs: Iterable[str | Dof | Port] | str | Dof | Port,
     outputs: Iterable[str | Dof | Port] | str | Dof | Port,
     band: Sequence[float],
@@ -177,8 +178,9 @@ def plant_family(
 
     Parameters
     ----------
-    result : UpdateResult or JointResult
-        An update that ended at a minimum.
+    result : UpdateResult, JointResult or PopulationResult
+        An update that ended at a minimum. A population (`updyn.update_population`): the nominal
+        plant is at the mean, and members are further structures of the design.
     inputs, outputs, band, tolerance, quantity, route, error, tier, backend
         As for `updyn.plant`. Every plant holds the tolerance against its own model with structural
         damping; all are made by one route. Members keep the modes of the nominal plant, or as many
@@ -191,18 +193,19 @@ def plant_family(
         Seed of the draws; member i does not depend on `n` or on the engine.
     draws : Draws, optional
         Draws of a bootstrap or a sampling (`updyn.bootstrap`, `updyn.sample`), of which `n` equally
-        spaced ones are used. By default draws from the covariance of the update.
+        spaced ones are used. By default draws from the covariance of the update, or from the
+        prediction of a population.
     test : str, optional
-        Name of the test whose model is used, if there are several.
+        Name of the test, or specimen, whose model is used, if there are several models.
     engine : None, int, dask.distributed Client or Engine
         Engine that makes the members, as for `updyn.update`; it does not affect them.
 
     Returns
     -------
     PlantFamily
-        `facts` hold ``source`` (``"covariance"``, ``"bootstrap"``, ``"sampling"``), ``n``,
-        ``seed``, ``route``, ``status`` of the update, ``cut`` (by parameter, the share of draws
-        that were clipped at a bound) and ``note``.
+        `facts` hold ``source`` (``"covariance"``, ``"population"``, ``"bootstrap"``,
+        ``"sampling"``), ``n``, ``seed``, ``route``, ``status`` of the update, ``cut`` (by
+        parameter, the share of draws that were clipped at a bound) and ``note``.
 
     Raises
     ------
@@ -223,6 +226,9 @@ def plant_family(
     The spread is the uncertainty due to the data. It does not include the error of a wrong model
     (`UpdateResult.adequacy`).
 
+    Unknowns of a population follow Student's distribution in their own units, as
+    `PopulationResult.prediction_intervals`: the scatter over structures and the error of the mean.
+
     Examples
     --------
     >>> from updyn.demos import chain
@@ -240,12 +246,18 @@ def plant_family(
         raise OptionError(f"plant_family: n = {n}; expected at most {most:,} members")
     if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
         raise OptionError(f"plant_family: seed = {seed!r}; expected a whole number from 0 up")
-    test_result = _check_ended(find_result(result, test))
     ports = as_ports(inputs, "input"), as_ports(outputs, "output")
-    if draws is None:
-        drawn = _draw_from_covariance(test_result, int(n), seed)
+    if isinstance(result, PopulationResult):
+        if draws is not None:
+            raise OptionError("plant_family: draws are those of an update, not of a population")
+        test_result = _find_mean(result, test)
+        drawn = _draw_from_population(result, int(n), seed)
     else:
-        drawn = _thin_draws(result, draws, int(n))
+        test_result = _check_ended(find_result(result, test))
+        if draws is None:
+            drawn = _draw_from_covariance(test_result, int(n), seed)
+        else:
+            drawn = _thin_draws(result, draws, int(n))
     options = {"quantity": quantity, "error": error, "tier": tier, "backend": backend}
     making = _PlantMaker(
         test_result.start, test_result.parameters, *ports, band, tolerance, options
@@ -428,13 +440,60 @@ def _draw_from_covariance(result: UpdateResult, n: int, seed: int) -> _Parameter
     for number in range(n):
         z[number] = np.random.default_rng((seed, number)).standard_normal(len(x))
     drawn, clipped = values(z)
-    cut = {}
-    for name, part in zip(parameters.names, clipped.mean(axis=0), strict=True):
-        if part > 0.0:
-            cut[name] = float(part)
+    cut = _name_shares(parameters, clipped)
     training = np.random.default_rng(0).standard_normal((_count_training(len(x)), len(x)))
     wide = PLANT_FAMILY.training_spread * training
     return _ParameterDraws(drawn, values(wide)[0], "covariance", cut=cut)
+
+
+def _find_mean(population: PopulationResult, name: str | None) -> UpdateResult:
+    """Return the result of a specimen with values and model of the mean of the population."""
+    results = {key: specimen.result for key, specimen in population.specimens.items()}
+    first = next(iter(results.values()))
+    if name is None and any(one.start is not first.start for one in results.values()):
+        raise OptionError(
+            "plant_family: the specimens have several models; test= names the specimen whose model"
+            f" is used, such as {next(iter(results))!r}"
+        )
+    if name is not None and name not in results:
+        raise OptionError(f"plant_family: no specimen {name!r}; {suggest(name, results)}")
+    one = first if name is None else results[name]
+    parameters = population.parameters
+    model = parameters.apply(one.start, list(population.mean.values()))
+    return replace(
+        one,
+        parameters=parameters,
+        values=population.mean,
+        std=population.std,
+        covariance=population.covariance,
+        model=model,
+        kept_basis=None,
+    )
+
+
+def _draw_from_population(population: PopulationResult, n: int, seed: int) -> _ParameterDraws:
+    """Return draws of the unknowns of further structures of a design."""
+    parameters, freedom = population.parameters, len(population.specimens) - 1
+    mean = np.array(list(population.mean.values()))
+    size, axes = np.linalg.eigh(population.covariance + population.mean_covariance)
+    root = (axes * np.sqrt(np.maximum(size, 0.0))) @ axes.T
+    drawn = np.empty((n, len(mean)))
+    for number in range(n):
+        rng = np.random.default_rng((seed, number))
+        z = rng.standard_normal(len(mean))
+        drawn[number] = mean + root @ z * np.sqrt(freedom / rng.chisquare(freedom))
+    values = np.clip(drawn, parameters.lower, parameters.upper) + 0.0
+    cut = _name_shares(parameters, values != drawn)
+    training = np.random.default_rng(0).standard_normal((_count_training(len(mean)), len(mean)))
+    wide = mean + PLANT_FAMILY.training_spread * training @ root
+    wide = np.clip(wide, parameters.lower, parameters.upper) + 0.0
+    return _ParameterDraws(values, wide, "population", cut=cut)
+
+
+def _name_shares(parameters: ParameterSet, clipped: BoolArray) -> dict[str, float]:
+    """Return the share of draws that were clipped at a bound, by parameter, if above 0."""
+    shares = zip(parameters.names, clipped.mean(axis=0).tolist(), strict=True)
+    return {name: share for name, share in shares if share > 0.0}
 
 
 def _count_training(n_unknowns: int) -> int:
