@@ -9,6 +9,7 @@ __all__ = [
     "FACTORS",
     "display_width",
     "fit_columns",
+    "format_change",
     "format_count",
     "format_multiple",
     "percent",
@@ -19,6 +20,8 @@ __all__ = [
 
 #: Ratio from which texts give a multiple instead of percent.
 FACTORS = 10.0
+#: [%] Smaller changes are written as none.
+_NO_CHANGE = 5e-4
 #: Characters that a terminal would interpret, or that change the text direction.
 _CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069]")
 
@@ -94,6 +97,19 @@ def format_multiple(factor: float) -> str:
     if factor < FACTORS:
         return f"{factor:.2g}"
     return f"{factor:.3g}" if factor < 1e3 or factor >= 1e6 else f"{factor:.0f}"
+
+
+def format_change(factor: float, digits: int = 3) -> str:
+    """Return the change by a factor in percent, with its sign; a large factor as a factor."""
+    if factor >= FACTORS:
+        return f"×{format_multiple(factor)}"
+    change = 100.0 * (factor - 1.0)
+    if abs(change) < _NO_CHANGE:
+        return "0 %"
+    text = f"{change:+.{digits}g}"
+    if "e" in text:
+        text = f"{change:+.0f}"
+    return f"{text} %".replace("-", "−")
 
 
 def printable(text: str) -> str:

@@ -124,7 +124,7 @@ def accept(
     limits = find_limits(standard)
     _check_shares(std_frequency=std_frequency, std_shapes=std_shapes)
     if least_probability is not None:
-        check_level(least_probability)
+        check_level(least_probability, "least_probability")
     result = None if isinstance(source, Model) else find_result(find_update(source), test)
     measured = modes
     if measured is None and result is not None:

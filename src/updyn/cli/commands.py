@@ -56,6 +56,7 @@ from updyn.progress import RunStage
 if TYPE_CHECKING:
     from distributed import Client
 
+    from updyn.acceptance.result import Acceptance
     from updyn.demos import Demo
     from updyn.engines import Engine
     from updyn.job import Job, JobRun, Prepared
@@ -235,6 +236,15 @@ def _find_start_folder(job: Job, work: str, out: Path | None) -> Path | None:
     if not job.output.report and out is None:
         return None
     return start_folder(job, work, out)
+
+
+def _accept_start(ready: Prepared) -> Acceptance | None:
+    """Return the acceptance of the model at the start; None without a table ``[accept]``."""
+    if "accept" not in ready.job.tables:
+        return None
+    from updyn.job.acceptance import accept_start
+
+    return accept_start(ready)
 
 
 def _find_faults(ready: Prepared) -> dict[str, tuple[Finding, ...]]:
@@ -481,7 +491,6 @@ def correlate(job: Path, /, *, out: Path | None = None, verbose: Verbose = False
         Print all tables before the outcome.
     """
     from updyn.job import job_analysis, job_selection, load_job, prepare
-    from updyn.job.acceptance import accept_start
     from updyn.job.modes import correlation_at_start, start_modes, start_modes_text
     from updyn.job.start import (
         StartAgreement,
@@ -512,7 +521,7 @@ def correlate(job: Path, /, *, out: Path | None = None, verbose: Verbose = False
         compared = StartComparison(ready, test.name, agreement.figures, found, faults, modes)
         details.append(join_sections(CORRELATE, compared))
         outcome.append(brief_start(compared, output_width()))
-    acceptance = accept_start(ready)
+    acceptance = _accept_start(ready)
     if acceptance is not None:
         details.append(acceptance.summary())
         outcome.append(acceptance.statement)

@@ -138,11 +138,10 @@ class _AcceptJobTable(JobTable):
 ACCEPT = _AcceptJobTable()
 
 
-def accept_start(ready: Prepared) -> Acceptance | None:
-    """Return the acceptance of the model at the start of its unknowns; None if not asked for."""
+def accept_start(ready: Prepared) -> Acceptance:
+    """Return the acceptance of the model at the start of its unknowns, by the table of the job."""
     table = ready.job.table(AcceptTable)
-    if table is None:
-        return None
+    assert table is not None
     test = next(one for one in ready.tests if one.name == table.test)
     model, modes = start_model(test, ready.parameters), test.modes
     if isinstance(test.data, ModeSet):

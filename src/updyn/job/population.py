@@ -89,44 +89,10 @@ class _PopulationJobTable(JobTable):
     def write(self, found: PopulationResult, job: Job, folder: Path) -> None:
         table = job.table(PopulationTable)
         assert table is not None
-        write_json(describe_population(found, table.level), folder / FILE)
+        write_json(found.to_dict(table.level), folder / FILE)
 
     def summary(self, found: PopulationResult) -> str:
         return found.summary()
 
 
 POPULATION = _PopulationJobTable()
-
-
-def describe_population(found: PopulationResult, level: float) -> dict[str, object]:
-    """Return a population as plain values, with intervals of a level."""
-    spans, scatter = found.intervals(level), found.std_intervals(level)
-    further = found.prediction_intervals(level)
-    unknowns = [
-        {
-            "name": p.name,
-            "unit": p.value_unit,
-            "mean": found.mean[p.name],
-            "interval": spans[p.name],
-            "std": found.std[p.name],
-            "std_interval": scatter[p.name],
-            "prediction_interval": further[p.name],
-        }
-        for p in found.parameters
-    ]
-    specimens = {
-        name: {"status": one.result.status, "values": one.values, "std": one.std}
-        for name, one in found.specimens.items()
-    }
-    return {
-        "title": found.title,
-        "level": level,
-        "differs": found.differs,
-        "p_value": found.p_value,
-        "correlated": found.correlated,
-        "covariance": found.covariance.tolist(),
-        "unknowns": unknowns,
-        "specimens": specimens,
-        "excluded": dict(found.excluded),
-        "outliers": found.outliers(),
-    }

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.stats import chi2, norm, t
@@ -200,7 +200,7 @@ class PopulationResult:
         -------
         dict of str to float
         """
-        check_level(level)
+        check_level(level, example=0.99)
         std = np.sqrt(np.diag(self.covariance))
         found = {}
         for name, one in self.specimens.items():
@@ -245,6 +245,53 @@ class PopulationResult:
             )
         ]
         return pd.DataFrame(rows, index=pd.Index(self.parameters.names, name="unknown"))
+
+    def to_dict(self, level: float = 0.95) -> dict[str, Any]:
+        """Return the population as plain values, for JSON.
+
+        Parameters
+        ----------
+        level : float
+            Probability of the intervals.
+
+        Returns
+        -------
+        dict
+            ``title``, ``level``, ``differs``, ``p_value``, ``correlated``, ``covariance``,
+            ``excluded``, ``outliers``; ``unknowns``: a dict for each, with ``name``, ``unit``,
+            ``mean``, ``interval``, ``std``, ``std_interval`` and ``prediction_interval``;
+            ``specimens``: by name, with ``status``, ``values`` and ``std``.
+        """
+        spans, scatter = self.intervals(level), self.std_intervals(level)
+        further = self.prediction_intervals(level)
+        unknowns = [
+            {
+                "name": p.name,
+                "unit": p.value_unit,
+                "mean": self.mean[p.name],
+                "interval": spans[p.name],
+                "std": self.std[p.name],
+                "std_interval": scatter[p.name],
+                "prediction_interval": further[p.name],
+            }
+            for p in self.parameters
+        ]
+        specimens = {
+            name: {"status": one.result.status, "values": one.values, "std": one.std}
+            for name, one in self.specimens.items()
+        }
+        return {
+            "title": self.title,
+            "level": level,
+            "differs": self.differs,
+            "p_value": self.p_value,
+            "correlated": self.correlated,
+            "covariance": self.covariance.tolist(),
+            "unknowns": unknowns,
+            "specimens": specimens,
+            "excluded": dict(self.excluded),
+            "outliers": self.outliers(),
+        }
 
     def summary(self) -> str:
         """Return mean and scatter of the unknowns as text, with 95 % intervals.

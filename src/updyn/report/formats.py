@@ -11,7 +11,7 @@ from updyn.correlation.figures import FIGURE_NAMES
 from updyn.frf import FRF, unit
 from updyn.modal import ModeSet
 from updyn.report.settings import REPORT_LIST
-from updyn.text_table import FACTORS, format_count, format_multiple
+from updyn.text_table import FACTORS, format_change, format_count, format_multiple
 from updyn.updating.problem.parameters import Parameter
 from updyn.updating.result import UpdateResult
 from updyn.updating.result import interval as confidence_interval
@@ -158,12 +158,7 @@ def change(parameter: Parameter, value: float) -> str:
         return number(value)
     if parameter.start == 0.0:
         return "0 %" if value == 0.0 else f"from 0 to {number(value, 3)}"
-    percent = 100.0 * (value / parameter.start - 1.0)
-    if abs(percent) < 5e-4:
-        return "0 %"
-    if value / parameter.start >= FACTORS:
-        return f"×{format_multiple(value / parameter.start)}"
-    return f"{percent:+.3g} %".replace("-", "−")
+    return format_change(value / parameter.start)
 
 
 def interval(

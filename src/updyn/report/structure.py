@@ -16,8 +16,9 @@ from updyn.report.plots import Figure
 from updyn.report.scene import colour_by_std, scene_of, sensors_of
 from updyn.report.section import PageContent, ReportSection
 from updyn.report.templates import render_template
+from updyn.text_table import format_change
 from updyn.updating.result import UpdateResult
-from updyn.viewer.colourings import format_percent, scale_of_changes
+from updyn.viewer.colourings import scale_of_changes
 from updyn.viewer.page import fragment, script
 from updyn.viewer.scene import Colouring, Scene
 
@@ -179,7 +180,7 @@ class _GroupChanges:
 
     def _title(self, name: str) -> str:
         quantity, factor = self.changes[name]
-        text = f"{name}: {quantity_words(quantity)} {format_percent(factor)}"
+        text = f"{name}: {quantity_words(quantity)} {format_change(factor)}"
         if self.remarks[name]:
             text += f", {self.remarks[name]}"
         return text
@@ -194,7 +195,7 @@ class _GroupChanges:
         steps = []
         for step in range(-STEPS, STEPS + 1):
             if step:
-                text = format_percent(math.exp(self.reach * step / STEPS), 2)
+                text = format_change(math.exp(self.reach * step / STEPS), 2)
                 steps.append((f"s{step}", text))
         return steps + out
 

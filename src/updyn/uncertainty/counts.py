@@ -26,8 +26,11 @@ def check_count(name: str, value: Any, what: str, least: int, most: int) -> int:
     return int(value)
 
 
-def check_level(level: float) -> float:
-    """Return the probability of an interval; raise OptionError if it is not between 0 and 1."""
+def check_level(level: float, name: str = "level", example: float = 0.95) -> float:
+    """Return a probability given by the user; raise OptionError if it is not between 0 and 1."""
     if not 0.0 < level < 1.0:
-        raise OptionError(f"level = {level!r}: expected a share between 0 and 1, such as 0.95")
+        raise OptionError(
+            f"{name} = {level!r}: expected a share between 0 and 1, such as {example:g}",
+            key=(name,),
+        )
     return level

@@ -9,10 +9,10 @@ from numpy.typing import ArrayLike
 
 from updyn.arrays import RealArray
 from updyn.settings import FIGURES
-from updyn.text_table import FACTORS, format_multiple
+from updyn.text_table import format_change
 from updyn.viewer.scene import Colouring, Scale
 
-__all__ = ["by_size", "format_percent", "scale_of_changes"]
+__all__ = ["by_size", "scale_of_changes"]
 
 #: Colours of magnitudes from small to large, and of changes from decrease to increase.
 _SEQUENTIAL = tuple(f"seq-{step}" for step in range(8))
@@ -90,19 +90,9 @@ def scale_of_changes(factors: ArrayLike, reach: float) -> Scale:
     sizes = _round_numbers(min(0.1 * high, 1.0 + low), high)
     losses = [size - 1.0 for size in sizes if size < 1.0]
     changes = [part for size in reversed(sizes) for part in (size, -size)] + losses[::-1]
-    ticks = [(place(1.0 + c), format_percent(1.0 + c)) for c in changes if low <= c <= high]
+    ticks = [(place(1.0 + c), format_change(1.0 + c)) for c in changes if low <= c <= high]
     of_group = [place(factor) for factor in np.asarray(factors).tolist()]
     return Scale(_DIVERGING, _spread_ticks([(0.5, "0 %"), *ticks]), of_group)
-
-
-def format_percent(factor: float, digits: int = 3) -> str:
-    """Return the change by a factor in percent, with its sign; a large factor as a factor."""
-    if factor >= FACTORS:
-        return f"×{format_multiple(factor)}"
-    text = f"{100.0 * (factor - 1.0):+.{digits}g}"
-    if "e" in text:
-        text = f"{100.0 * (factor - 1.0):+.0f}"
-    return f"{text} %".replace("-", "\u2212")
 
 
 def _find_scale(

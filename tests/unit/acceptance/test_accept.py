@@ -294,6 +294,9 @@ def test_bad_options() -> None:
         updyn.accept(model, measure(), directions="XW")
     with pytest.raises(OptionError, match="std_shapes = 5: expected a share"):
         updyn.accept(model, measure(), std_shapes=5)
+    with pytest.raises(OptionError, match=r"least_probability = 95: .* such as 0\.95") as found:
+        updyn.accept(model, measure(), least_probability=95)
+    assert found.value.key == ("least_probability",)
     with pytest.raises(DataError, match="a measured mode at 0 Hz"):
         updyn.accept(model, updyn.ModeSet([0.0, 0.1]))
     with pytest.raises(DofError):
