@@ -27,7 +27,7 @@ from updyn.frf import FRF
 from updyn.model import Model
 from updyn.progress import asks_to_stop
 from updyn.updating.fit.methods import METHODS, make_method
-from updyn.updating.fit.monitor import CAUSES, JUDGE, Progress
+from updyn.updating.fit.monitor import CAUSES, FAULTS, JUDGE, Progress
 from updyn.updating.fit.reducing import is_reduced
 from updyn.updating.fit.regularisation import check_regularise
 from updyn.updating.problem.data import Test, check_tests, leave_out_undefined_line, split_data
@@ -74,7 +74,7 @@ class StepCounter:
 
     def __call__(self, progress: Progress) -> bool:
         """Forward a step; return whether to stop."""
-        if progress.stage not in (JUDGE, CAUSES):
+        if progress.stage not in (FAULTS, JUDGE, CAUSES):
             self.lines_solved = progress.lines_done
         if self.callback is not None:
             shown = replace(progress, stage=f"{self.stage}: {progress.stage}")

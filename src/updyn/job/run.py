@@ -32,7 +32,7 @@ from updyn.progress import RunStage, asks_to_stop
 from updyn.store.netcdf import load_libraries
 from updyn.store.result import write_result, write_result_json
 from updyn.updating.fit.methods import make_method, options_of
-from updyn.updating.fit.monitor import JUDGE, Progress
+from updyn.updating.fit.monitor import CAUSES, JUDGE, Progress
 from updyn.updating.judge.selection import cluster_jointly, select_jointly
 from updyn.updating.judge.settings import SEPARATION
 from updyn.updating.problem.data import Test
@@ -106,7 +106,7 @@ def list_stages(job: Job) -> list[RunStage]:
     stages = [RunStage("start")]
     for name, most_steps in make_method(job.method.name, job.method.options).stages:
         stages.append(RunStage(name, most_steps))
-    stages.append(RunStage(JUDGE))
+    stages += [RunStage(JUDGE), RunStage(CAUSES)]
     for name, table in job.tables.items():
         # Progress of a table counts its pieces of work as lines of one step.
         stages += [RunStage(begin, 1) for begin in JOB_TABLES[name].stages(table)]

@@ -20,7 +20,7 @@ from updyn.modal import ModeSet
 from updyn.model import Model
 from updyn.progress import RunStage, display_progress
 from updyn.updating.fit.methods import make_method
-from updyn.updating.fit.monitor import JUDGE, Progress
+from updyn.updating.fit.monitor import CAUSES, JUDGE, Progress
 from updyn.updating.fit.start_problem import build_start_problem
 from updyn.updating.judge.assessment import analyse_start
 from updyn.updating.judge.identifiability import Analysis, Identifiability
@@ -351,7 +351,7 @@ def _combine_callbacks(
     stages = [
         RunStage(name, most_steps) for name, most_steps in make_method(method, options).stages
     ]
-    with display_progress([RunStage("start"), *stages, RunStage(JUDGE)]) as show:
+    with display_progress([RunStage("start"), *stages, RunStage(JUDGE), RunStage(CAUSES)]) as show:
 
         def both(step: Progress) -> bool | None:
             show(step)

@@ -86,7 +86,7 @@ def test_run_recovers_the_truth_and_says_0(
         assert f"\n  {part:<10}  yes        " in out
     assert "The fit converged and" not in out  # the four parts say it
     assert str(folder / "result.json") in out
-    assert re.match(r"stage \d of 4, .*\d:\d\d elapsed\n", err)  # stderr is no terminal here
+    assert re.match(r"stage \d of 5, .*\d:\d\d elapsed\n", err)  # stderr is no terminal here
 
     found = json.loads((folder / "result.json").read_text(encoding="utf-8"))
     assert found["status"] == "converged"

@@ -17,6 +17,7 @@ from updyn.updating.problem.problem import Problem
 
 __all__ = [
     "CAUSES",
+    "FAULTS",
     "JUDGE",
     "Iteration",
     "Monitor",
@@ -25,8 +26,9 @@ __all__ = [
     "count_iterations",
 ]
 
-#: Stages after a fit with any method: identifiability, and causes of the residual.
-JUDGE, CAUSES = "judge", "causes"
+#: Stages of any method: faults of the data that a fit from the start shows, and after the fit
+#: identifiability and causes of the residual.
+FAULTS, JUDGE, CAUSES = "faults of the data", "judge", "causes"
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import functools
+import time
 from collections.abc import Awaitable, Callable, Mapping
 from typing import Any, TypeVar
 
 from nicegui import run, ui
 
 from updyn.errors import UpdynError
+from updyn.progress import format_clock
 from updyn.style import LOOKS, PAPER
 from updyn.web.document import JobDocument
 from updyn.web.form import REQUIRED
@@ -220,11 +222,17 @@ async def run_slow(
     """Return the result of a slow function without blocking the page; show its error instead.
 
     None if it raised an `UpdynError`, or the page was rebuilt in the meantime. `note` is shown
-    while it works.
+    while it works, with the time that it has taken.
     """
+    begun = time.monotonic()
+
+    def count_time() -> None:
+        label.set_text(f"{note} {format_clock(time.monotonic() - begun)}")
+
     with ui.row().classes("items-center") as waiting:
         ui.spinner()
-        ui.label(note)
+        label = ui.label(note)
+        ui.timer(1.0, count_time, immediate=False)
     message = ""
     try:
         found = await run.io_bound(function, *arguments)

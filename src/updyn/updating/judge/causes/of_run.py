@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 
 from updyn.arrays import RealArray
 from updyn.errors import SolverError
-from updyn.updating.fit.monitor import CAUSES, Monitor
+from updyn.updating.fit.monitor import CAUSES, FAULTS, Monitor
 from updyn.updating.judge.assessment import Judgement
 from updyn.updating.judge.causes.data_alone import find_data_faults, with_variance
 from updyn.updating.judge.causes.diagnosis import find_causes, find_obstacle, is_far_from_start
@@ -58,7 +58,7 @@ class CauseSearch:
         # structure.
         if not self.exact.is_linear:
             return False
-        with monitor.stage(CAUSES):
+        with monitor.stage(FAULTS):
             for i, noise in enumerate(self.noises):
                 whole = self._whole_part(monitor.problem.parts[i], i)
                 if find_obstacle(whole, noise):
