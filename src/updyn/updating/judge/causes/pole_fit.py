@@ -12,7 +12,7 @@ from updyn.updating.fit.trust_region import TrustRegion
 from updyn.updating.judge.causes.evidence import Evidence, compute_spread
 from updyn.updating.judge.causes.misfit import compute_log_misfit
 from updyn.updating.judge.causes.settings import CAUSE_MISFIT, MISSING_MODE
-from updyn.updating.problem.local import Local, reduce_blocks
+from updyn.updating.problem.local import Local, qr_triangle, reduce_blocks
 from updyn.updating.problem.problem import FRFPart
 
 __all__ = ["Pole", "fit_pole"]
@@ -95,12 +95,12 @@ class _PoleProblem:
         total = evidence.model_response(frf) + T
         share = self.line_weight * weight / np.where(total == 0, 1.0, total)
         slopes = [*evidence.model_slopes(frf), *self._derive_by_pole(pole, frf, T)]
-        columns = [-(share * one).ravel() for one in slopes]
-        rows = np.array([*columns, (self.line_weight * e).ravel()]).view(np.float64).T
+        columns = np.array([-(share * one).ravel() for one in slopes]).view(np.float64)
+        residual = (self.line_weight * e).ravel().view(np.float64)
         priors = np.zeros((self.n, len(z) + 1))
         priors[:, : self.n] = np.diag(self.prior_weight)
         priors[:, -1] = self.prior_weight * (x - self.part.coordinates.start)
-        return reduce_blocks([rows, priors], len(z))
+        return reduce_blocks([qr_triangle(columns, residual), priors], len(z))
 
     def _derive_by_pole(self, pole: Pole, frf: FRF, T: ComplexArray) -> list[ComplexArray]:
         """Return the derivatives of the pole's contribution by its own variables."""
