@@ -9,13 +9,12 @@ from typing import Any
 import numpy as np
 
 from updyn.arrays import RealArray
-from updyn.group import VALUES
 from updyn.report.formats import (
     axis_title,
     figure_name,
     quantity_words,
 )
-from updyn.report.of_unknowns import ParameterSection, group_by_figure
+from updyn.report.of_unknowns import ParameterSection, group_by_figure, list_kinds
 from updyn.report.plots import (
     Figure,
     drop_missing,
@@ -72,7 +71,7 @@ class ConvergenceSection(ParameterSection):
             ("factor-paths", "Paths of the factors"),
             ("calibration-paths", "Paths of the calibration factors"),
         ]
-        for kind in VALUES:
+        for kind in list_kinds(result):
             titles.append((f"{figure_name(kind)}-paths", f"Paths: {quantity_words(kind)}"))
         return {
             "taken": result.iterations,
@@ -285,7 +284,7 @@ def value_paths(result: UpdateResult, chosen: Sequence[Parameter]) -> Figure | N
     paths = {}
     for p in chosen:
         path = np.array([step.values.get(p.name, np.nan) if step else np.nan for step in steps])
-        paths[p.name] = path / p.start if p.is_factor else path
+        paths[p.name] = path / p.start if p.is_log else path
     ordered = sorted(paths, key=lambda name: -_find_span(paths[name]))
     named = sorted(ordered[: FIGURES.legend_entries], key=list(paths).index)
     traces = []

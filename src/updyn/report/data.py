@@ -17,6 +17,7 @@ from updyn.dynamics.response import response_like
 from updyn.errors import UpdynError
 from updyn.frf import FRF
 from updyn.model import Model
+from updyn.report.at_level import LevelModel
 from updyn.report.settings import REPORT_COMPUTATION
 from updyn.report.start import Start
 from updyn.updating.result import UpdateResult, estimated_gains
@@ -262,6 +263,8 @@ def compute_frfs(
     if options.get("tier") == "reduced":
         how = {key: options[key] for key in ("tier", "accuracy") if key in options}
     try:
+        if model.nonlinear:
+            return LevelModel.of(model, frf, freq, how).responses()
         return response_like(model, frf, freq, **how).values
     except UpdynError as error:  # a failed fit also gets a report
         notes.append(f"The {what} could not be computed and is not drawn: {error}")

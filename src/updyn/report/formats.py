@@ -95,7 +95,7 @@ def estimate(value: float, std: float) -> str:
 
 def quantity_words(quantity: str) -> str:
     """Return a quantity in words: ``"loss factor"`` for ``"loss_factor"``."""
-    return _QUANTITY_WORDS.get(quantity, quantity)
+    return _QUANTITY_WORDS.get(quantity, quantity.replace("_", " "))
 
 
 def figure_name(quantity: str) -> str:
@@ -105,7 +105,7 @@ def figure_name(quantity: str) -> str:
 
 def axis_title(parameter: Parameter) -> str:
     """Return the axis title for values of an unknown: quantity, and unit in brackets."""
-    if parameter.value_of is None:
+    if parameter.value_of is None or parameter.is_log:
         return "value relative to the start"
     quantity = quantity_words(parameter.value_of)
     if parameter.value_unit:

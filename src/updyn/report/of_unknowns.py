@@ -11,7 +11,7 @@ from updyn.report.section import PageContent, ReportSection
 from updyn.updating.problem.parameters import Parameter
 from updyn.updating.result import UpdateResult
 
-__all__ = ["ParameterSection", "group_by_figure", "name_unknowns"]
+__all__ = ["ParameterSection", "group_by_figure", "list_kinds", "name_unknowns"]
 
 
 class ParameterSection(ReportSection):
@@ -25,19 +25,28 @@ class ParameterSection(ReportSection):
 def group_by_figure(
     result: UpdateResult, factors: str, end: str, calibrations: str
 ) -> dict[str, list[Parameter]]:
-    """Return the unknowns by figure name: factors, each kind of value, sensor calibrations."""
+    """Return the unknowns by figure name: factors, each kind of value, sensor calibrations.
+
+    Parameters of elements whose magnitude is optimised are relative to their start, as factors.
+    """
     out: dict[str, list[Parameter]] = {factors: []}
-    for kind in VALUES:
+    for kind in list_kinds(result):
         out[figure_name(kind) + end] = []
     out[calibrations] = []
     for p in result.parameters:
         if p.is_channel:
             out[calibrations].append(p)
-        elif p.value_of is None:
+        elif p.value_of is None or p.is_log:
             out[factors].append(p)
         else:
             out[figure_name(p.value_of) + end].append(p)
     return out
+
+
+def list_kinds(result: UpdateResult) -> list[str]:
+    """Return the kinds of values: of damping, and parameters of elements that may be 0."""
+    own = [p.quantity for p in result.parameters if p.of_element and not p.is_log]
+    return list(dict.fromkeys([*VALUES, *own]))
 
 
 def name_unknowns(chosen: Sequence[Parameter]) -> list[str]:

@@ -33,6 +33,7 @@ from updyn.frf import FRF
 from updyn.model import Model
 from updyn.registry import Registry
 from updyn.report.data import ReportData, gather, gather_start
+from updyn.report.element_motion import Motion, gather_motions
 from updyn.report.plots import Figure
 from updyn.report.start import Start
 from updyn.report.templates import render_template
@@ -117,6 +118,11 @@ class PageContent:
     def data(self) -> ReportData:
         """Measured and computed FRFs, computed at first use."""
         return gather(self.result) if self.start is None else gather_start(self.start)
+
+    @cached_property
+    def motions(self) -> tuple[tuple[Motion, ...], tuple[str, ...]]:
+        """Largest motion of nonlinear elements in each test, and notes on missing ones."""
+        return gather_motions(self.tests)
 
     @cached_property
     def modes(self) -> ModalTable:
@@ -252,6 +258,7 @@ SECTIONS: Registry[ReportSection] = Registry(
         "all-channels": "updyn.report.overlay:ALL_CHANNELS",
         "frfs": "updyn.report.overlay:FRFS",
         "agreement": "updyn.report.agreement:AGREEMENT",
+        "elements": "updyn.report.elements:ELEMENTS",
         "modes": "updyn.report.modes:MODES",
         "structure": "updyn.report.structure:STRUCTURE",
         "viewer": "updyn.report.structure:VIEWER",

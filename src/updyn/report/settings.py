@@ -40,6 +40,12 @@ class ReportComputationSettings:
     band_cost: int = 20
     #: [lines] Lines of the curves on a page of comparison. Effort: about the pixels of a figure.
     comparison_lines: int = 600
+    #: [1] Change of an equivalent stiffness by an undetermined parameter, over the stiffness, from
+    #: which it has no band. Drawing: less is not visible.
+    visible_share: float = 1e-3
+    #: [1] Loss of an element over its stiffness up to which it is elastic. Rounding: far above
+    #: rounding of a sum over samples.
+    elastic_share: float = 1e-9
     #: [lines] Measured lines on a page of comparison up to which points are drawn. Effort: a curve
     #: would suggest data between the lines.
     comparison_points: int = 150
@@ -63,6 +69,14 @@ class ReportSizeSettings:
     #: [lines] Largest number of lines of a curve on the first screen. Drawing: about two for each
     #: pixel of its width.
     small_curve_lines: int = 600
+    #: [lines] Largest number of measured points of one force level. Drawing: more would hide the
+    #: curves.
+    level_points: int = 200
+    #: [points] Points of an equivalent stiffness over amplitude. Drawing: about a pixel each.
+    amplitude_points: int = 200
+    #: [1] Ratio of the ends of this amplitude to the largest motions in the tests. Drawing: a
+    #: margin.
+    amplitude_margin: float = 3.0
     #: [lines] Lines of an FDAC map. Drawing: about three pixels each.
     fdac_lines: int = 120
     #: [numbers] Largest number of displacements of modes. Drawing: 1.6 MB.
@@ -99,6 +113,8 @@ class ReportListSettings:
     #: [unknowns] Unknowns with the largest changes on the first screen. Drawing: they fit next to
     #: the verdict at 800 px of height.
     largest_changes: int = 5
+    #: [elements] Nonlinear elements whose stiffness is drawn. Drawing: two figures each.
+    shown_elements: int = 8
     #: [tests] Tests whose worst channel is on the first screen. Drawing: two figures are side by
     #: side on it.
     shown_tests: int = 2

@@ -135,7 +135,7 @@ def find_intervals(found: Draws | Profiles) -> dict[str, tuple[float, float]]:
 # -- intervals -----------------------------------------------------------------------------------
 def intervals_figure(result: UpdateResult | JointResult, found: Draws | Profiles) -> Figure | None:
     """Return the intervals of the unknowns in Laplace standard deviations; None without any."""
-    # Intervals of factors are shown on the logarithm.
+    # Intervals of unknowns whose logarithm is estimated are shown on it.
     intervals = find_intervals(found)
     chosen = [
         p for p in result.parameters if p.name in intervals and 0 < result.std[p.name] < np.inf
@@ -147,7 +147,7 @@ def intervals_figure(result: UpdateResult | JointResult, found: Draws | Profiles
         value, std = result.values[p.name], result.std[p.name]
         span = np.array(intervals[p.name])
         at[i] = (span - value) / std
-        if p.is_factor:
+        if p.is_log:
             with np.errstate(divide="ignore", invalid="ignore"):
                 at[i] = np.log(span / value) * (value / std)
     low, high = np.clip(at, -_MAX_DEVIATION, _MAX_DEVIATION).T

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from updyn.arrays import IndexArray, RealArray
-from updyn.group import VALUES
 from updyn.report.formats import (
     axis_title,
     change,
@@ -20,7 +19,7 @@ from updyn.report.formats import (
     number,
     quantity_words,
 )
-from updyn.report.of_unknowns import ParameterSection, group_by_figure, name_unknowns
+from updyn.report.of_unknowns import ParameterSection, group_by_figure, list_kinds, name_unknowns
 from updyn.report.plots import (
     MODEL_COLOURS,
     Figure,
@@ -63,7 +62,7 @@ class UnknownsSection(ParameterSection):
             rows = sensors if parameter.is_channel else parts
             rows.append(_parameter_row(content.result, parameter))
         titles = [("factors", "Factors, relative to their start")]
-        for kind in VALUES:
+        for kind in list_kinds(content.result):
             titles.append((f"{figure_name(kind)}s", quantity_words(kind).capitalize()))
         head = [
             "quantity",
@@ -140,7 +139,7 @@ def estimates(result: UpdateResult, chosen: Sequence[Parameter]) -> Figure | Non
     # Factors are shown relative to their start, on a logarithmic axis.
     if not chosen:
         return None
-    relative = chosen[0].is_factor
+    relative = chosen[0].is_log
     rows = np.arange(len(chosen))
     start, values, low, high = np.full((4, len(chosen)), np.nan)
     limits = np.empty((len(chosen), 2))

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 from updyn.arrays import RealArray
 from updyn.errors import SolverError
 from updyn.updating.fit.monitor import CAUSES, FAULTS, Monitor
+from updyn.updating.judge.adequacy import Adequacy
 from updyn.updating.judge.assessment import Judgement
 from updyn.updating.judge.causes.data_alone import find_data_faults, with_variance
 from updyn.updating.judge.causes.diagnosis import find_causes, find_obstacle, is_far_from_start
@@ -74,6 +75,8 @@ class CauseSearch:
         if found.fit.reason in ("stopped", "failed"):
             return Causes()
         if not self.exact.is_linear:
+            if all(map(_leaves_noise, found.adequacy)):
+                return Causes()
             return Causes(not_searched="the model has nonlinear elements")
         out: list[Finding] = []
         was_searched, not_searched = False, ""
@@ -108,8 +111,12 @@ class CauseSearch:
 
     def _is_explained(self, part: FRFPart, i: int, found: Judgement) -> bool:
         """Return whether a fit leaves noise, predicts held-out data, and stays near its start."""
-        adequacy = found.adequacy[i]
-        noisy = adequacy is not None and adequacy.outcome in ("noise", "exact", "untested")
+        noisy = _leaves_noise(found.adequacy[i])
         predicted = claim_validated([found.correlation[i]]).holds is not False
         x: RealArray = found.fit.x
         return noisy and predicted and not is_far_from_start(part, x)
+
+
+def _leaves_noise(adequacy: Adequacy | None) -> bool:
+    """Return whether the residual of a part is noise as far as it was tested."""
+    return adequacy is not None and adequacy.outcome in ("noise", "exact", "untested")

@@ -1,0 +1,78 @@
+"""`LevelModel`: a model with nonlinear elements at the force level of a test."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from updyn.arrays import ComplexArray, RealArray
+from updyn.dynamics.settings import REDUCTION
+from updyn.frf import FRF
+from updyn.model import Model
+from updyn.updating.fit.reducing import make_reduction
+from updyn.updating.problem.forward import PeriodicForward
+from updyn.updating.problem.parameters import parameters
+from updyn.updating.problem.problem import FRFPart
+
+__all__ = ["LevelModel"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LevelModel:
+    """A model with nonlinear elements at the lines and the level of a test, as in a fit.
+
+    At a line with several solutions, the stable one nearest to the measured values is used.
+    """
+
+    part: FRFPart
+
+    @classmethod
+    def of(cls, model: Model, frf: FRF, freq: RealArray, options: Mapping[str, Any]) -> LevelModel:
+        """Return the model at lines in Hz, solved as by an update with these options."""
+        tier = options.get("tier")
+        unknowns = parameters(model, stiffness="all")  # their values are not changed
+        part = FRFPart.build(
+            model,
+            _interpolate(frf, freq),
+            unknowns,
+            tier="sparse" if tier == "reduced" else tier,
+        )
+        part = replace(part, as_read=False)
+        if tier != "reduced":
+            return cls(part)
+        state = part.state(part.coordinates.start)
+        reduction = make_reduction(part, float(options.get("accuracy", REDUCTION.accuracy)))
+        reduction.build(state)
+        reduction.enrich_until_accurate([state], part.solved_lines)
+        return cls(part.with_solver(reduction.solver()))
+
+    def responses(self) -> ComplexArray:
+        """Return the FRF in the quantity of the test, (n_f, n_i, n_j)."""
+        return self.part.responses(self.part.coordinates.start)
+
+    def amplitudes(self) -> RealArray | None:
+        """Return the amplitudes of the deformations, (n_f, n_e, n_j); None without a level."""
+        forward = self.part.forward
+        if not isinstance(forward, PeriodicForward):
+            return None
+        return forward.amplitudes(self.part, self.part.coordinates.start)
+
+
+def _interpolate(frf: FRF, freq: RealArray) -> FRF:
+    """Return data at other lines within the band, linear in real and imaginary part."""
+    if np.array_equal(freq, frf.freq):
+        return frf
+    flat = frf.values.reshape(len(frf.freq), -1).T
+    values = np.stack([np.interp(freq, frf.freq, row) for row in flat], axis=1)
+    level = None if frf.level is None else np.interp(freq, frf.freq, frf.level)
+    return replace(
+        frf,
+        freq=freq,
+        values=values.reshape(len(freq), *frf.values.shape[1:]),
+        coherence=None,
+        variance=None,
+        level=level,
+    )
