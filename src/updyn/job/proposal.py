@@ -52,6 +52,8 @@ __all__ = [
 _WIDTH = 100
 #: Options of readers for labels that a file does not hold.
 _LABELS = ("response_labels", "reference_labels")
+#: Options of a reader, as a job states them.
+ReaderOptions = dict[str, Any]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -109,7 +111,7 @@ class Inputs:
 
 # -- reading ---------------------------------------------------------------------------------------
 def read_inputs(
-    model_file: Path, frf_file: Path, of_model: dict[str, Any], of_frf: dict[str, object]
+    model_file: Path, frf_file: Path, of_model: ReaderOptions, of_frf: dict[str, object]
 ) -> Inputs:
     """Read model and measurement and match them by label, otherwise by coordinates.
 
@@ -156,7 +158,7 @@ def _add_counterparts(inputs: Inputs) -> Inputs:
 
 
 def _match_by_coordinates(
-    model: Model, frf: FRF, options: dict[str, Any]
+    model: Model, frf: FRF, options: ReaderOptions
 ) -> tuple[Matching, dict[str, Any]]:
     """Match by coordinates, in another length unit if only that fits; return the options, too."""
     options = {name: value for name, value in options.items() if name != "by"}
@@ -209,11 +211,11 @@ class ReadFRF:
     """A measurement, the options with which it was read, and whether its quantity is known."""
 
     frf: FRF
-    options: dict[str, Any]
+    options: ReaderOptions
     has_quantity: bool
 
 
-def read_guessed(path: Path, options: dict[str, Any]) -> ReadFRF:
+def read_guessed(path: Path, options: ReaderOptions) -> ReadFRF:
     """Read a measurement, with a guessed mapping if the file has no known layout."""
     try:
         return read_any_quantity(path, options)
@@ -224,7 +226,7 @@ def read_guessed(path: Path, options: dict[str, Any]) -> ReadFRF:
         return read_any_quantity(path, guessed)
 
 
-def read_any_quantity(path: Path, options: dict[str, Any]) -> ReadFRF:
+def read_any_quantity(path: Path, options: ReaderOptions) -> ReadFRF:
     """Read a measurement; as accelerance if the file does not state the measured quantity."""
     try:
         return ReadFRF(read_frf(path, **options), options, True)
@@ -240,7 +242,7 @@ def read_any_quantity(path: Path, options: dict[str, Any]) -> ReadFRF:
         return ReadFRF(frf, options, False)
 
 
-def _guess_options(path: Path, options: dict[str, Any]) -> dict[str, Any] | None:
+def _guess_options(path: Path, options: ReaderOptions) -> ReaderOptions | None:
     """Return the options with a guessed mapping of columns or variables; None if incomplete.
 
     Labels in the options replace unknown ones.

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from os import PathLike
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -75,7 +74,7 @@ def render(acceptance: Acceptance) -> str:
     )
 
 
-def _context(acceptance: Acceptance) -> dict[str, Any]:
+def _context(acceptance: Acceptance) -> dict[str, object]:
     head, rows = acceptance.rows()
     limits, least = acceptance.limits, acceptance.least_probability
     decided = "Decided by the values as measured."
@@ -119,7 +118,7 @@ class RequirementsSection(ReportSection):
         """Whether the page shows an update."""
         return content.update is not None
 
-    def context(self, content: PageContent) -> dict[str, Any]:
+    def context(self, content: PageContent) -> dict[str, object]:
         """Return outcome, limits and requirements."""
         return _context(content.further["accept"])
 

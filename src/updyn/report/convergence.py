@@ -17,6 +17,7 @@ from updyn.report.formats import (
 from updyn.report.of_unknowns import ParameterSection, group_by_figure, list_kinds
 from updyn.report.plots import (
     Figure,
+    Trace,
     drop_missing,
     encode_numbers,
     escape_label,
@@ -212,7 +213,7 @@ def _cost_axis(costs: RealArray) -> dict[str, object]:
     return {"type": "log", "exponentformat": "power", "dtick": log_step(positive)}
 
 
-def _cost_traces(fits: Sequence[_Fit], costs: RealArray) -> list[dict[str, Any]]:
+def _cost_traces(fits: Sequence[_Fit], costs: RealArray) -> list[Trace]:
     """Return the traces of the fits of a stage over their iteration numbers, separated by gaps."""
     foot = _zero_position(costs)
     x: list[int | None] = []

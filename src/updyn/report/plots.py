@@ -24,6 +24,7 @@ __all__ = [
     "SEQUENTIAL",
     "Figure",
     "Panel",
+    "Trace",
     "band_traces",
     "categories",
     "colour_bar",
@@ -50,6 +51,8 @@ __all__ = [
 
 #: Keys ``data``, ``layout`` and ``height``, built from plain lists and ready for JSON.
 Figure = dict[str, Any]
+#: A curve of a figure.
+Trace = dict[str, Any]
 
 #: Length of the bar for an exact 0 on a logarithmic axis.
 _FLOOR = 1e-16
@@ -171,7 +174,7 @@ class Panel:
     """
 
     title: str
-    traces: list[dict[str, Any]]
+    traces: list[Trace]
     axis: dict[str, Any] = field(default_factory=dict)
     share: float = 1.0
     marks: tuple[float, ...] = ()
@@ -183,7 +186,7 @@ def stack_panels(
     """Return panels over a common x axis, `height` in pixels, with vertical lines at `marks`."""
     total = sum(p.share for p in panels)
     room = 1.0 - _GAP * (len(panels) - 1)
-    traces: list[dict[str, Any]] = []
+    traces: list[Trace] = []
     layout: dict[str, Any] = {"showlegend": True, "hovermode": "closest"}
     shapes: list[dict[str, object]] = []
     top = 1.0

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from updyn.population.result import HEADINGS
 from updyn.report.section import PageContent, ReportSection
 
@@ -24,7 +22,7 @@ class _PopulationSection(ReportSection):
         """Whether the page shows an update."""
         return content.update is not None
 
-    def context(self, content: PageContent) -> dict[str, Any]:
+    def context(self, content: PageContent) -> dict[str, object]:
         """Return the statement, the unknowns, and the values of each specimen."""
         found = content.further["population"]
         names = list(found.mean)

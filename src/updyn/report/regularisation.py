@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from updyn.report.plots import Figure, drop_missing, encode_numbers
@@ -41,7 +39,7 @@ class RegularisationSection(ReportSection):
         """Return the trade-off curve of the regularisation."""
         return drop_missing({"trade-off": trade_off(content.result)})
 
-    def context(self, content: PageContent) -> dict[str, Any]:
+    def context(self, content: PageContent) -> dict[str, object]:
         """Return the records of selection and regularisation."""
         options = content.result.options
         regularisation = options.get("regularisation") or {}

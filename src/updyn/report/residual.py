@@ -16,6 +16,7 @@ from updyn.report.plots import (
     MODEL_COLOURS,
     SEQUENTIAL,
     Figure,
+    Trace,
     categories,
     colour_bar,
     drop_missing,
@@ -72,7 +73,7 @@ class ResidualSection(ReportSection):
             }
         )
 
-    def context(self, content: PageContent) -> dict[str, Any]:
+    def context(self, content: PageContent) -> dict[str, object]:
         """Return the outcome of the tests, the worst channels and bands, and the suspects."""
         found = content.result.adequacy
         if found is None:
@@ -289,7 +290,7 @@ class NoiseSection(ReportSection):
     place = 1100
     template = "updyn.report/noise.html"
 
-    def context(self, content: PageContent) -> dict[str, Any]:
+    def context(self, content: PageContent) -> dict[str, object]:
         """Return the noise model, and sentences that compare it with the residual."""
         noise = content.result.noise
         chi = noise.get("chi_square")
@@ -390,7 +391,7 @@ def _histogram(data: ReportData, computed: ComplexArray, name: str) -> dict[str,
     }
 
 
-def _histogram_range(traces: list[dict[str, Any]]) -> list[float]:
+def _histogram_range(traces: list[Trace]) -> list[float]:
     """Return the range that contains the middle 99 % of each histogram, at least -3 to 3 dB."""
     reach = 3.0
     for trace in traces:

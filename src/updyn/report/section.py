@@ -187,7 +187,7 @@ class ReportSection:
         """Return the figures as plotly data, by a name that is unique in the page."""
         return {}
 
-    def context(self, content: PageContent) -> dict[str, Any]:
+    def context(self, content: PageContent) -> dict[str, object]:
         """Return the variables of the template by name; ``figures`` and ``fitted`` are added."""
         return {}
 

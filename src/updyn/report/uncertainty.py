@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -67,7 +66,7 @@ class UncertaintySection(ReportSection):
                 out["uncertainty-band"] = figure | {"channel": channel}
         return out
 
-    def context(self, content: PageContent) -> dict[str, Any]:
+    def context(self, content: PageContent) -> dict[str, object]:
         """Return the kind of intervals and the rows of their table."""
         found: Draws | Profiles = content.further["uncertainty"]
         percent = f"{100 * find_level(found):g} %"

@@ -54,7 +54,7 @@ class UnknownsSection(ParameterSection):
                 made[name] = estimates(result, chosen)
         return drop_missing(made)
 
-    def context(self, content: PageContent) -> dict[str, Any]:
+    def context(self, content: PageContent) -> dict[str, object]:
         """Return the rows of the tables and the titles of the figures."""
         parts: list[dict[str, Any]] = []
         sensors: list[dict[str, Any]] = []

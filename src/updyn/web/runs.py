@@ -38,6 +38,8 @@ AGREEMENT = {
     "residual_median": "relative residual, median",
 }
 _ANSWERS = {True: "yes", False: "no", None: "not known"}
+#: The record of a run (`result.json`), or a part of it.
+RunRecord = Mapping[str, Any]
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +65,7 @@ class RunOutcome:
     remarks: list[str]
 
 
-def read_badge(record: Mapping[str, Any]) -> Badge:
+def read_badge(record: RunRecord) -> Badge:
     """Return the verdict on a run in a phrase, from its record."""
     status, claims = str(record["status"]), _as_mapping(record.get("trust"))
     known = {part: _as_mapping(claims[part]) for part in PARTS if part in claims}
@@ -79,7 +81,7 @@ def read_badge(record: Mapping[str, Any]) -> Badge:
     return choose_badge(status, trust, ambiguous=is_ambiguous)
 
 
-def describe_outcome(record: Mapping[str, Any]) -> RunOutcome:
+def describe_outcome(record: RunRecord) -> RunOutcome:
     """Return the outcome of a run: its verdict and at most two sentences of its message."""
     first, *rest = paragraphs(str(record.get("message") or "")) or [""]
     step, *further = str(record.get("remedy") or "").splitlines() or [""]
@@ -98,13 +100,13 @@ def compare_runs(runs: Sequence[RunFolder]) -> list[RunRow]:
     ]
 
 
-def find_level_error(record: Mapping[str, Any], when: str = "after") -> float:
+def find_level_error(record: RunRecord, when: str = "after") -> float:
     """Return the median level error ``before`` or ``after`` a run in dB; nan if it is unknown."""
     found = _as_mapping(_as_mapping(record.get("correlation")).get(when)).get("db_error_median")
     return float(found) if is_number(found) else math.nan
 
 
-def read_changes(record: Mapping[str, Any]) -> list[Change]:
+def read_changes(record: RunRecord) -> list[Change]:
     """Return the changes of the unknowns of a run; unknowns without a value are left out."""
     freedom = _as_mapping(record.get("noise")).get("degrees_of_freedom")
     found = []
@@ -118,7 +120,7 @@ def read_changes(record: Mapping[str, Any]) -> list[Change]:
     return found
 
 
-def _read_parameter(unknown: Mapping[str, Any]) -> Parameter | None:
+def _read_parameter(unknown: RunRecord) -> Parameter | None:
     """Return an unknown of a record; None if the record is damaged."""
     try:
         drives = tuple(Drive(**drive) for drive in _as_records(unknown.get("drives")))
@@ -135,7 +137,7 @@ def _make_row(section: str, name: str, cells: list[str]) -> RunRow:
     return RunRow(section, name, cells, len(set(cells)) > 1)
 
 
-def _compare_verdicts(records: Sequence[Mapping[str, Any]]) -> list[RunRow]:
+def _compare_verdicts(records: Sequence[RunRecord]) -> list[RunRow]:
     rows = [
         _make_row("verdict", name, [str(record.get(key) or "") for record in records])
         for key, name in (("status", "status"), ("method", "method"), ("iterations", "steps"))
@@ -148,7 +150,7 @@ def _compare_verdicts(records: Sequence[Mapping[str, Any]]) -> list[RunRow]:
     return rows
 
 
-def _compare_agreement(records: Sequence[Mapping[str, Any]]) -> list[RunRow]:
+def _compare_agreement(records: Sequence[RunRecord]) -> list[RunRow]:
     rows = []
     for key, name in AGREEMENT.items():
         cells = []
@@ -161,7 +163,7 @@ def _compare_agreement(records: Sequence[Mapping[str, Any]]) -> list[RunRow]:
     return rows
 
 
-def _compare_unknowns(records: Sequence[Mapping[str, Any]]) -> list[RunRow]:
+def _compare_unknowns(records: Sequence[RunRecord]) -> list[RunRow]:
     names = dict.fromkeys(
         str(unknown.get("name", ""))
         for record in records
@@ -182,7 +184,7 @@ def _compare_unknowns(records: Sequence[Mapping[str, Any]]) -> list[RunRow]:
     return rows
 
 
-def _format_unknown(record: Mapping[str, Any], name: str) -> str:
+def _format_unknown(record: RunRecord, name: str) -> str:
     """Return the value of an unknown with its standard deviation and its change, as known."""
     for unknown in _as_records(record.get("parameters")):
         if unknown.get("name") != name:
@@ -224,9 +226,9 @@ def _flatten(content: Any, key: str = "") -> list[tuple[str, str]]:
     return [entry for name, value in inner for entry in _flatten(value, name)]
 
 
-def _as_records(given: Any) -> list[Mapping[str, Any]]:
+def _as_records(given: Any) -> list[RunRecord]:
     return [_as_mapping(item) for item in given] if isinstance(given, list) else []
 
 
-def _as_mapping(given: Any) -> Mapping[str, Any]:
+def _as_mapping(given: Any) -> RunRecord:
     return given if isinstance(given, Mapping) else {}

@@ -23,6 +23,8 @@ __all__ = ["FORM_NAMES", "Entry", "Key", "TableForm"]
 
 #: Path of an entry within the options.
 Key = tuple[str | int, ...]
+#: Options of the reader, or one of their tables.
+_Options = dict[str, Any]
 
 #: Names of the forms of a value, by their parts.
 FORM_NAMES = {
@@ -92,7 +94,7 @@ class TableForm:
         self.root = inventory.option
         mapping = copy.deepcopy(dict(given.get(self.root) or inventory.proposal))
         self.is_array = self.root == "variables" and "channels" not in mapping
-        self.options: dict[str, Any] = {**given, self.root: mapping}
+        self.options: _Options = {**given, self.root: mapping}
         self.parts = self._find_parts()
         if not self.is_array:
             mapping.setdefault("channels", [{}])
@@ -103,9 +105,9 @@ class TableForm:
 
     # -- entries -----------------------------------------------------------------------------------
     @property
-    def channels(self) -> list[dict[str, Any]]:
+    def channels(self) -> list[_Options]:
         """The channels; empty for variables with the values of all channels."""
-        found: list[dict[str, Any]] = self.options[self.root].get("channels", [])
+        found: list[_Options] = self.options[self.root].get("channels", [])
         return found
 
     def get(self, key: Key) -> Any:
@@ -249,7 +251,7 @@ class TableForm:
         return found
 
     # -- result ------------------------------------------------------------------------------------
-    def build_options(self) -> dict[str, Any]:
+    def build_options(self) -> _Options:
         """Return the options of `updyn.read_frf` and keys of ``[test]``."""
         found = copy.deepcopy(self.options)
         for entry in self.entries():
@@ -273,7 +275,7 @@ class TableForm:
                     found[entry.key] = message
         return found
 
-    def preview_options(self) -> dict[str, Any] | None:
+    def preview_options(self) -> _Options | None:
         """Return options for a preview, missing ones replaced; None without an item."""
         faults = self.faults()
         if not faults:
@@ -326,7 +328,7 @@ class TableForm:
     def _units(self) -> dict[Name, str]:
         return {item.select: item.unit for item in self.inventory.items}
 
-    def _value_places(self) -> list[dict[str, Any]]:
+    def _value_places(self) -> list[_Options]:
         """Return the mappings that name items of values: that of all channels, or one for each."""
         return [self.options[self.root]] if self.is_array else self.channels
 
