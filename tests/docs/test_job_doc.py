@@ -33,6 +33,7 @@ from updyn.job.acceptance import AcceptTable
 from updyn.job.candidates import CandidatesTable, CandidateTable
 from updyn.job.identification import ModesTable
 from updyn.job.job_table import JOB_TABLES
+from updyn.job.levels import LevelsTable
 from updyn.job.planning import PlanTable
 from updyn.job.records_table import CutTable, RecordsTable, SetupTable, WindowTable
 from updyn.job.schema import (
@@ -99,6 +100,7 @@ TABLES = tables()
         ("[candidates.NAME]", CandidateTable),
         ("[modes]", ModesTable),
         ("[uncertainty]", UncertaintyTable),
+        ("[levels]", LevelsTable),
         ("[shapes]", ShapesTable),
         ("[accept]", AcceptTable),
         ("[plant]", PlantTable),
@@ -215,7 +217,7 @@ def test_the_example_runs(folder: Path) -> None:
     loaded = load_job(job)
     stated = {table for table in tomllib.loads(blocks()[0]) if table != "title"}
     # The demo's measurement is one file of FRFs.
-    others = {"title", "records", "element", "population"}
+    others = {"title", "records", "element", "population", "levels"}
     assert stated == {*Job.model_fields, *JOB_TABLES} - others
     result = run_job(
         loaded,

@@ -223,6 +223,7 @@ JOB_TABLES: Registry[JobTable] = Registry(
         "candidates": "updyn.job.candidates:CANDIDATES",
         "modes": "updyn.job.identification:MODES",
         "uncertainty": "updyn.job.uncertainty:UNCERTAINTY",
+        "levels": "updyn.job.levels:LEVELS",
         "shapes": "updyn.job.shapes:SHAPES",
         "population": "updyn.job.population:POPULATION",
         "accept": "updyn.job.acceptance:ACCEPT",

@@ -46,6 +46,7 @@ OUTPUT_NAMES = frozenset(
         "modes.unv",
         "acceptance.html",
         "population.json",
+        "levels.json",
         "modes-updated.nc",
         "modes-updated.unv",
         "modes-expanded.nc",

@@ -264,6 +264,7 @@ SECTIONS: Registry[ReportSection] = Registry(
         "viewer": "updyn.report.structure:VIEWER",
         "unknowns": "updyn.report.unknowns:UNKNOWNS",
         "uncertainty.intervals": "updyn.report.uncertainty:UNCERTAINTY",
+        "levels.information": "updyn.report.levels:LEVELS",
         "accept.requirements": "updyn.report.acceptance:REQUIREMENTS",
         "population.scatter": "updyn.report.population:POPULATION",
         "identifiability": "updyn.report.identifiability:IDENTIFIABILITY",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from updyn.notebook import card, table
 from updyn.text_table import format_count, text_table
@@ -137,6 +137,51 @@ class LevelAssessment:
         columns["unit"] = [p.value_unit for p in self.parameters]
         return pd.DataFrame(columns, index=pd.Index(list(self.values), name="unknown"))
 
+    def to_dict(self) -> dict[str, Any]:
+        """Return the assessment as plain values, for JSON; None in place of inf and nan.
+
+        Returns
+        -------
+        dict
+            ``unit``; ``unknowns``: by name, ``value``, ``std`` and ``unit``; ``tests``: a dict for
+            each, with ``name``, ``level``, ``without`` and ``alone``; ``candidates``: a dict for
+            each, with ``level``, ``like``, ``is_repeat``, ``gain``, ``determines``, ``std`` and
+            ``note``; ``best``: the recommended level.
+        """
+        tests = []
+        for one in self.fitted:
+            own = {"without": _to_plain(one.without), "alone": _to_plain(one.alone)}
+            tests.append({"name": one.name, "level": _to_finite(one.level), **own})
+        candidates = []
+        for candidate in self.candidates:
+            candidates.append(
+                {
+                    "level": candidate.level,
+                    "like": candidate.like,
+                    "is_repeat": candidate.is_repeat,
+                    "gain": _to_finite(candidate.gain),
+                    "determines": list(candidate.determines),
+                    "std": _to_plain(candidate.std),
+                    "note": candidate.note,
+                }
+            )
+        unknowns = {
+            p.name: {
+                "value": self.values[p.name],
+                "std": _to_finite(self.std[p.name]),
+                "unit": p.value_unit,
+            }
+            for p in self.parameters
+        }
+        best = self.best
+        return {
+            "unit": self.unit,
+            "unknowns": unknowns,
+            "tests": tests,
+            "candidates": candidates,
+            "best": None if best is None else best.level,
+        }
+
     @property
     def statement(self) -> str:
         """The recommended level in a sentence; empty without candidates."""
@@ -227,6 +272,14 @@ class LevelAssessment:
             format_count(len(self.std), "unknown"),
         ]
         return f"LevelAssessment({', '.join(counts)})"
+
+
+def _to_finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def _to_plain(std: Deviations) -> dict[str, float | None]:
+    return {name: _to_finite(value) for name, value in std.items()}
 
 
 def _format_std(std: float) -> str:

@@ -27,7 +27,7 @@ from updyn.updating.problem.problem import FRFPart, Problem
 from updyn.updating.problem.residuals import OutputError, OutputErrorSet
 from updyn.updating.result import JointResult, UpdateResult
 
-__all__ = ["assess_levels"]
+__all__ = ["assess_levels", "check_candidates"]
 
 
 def assess_levels(
@@ -93,7 +93,7 @@ def assess_levels(
     fit = _FittedTests.of(result, accuracy)
     chosen = fit.choose_candidates()
     if candidates is not None:
-        chosen = _check_candidates(candidates)
+        chosen = check_candidates(candidates)
     return LevelAssessment(
         fit.restored.first.parameters,
         fit.restored.first.values,
@@ -104,7 +104,7 @@ def assess_levels(
     )
 
 
-def _check_candidates(candidates: Iterable[float]) -> list[float]:
+def check_candidates(candidates: Iterable[float]) -> list[float]:
     """Return the levels of candidates; raise OptionError if one is not above 0."""
     levels = list(candidates)
     for level in levels:

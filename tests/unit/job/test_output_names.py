@@ -7,6 +7,7 @@ from updyn.control.job.tables import PlantTable
 from updyn.job.acceptance import ACCEPT, AcceptTable
 from updyn.job.comparison import COMPARISON_FILES
 from updyn.job.identification import MODES_FILES
+from updyn.job.levels import LEVELS, LevelsTable
 from updyn.job.planning import PLAN_FILES
 from updyn.job.population import POPULATION, PopulationTable
 from updyn.job.schema import OUTPUTS
@@ -30,6 +31,7 @@ def test_the_list_holds_what_the_commands_write_and_nothing_else() -> None:
         *OUTPUTS,
         FILE,
         *ACCEPT.outputs(AcceptTable()),
+        *LEVELS.outputs(LevelsTable()),
         *POPULATION.outputs(PopulationTable()),
         *MODES_FILES,
         *PLAN_FILES,
