@@ -30,6 +30,7 @@ from .control.sampled import sampled as sampled
 from .control.servo.controller import Controller as Controller
 from .control.servo.controller import Notch as Notch
 from .control.servo.drive import drive_figures as drive_figures
+from .control.servo.modified import modify_servo as modify_servo
 from .control.servo.servo import servo as servo
 from .control.servo.wind import Wind as Wind
 from .control.weight import uncertainty_weight as uncertainty_weight

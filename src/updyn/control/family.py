@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from distributed import Client
 
 
-__all__ = ["PlantFamily", "plant_family"]
+__all__ = ["PlantFamily", "plant_families", "plant_family"]
 
 
 #: By error measure, the route used if that of the nominal plant fails for a member.
@@ -239,13 +239,7 @@ def plant_family(
     >>> len(family)
     3
     """
-    if isinstance(n, bool) or not isinstance(n, int | np.integer) or n < 1:
-        raise OptionError(f"plant_family: n = {n!r}; expected a number of members from 1 up")
-    most = PLANT_FAMILY.most_members
-    if n > most:
-        raise OptionError(f"plant_family: n = {n}; expected at most {most:,} members")
-    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
-        raise OptionError(f"plant_family: seed = {seed!r}; expected a whole number from 0 up")
+    _check_numbers(n, seed)
     ports = as_ports(inputs, "input"), as_ports(outputs, "output")
     if isinstance(result, PopulationResult):
         if draws is not None:
@@ -259,22 +253,53 @@ def plant_family(
         else:
             drawn = _thin_draws(result, draws, int(n))
     options = {"quantity": quantity, "error": error, "tier": tier, "backend": backend}
-    making = _PlantMaker(
-        test_result.start, test_result.parameters, *ports, band, tolerance, options
-    )
-    shared = None if tier is not None else _share_basis(test_result, making, drawn)
     with opened_engine(engine) as opened:
-        nominal, members = making.plants(test_result.model, shared, drawn.values, route, opened)
-    facts = {
-        "source": drawn.source,
-        "n": int(n),
-        "seed": seed,
-        "route": nominal.route,
-        "status": test_result.status,
-        "cut": drawn.cut,
-        "note": drawn.note,
-    }
-    return PlantFamily(nominal, members, tuple(test_result.parameters.names), drawn.values, facts)
+        making = _PlantMaker(
+            test_result.start, test_result.parameters, *ports, band, tolerance, options
+        )
+        return making.family(test_result, drawn, route, opened, seed)
+
+
+def plant_families(
+    updates: Sequence[UpdateResult],
+    inputs: Iterable[str | Dof | Port] | str | Dof | Port,
+    outputs: Iterable[str | Dof | Port] | str | Dof | Port,
+    band: Sequence[float],
+    tolerance: float,
+    *,
+    route: str,
+    n: int,
+    seed: int,
+    engine: int | Client | Engine | None,
+    options: Mapping[str, Any],
+) -> tuple[PlantFamily, ...]:
+    """Return a family of plants of each update, all at the same draws of the first one's unknowns.
+
+    The others have some or all of its unknowns; `options` are quantity, error, tier and backend of
+    `plant_family`.
+    """
+    _check_numbers(n, seed)
+    first = _check_ended(updates[0])
+    ports = as_ports(inputs, "input"), as_ports(outputs, "output")
+    drawn = _draw_from_covariance(first, int(n), seed)
+    families = []
+    with opened_engine(engine) as opened:
+        for one in updates:
+            making = _PlantMaker(one.start, one.parameters, *ports, band, tolerance, options)
+            columns = [first.parameters.names.index(name) for name in one.parameters.names]
+            families.append(making.family(one, drawn.select(columns), route, opened, seed))
+    return tuple(families)
+
+
+def _check_numbers(n: object, seed: object) -> None:
+    """Raise OptionError for an invalid number of members or seed."""
+    if isinstance(n, bool) or not isinstance(n, int | np.integer) or n < 1:
+        raise OptionError(f"plant_family: n = {n!r}; expected a number of members from 1 up")
+    most = PLANT_FAMILY.most_members
+    if n > most:
+        raise OptionError(f"plant_family: n = {n}; expected at most {most:,} members")
+    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
+        raise OptionError(f"plant_family: seed = {seed!r}; expected a whole number from 0 up")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -290,6 +315,11 @@ class _ParameterDraws:
     source: str
     note: str = ""
     cut: Mapping[str, float] = field(default_factory=dict)
+
+    def select(self, columns: Sequence[int]) -> _ParameterDraws:
+        """Return the draws of some parameters."""
+        at = list(columns)
+        return replace(self, values=self.values[:, at], training=self.training[:, at])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -333,6 +363,24 @@ class _PlantMaker:
     band: Sequence[float]
     tolerance: float
     options: Mapping[str, Any]
+
+    def family(
+        self, result: UpdateResult, drawn: _ParameterDraws, route: str, engine: Engine, seed: int
+    ) -> PlantFamily:
+        """Return the plant of an update and those of draws, with their provenance."""
+        shared = None if self.options["tier"] is not None else _share_basis(result, self, drawn)
+        nominal, members = self.plants(result.model, shared, drawn.values, route, engine)
+        facts = {
+            "source": drawn.source,
+            "n": len(members),
+            "seed": seed,
+            "route": nominal.route,
+            "status": result.status,
+            "cut": drawn.cut,
+            "note": drawn.note,
+        }
+        names = tuple(self.parameters.names)
+        return PlantFamily(nominal, members, names, drawn.values, facts)
 
     def plant(self, model: Model, route: str) -> Plant:
         """Return the plant of a model without the shared basis."""

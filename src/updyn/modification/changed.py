@@ -63,6 +63,9 @@ def change_update(result: UpdateResult, change: Change) -> ChangedUpdate:
         model=changed,
         parameters=parameters,
         values={p.name: result.values[p.name] for p in parameters},
+        std={p.name: result.std[p.name] for p in parameters},
+        covariance=result.covariance[np.ix_(kept, kept)],
+        kept_basis=None,
     )
     expected = parameters.apply(after.start, estimate_of(after))
     for name, what in _find_differences(expected, changed):

@@ -103,9 +103,9 @@ def modify(
         return found
     others = []
     for alternative in one.alternatives:
-        other = at_alternative(result, alternative)
-        posterior = Posterior.of_alternative(result, other)
+        posterior = Posterior.of_alternative(result, alternative)
         if posterior is not None:
+            other = at_alternative(result, alternative, posterior.of_values)
             others.append(_predict_change(other, change, posterior, options))
     count = format_count(len(one.alternatives), "other answer")
     advice = "Modification.others has the effect by each" if others else "only this is given"
@@ -269,6 +269,11 @@ class Modification:
     _changed: ChangedUpdate = field(repr=False)
     _posterior: Posterior = field(repr=False)
     others: tuple[Modification, ...] = ()
+
+    @property
+    def updates(self) -> tuple[UpdateResult, UpdateResult]:
+        """The update, and the same with changed models, without unknowns that the change states."""
+        return self._result, self._changed.result
 
     def frf(
         self,

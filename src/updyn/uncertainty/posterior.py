@@ -11,9 +11,10 @@ from updyn.arrays import RealArray
 from updyn.errors import OptionError, SolverError
 from updyn.frf import FRF
 from updyn.uncertainty.draws import Draws
-from updyn.uncertainty.restored import LIKELIHOOD, restore
+from updyn.uncertainty.restored import LIKELIHOOD, at_alternative, restore
 from updyn.uncertainty.settings import PREDICTED_BAND
 from updyn.updating.fit.methods import METHODS
+from updyn.updating.judge.alternatives import Alternative
 from updyn.updating.judge.identifiability import analyse_identifiability
 from updyn.updating.result import JointResult, UpdateResult
 
@@ -52,15 +53,15 @@ class Posterior:
 
     @classmethod
     def of_alternative(
-        cls, source: UpdateResult | JointResult, other: UpdateResult | JointResult
+        cls, source: UpdateResult | JointResult, other: Alternative
     ) -> Posterior | None:
-        """Return the posterior at another answer (`at_alternative`); None without a likelihood.
+        """Return the posterior at another answer; None without a likelihood.
 
         It is widened by the factor by which errors of the model widen that of the update.
         """
         if not _has_likelihood(source):
             return None
-        found = cls._of_likelihood(other)
+        found = cls._of_likelihood(at_alternative(source, other))
         stated = source.first.covariance
         if not np.isfinite(stated).all():
             return found
@@ -79,6 +80,13 @@ class Posterior:
         found = analyse_identifiability(local.R, restored.names)
         slope = restored.problem.coordinates.slope(restored.x)
         return cls(found.covariance * slope * slope[:, None], found.null_space * slope[:, None])
+
+    @property
+    def of_values(self) -> RealArray:
+        """Covariance as recorded in a result: inf in the rows of undetermined unknowns."""
+        is_open = np.abs(self.null_space).max(axis=1, initial=0.0) > 0.0
+        either = is_open[:, None] | is_open
+        return np.where(either, np.inf, self.covariance)
 
     @property
     def root(self) -> RealArray:

@@ -158,19 +158,28 @@ def estimate_of(result: UpdateResult) -> RealArray:
 
 
 def at_alternative(
-    result: UpdateResult | JointResult, other: Alternative
+    result: UpdateResult | JointResult, other: Alternative, covariance: RealArray | None = None
 ) -> UpdateResult | JointResult:
-    """Return an update with values and models of another answer, without others."""
+    """Return an update with values and models of another answer; by default its covariance."""
     if isinstance(result, JointResult):
-        found = {name: _at_alternative(one, other) for name, one in result.results.items()}
+        found = {
+            name: _at_alternative(one, other, covariance) for name, one in result.results.items()
+        }
         return replace(result, results=found)
-    return _at_alternative(result, other)
+    return _at_alternative(result, other, covariance)
 
 
-def _at_alternative(result: UpdateResult, other: Alternative) -> UpdateResult:
-    values = np.array([other.values[name] for name in result.parameters.names])
+def _at_alternative(
+    result: UpdateResult, other: Alternative, covariance: RealArray | None
+) -> UpdateResult:
+    names = result.parameters.names
+    values = np.array([other.values[name] for name in names])
     model = result.parameters.apply(result.start, values)
-    return replace(result, values=dict(other.values), model=model, alternatives=(), kept_basis=None)
+    found = replace(result, values=dict(other.values), model=model, alternatives=())
+    if covariance is None:
+        return found
+    std = np.sqrt(np.diag(covariance)).tolist()
+    return replace(found, covariance=covariance, std=dict(zip(names, std, strict=True)))
 
 
 def std_of(result: UpdateResult) -> RealArray:

@@ -17,7 +17,7 @@ from updyn.control.servo.controller import Controller, rigid_inertia, rigid_rati
 from updyn.control.servo.digital import SampledCascade, judge_sampled
 from updyn.control.servo.doubts import question_crossovers
 from updyn.control.servo.loops import Cascade, Wiring
-from updyn.control.servo.margins import RobustMargin, ranges
+from updyn.control.servo.margins import Margins, RobustMargin, ranges
 from updyn.control.servo.record import Loop, SampledLoops, Servo, StepResponse
 from updyn.control.servo.robust import error_margin, family_margin
 from updyn.control.servo.settings import RIGID_MOTION
@@ -27,9 +27,11 @@ from updyn.control.servo.wind import Wind
 from updyn.errors import DataError, OptionError, UpdynError
 from updyn.frf import check_lines
 
-__all__ = ["servo"]
+__all__ = ["LOOPS", "margins_of_loops", "servo"]
 
 _TWO_PI = 2.0 * np.pi
+#: Names of the loops of a cascade.
+LOOPS = ("velocity", "position", "torque")
 _Disturbance = Wind | tuple[ArrayLike, ArrayLike]
 #: Velocity loop, position loop, and both loops broken at the torque.
 _Loops = tuple[JudgedLoop, JudgedLoop | None, JudgedLoop | None]
@@ -131,7 +133,7 @@ def servo(
     members = [judgements for _, judgements in family]
     lines = _lines(freq, judged, members)
     loops = []
-    for k, name in enumerate(("velocity", "position", "torque")):
+    for k, name in enumerate(LOOPS):
         loop = judged[k]
         if loop is not None:
             record = _loop(name, loop, lines, [_require_loop(m[k]) for m in members])
@@ -184,9 +186,7 @@ def _judge_sampled_loops(
         raise OptionError(f"sampled: expected a Plant, found {type(plant).__name__}")
     cascade = SampledCascade(plant, controller, wiring)
     loops: list[Loop | None] = []
-    for name, judged_loop in zip(
-        ("velocity", "position", "torque"), judge_sampled(cascade, judged), strict=True
-    ):
+    for name, judged_loop in zip(LOOPS, judge_sampled(cascade, judged), strict=True):
         if judged_loop is None:
             loops.append(None)
             continue
@@ -211,6 +211,18 @@ def _plants(given: Plant | PlantFamily) -> tuple[Plant, tuple[Plant, ...]]:
     if not isinstance(given, PlantFamily):
         raise OptionError(f"servo: expected a Plant or a PlantFamily, found {type(given).__name__}")
     return given.nominal, given.members
+
+
+def margins_of_loops(
+    plants: Sequence[Plant], controller: Controller, wiring: Wiring
+) -> tuple[dict[str, Margins], ...]:
+    """Return the margins of each plant by loop: velocity, position, torque."""
+    found = []
+    for number, one in enumerate(plants):
+        _, loops = _member(number, one, controller, wiring)
+        named = zip(LOOPS, loops, strict=True)
+        found.append({name: loop.margins for name, loop in named if loop is not None})
+    return tuple(found)
 
 
 def _judge_loops(cascade: Cascade) -> _Loops:
