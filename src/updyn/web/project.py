@@ -65,6 +65,10 @@ class Project:
         """Return a path relative to the folder of the project, with forward slashes."""
         return path.relative_to(self.folder).as_posix()
 
+    def title_of(self, folder: Path) -> str:
+        """Return the name of a folder as pages show it."""
+        return self.folder.name if folder == self.folder else self.name_of(folder)
+
     def jobs(self) -> list[Path]:
         """Return the job files: TOML files that no run wrote, the latest first."""
         found = []
@@ -108,8 +112,8 @@ class Project:
         return _read_run(self.inside(folder))
 
     def runs_of(self, job: Path) -> list[RunFolder]:
-        """Return the runs whose job file names `job`, the latest first."""
-        return [run for run in self.runs() if _find_job(run.path) == job]
+        """Return the runs whose job file is `job` or names it, the latest first."""
+        return [run for run in self.runs() if job in (run.path / JOB_FILE, _find_job(run.path))]
 
     def pages(self, page: str, command: str) -> list[Path]:
         """Return the files `page` that a command has written, the latest first."""

@@ -382,3 +382,12 @@ def test_runs_of_a_job_are_known_by_their_own_job_file(folder: Path) -> None:
     put(folder / "fifth" / "result.json", {"status": "converged"}, 5000)
     found = Project(folder).runs_of(folder / "a.toml")
     assert names(folder, [run.path for run in found]) == ["sub/second", "first"]
+
+
+def test_a_folder_of_results_is_a_project(folder: Path) -> None:
+    """Its job file is that of its run, and the run has the name of the folder."""
+    put(folder / "result.json", {"status": "converged"})
+    put(folder / "job.toml", "# Written by updyn 0.1.0 from inputs/job.toml\n[model]\n")
+    project = Project(folder)
+    (run,) = project.runs_of(folder / "job.toml")
+    assert (run.path, project.title_of(run.path)) == (folder, folder.name)

@@ -51,7 +51,7 @@ def show(workspace: Workspace) -> None:
 
     @ui.refreshable
     def page() -> None:
-        runs = {workspace.project.name_of(run.path): run for run in workspace.project.runs()}
+        runs = {workspace.project.title_of(run.path): run for run in workspace.project.runs()}
         if not runs:
             ui.link("Run the job", "/run")
             return
@@ -120,7 +120,7 @@ async def _show_runs(workspace: Workspace, runs: Mapping[str, RunFolder]) -> Non
         curves = ui.column().classes("min-w-0 gap-0")
     for name, run in runs.items():
         if (run.path / RUN.page).is_file():
-            place = f"/embedded/page/{quote(name)}/{RUN.page}"
+            place = f"/embedded/page/{quote(workspace.project.name_of(run.path / RUN.page))}"
             ui.link(f"Report of {name} in a separate tab", place, new_tab=True)
             if len(runs) == 1:
                 embed_page(f"{place}?{run.modified:g}", "Report", "85vh")

@@ -54,7 +54,7 @@ def _show_state(workspace: Workspace) -> None:
         if worker is None:
             latest = _find_latest(workspace)
             if latest is not None:  # otherwise the sentence on the step says that there is none
-                text = f"Latest run: {workspace.project.name_of(latest.path)}, "
+                text = f"Latest run: {workspace.project.title_of(latest.path)}, "
                 text += read_badge(latest.record).name
                 with ui.row().classes("items-center"):
                     ui.label(text).classes("text-lg").mark("state")
