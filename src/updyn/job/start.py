@@ -24,6 +24,7 @@ from updyn.outputs.switch import open_folder, replace_files
 from updyn.updating.fit.reducing import is_reduced
 from updyn.updating.judge.counterparts import Counterparts, find_counterparts
 from updyn.updating.judge.modal_table import ModalTable
+from updyn.updating.level_model import LevelModel
 from updyn.updating.problem.noise import choose_noise
 from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.problem.selection import Selection
@@ -80,6 +81,8 @@ def compute_start_frf(test: PreparedTest, unknowns: ParameterSet | Selection) ->
     if tier == "reduced" and test.job.output.report:
         drawn = frf.freq[frf.freq > 0.0]
         lines = np.union1d(lines, fine_grid([model], drawn, reduced=True))
+    if model.nonlinear:
+        return LevelModel.of(model, frf, lines, {"tier": tier}).frf
     return response_like(model, frf, lines, tier=tier, backend=backend)
 
 

@@ -229,11 +229,15 @@ MATCHING = MatchingSection()
 
 
 def _parameter_row(p: Parameter, std: float) -> tuple[list[str], str]:
-    """Return the cells of an unknown and the CSS class of its row; factors are in percent."""
+    """Return the cells of an unknown and the CSS class of its row.
+
+    The standard deviation, in the optimiser's coordinates, is in percent if they are logarithms.
+    """
     known = bool(np.isfinite(std))
     shown = "not determined"
     if known:
-        shown = f"±{percentage(std)}" if p.is_factor else f"±{number(std, 2)}"
+        unit = p.scale if p.of_element else 1.0
+        shown = f"±{percentage(std)}" if p.is_log else f"±{number(std * unit, 2)}"
     bounds = f"{number(p.lower, 3)} to {number(p.upper, 3)}"
     cells = [p.group, quantity_words(p.quantity), number(p.start), bounds, shown]
     return cells, "" if known else "open"

@@ -17,9 +17,9 @@ from updyn.dynamics.response import response_like
 from updyn.errors import UpdynError
 from updyn.frf import FRF
 from updyn.model import Model
-from updyn.report.at_level import LevelModel
 from updyn.report.settings import REPORT_COMPUTATION
 from updyn.report.start import Start
+from updyn.updating.level_model import LevelModel
 from updyn.updating.result import UpdateResult, estimated_gains
 
 __all__ = ["ReportData", "compute_frfs", "fine_grid", "gather", "gather_start", "keep_lines"]

@@ -15,8 +15,8 @@ from updyn.frf import FRF
 from updyn.nonlinear.local import LocalElement
 from updyn.nonlinear.over_lines import LineForces, describe_first_harmonic
 from updyn.nonlinear.parameters import list_parameters
-from updyn.report.at_level import LevelModel
 from updyn.report.settings import REPORT_COMPUTATION
+from updyn.updating.level_model import LevelModel
 from updyn.updating.result import UpdateResult
 
 __all__ = [

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from updyn.errors import OptionError, ParameterError
 from updyn.frf import FRF
 from updyn.model import Model
+from updyn.updating.judge.causes.data_alone import find_data_faults
 from updyn.updating.judge.causes.diagnosis import find_causes
 from updyn.updating.judge.causes.finding import Finding, Findings
 from updyn.updating.problem.data import Test, check_tests, leave_out_undefined_line
@@ -33,7 +34,8 @@ def diagnose(
     Faults are a wrong quantity or unit, a wrong sign, exchanged or misplaced sensors, calibration,
     delay, and others (docs/verdict.md). Each is tested against the model while all unknowns adapt,
     and the likeliest are confirmed by a short fit. The data are not changed: `Finding.repair`
-    returns them without the fault.
+    returns them without the fault. With nonlinear elements, only those faults are found that the
+    data show without a model.
 
     Parameters
     ----------
@@ -83,7 +85,10 @@ def diagnose(
     part = FRFPart.build(
         test.model, test.frf, selection.parameters, tier=exact, backend=backend, session=session
     )
-    return Findings(find_causes(part, choose_noise(noise, test.frf)))
+    noise_of_data = choose_noise(noise, test.frf)
+    if not part.forward.is_linear:
+        return Findings(find_data_faults(part, noise_of_data))
+    return Findings(find_causes(part, noise_of_data))
 
 
 def _all_unknowns(model: Model) -> ParameterSet:

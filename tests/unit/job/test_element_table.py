@@ -1,13 +1,17 @@
 """Nonlinear elements and force levels in a job."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import updyn
+from updyn.cli import main
 from updyn.errors import JobError
 from updyn.job import load_job, prepare, run_job
+from updyn.job.start import compute_start_frf
+from updyn.report.formats import percentage
 
 FREQ = np.linspace(0.7, 2.0, 25) / (2 * np.pi)
 JOB = """\
@@ -76,6 +80,54 @@ def test_a_job_fits_an_element_over_levels_and_keeps_it(tmp_path: Path) -> None:
     assert again.parameters[1].value_unit == "N/m^3"
     assert again.data.level is not None
     assert again.model.nonlinear["cube"].element == model.nonlinear["cube"].element
+
+
+def test_checks_compare_the_start_at_each_level(tmp_path: Path, capsys) -> None:
+    path = write(tmp_path, JOB.replace("report = false", "report = true"))
+    assert main(["check", str(path)]) == 0
+    text = capsys.readouterr().out
+    assert "The data determine 2 of 2 unknowns" in text
+    assert "No known fault was found" in text
+    ready = prepare(load_job(path))
+    high = ready.tests[1]
+    computed = compute_start_frf(high, ready.parameters)
+    model = linear().with_elements({"cube": (updyn.CubicSpring(0.4), "1:X")})
+    wanted = updyn.response(model, FREQ, ["1:X"], ["1:X"], level=0.2).values
+    np.testing.assert_allclose(computed.values, wanted, rtol=1e-3)
+    page = (tmp_path / "job-check" / "high" / "check.html").read_text(encoding="utf-8")
+    std = identifiability_std(path)
+    assert f"±{percentage(std)}" in page.split('id="unknowns"')[1]
+    assert main(["correlate", str(path)]) == 0
+    frac = updyn.correlate(computed, high.frf).frac[0, 0]
+    assert f"{frac:.4f}" in capsys.readouterr().out
+
+
+def identifiability_std(path: Path) -> float:
+    """Return the expected relative standard deviation of the coefficient, from differences."""
+    J, weight = [], []
+    for level, test in zip((0.05, 0.2), prepare(load_job(path)).tests, strict=True):
+        ends = []
+        for spring, cube in ((1.001, 0.4), (0.999, 0.4), (1.0, 0.4004), (1.0, 0.3996)):
+            model = linear().scaled({"spring": {"stiffness": spring}})
+            model = model.with_elements({"cube": (updyn.CubicSpring(cube), "1:X")})
+            found = updyn.response(model, FREQ, ["1:X"], ["1:X"], level=level, sweep="up")
+            ends.append(found.values.ravel())
+        J.append(np.array([(ends[0] - ends[1]) / 2e-3, (ends[2] - ends[3]) / 2e-3]))
+        weight.append(np.sqrt(2.0) / (0.01 * np.abs(0.5 * (ends[0] + ends[1]))))
+        assert test.data.level[0] == level
+    whitened = np.hstack(J) * np.concatenate(weight)
+    information = (whitened @ whitened.conj().T).real
+    return float(np.sqrt(np.linalg.solve(information, np.eye(2))[1, 1]))
+
+
+def test_only_faults_that_data_show_are_found_with_elements(tmp_path: Path) -> None:
+    write(tmp_path)
+    frf = updyn.read_frf(tmp_path / "high.npz").with_level(0.2)
+    model = linear().with_elements({"cube": (updyn.CubicSpring(1.0), "1:X")})
+    assert updyn.diagnose(model, frf) == ()
+    turned = replace(frf, values=-frf.values)
+    (found,) = updyn.diagnose(model, turned)
+    assert "sign" in str(found)
 
 
 @pytest.mark.parametrize(

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import updyn
-from updyn.report.at_level import LevelModel
 from updyn.report.element_motion import describe_element, find_units, follow_loop
 from updyn.report.elements import ELEMENTS
 from updyn.report.section import PageContent
+from updyn.updating.level_model import LevelModel
 
 ENDS = ["1:X", "2:X"]
 FREQ = np.linspace(7.0, 14.0, 41)

@@ -49,6 +49,17 @@ class LevelModel:
         reduction.enrich_until_accurate([state], part.solved_lines)
         return cls(part.with_solver(reduction.solver()))
 
+    @property
+    def frf(self) -> FRF:
+        """The FRF in the channels, quantity and level of the test."""
+        return replace(
+            self.part.frf,
+            values=self.responses(),
+            coherence=None,
+            variance=None,
+            averages=None,
+        )
+
     def responses(self) -> ComplexArray:
         """Return the FRF in the quantity of the test, (n_f, n_i, n_j)."""
         return self.part.responses(self.part.coordinates.start)
