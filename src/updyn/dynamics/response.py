@@ -14,7 +14,11 @@ from updyn.dofs import Dof, DofSet
 from updyn.dynamics.affine import AffineSystem
 from updyn.dynamics.excitation import DrivenSolver, Excitation, find_channels, find_excitation
 from updyn.dynamics.fields import FieldSolver, LineSolver, split_into_blocks
-from updyn.dynamics.periodic.response import PeriodicResponse, respond_at_level
+from updyn.dynamics.periodic.response import (
+    PeriodicResponse,
+    SineExcitation,
+    respond_at_level,
+)
 from updyn.dynamics.periodic.settings import BALANCE
 from updyn.dynamics.reduction import Reduction
 from updyn.dynamics.settings import REDUCTION
@@ -41,6 +45,7 @@ def response(
     base: Iterable[str | Dof] | None = None,
     force: str | Dof | None = None,
     level: None = None,
+    amplitude: None = None,
     harmonics: int = BALANCE.harmonics,
     samples: int = BALANCE.samples,
     sweep: str = "up",
@@ -61,6 +66,23 @@ def response(
     samples: int = BALANCE.samples,
     sweep: str = "up",
 ) -> PeriodicResponse: ...
+@overload
+def response(
+    model: Model,
+    freq: ArrayLike,
+    responses: Iterable[str | Dof],
+    references: Iterable[str | Dof],
+    quantity: str = "receptance",
+    *,
+    tier: str | None = None,
+    backend: str | None = None,
+    accuracy: float = REDUCTION.accuracy,
+    amplitude: float,
+    control: str | Dof | None = None,
+    harmonics: int = BALANCE.harmonics,
+    samples: int = BALANCE.samples,
+    sweep: str = "up",
+) -> PeriodicResponse: ...
 def response(
     model: Model,
     freq: ArrayLike,
@@ -75,6 +97,8 @@ def response(
     base: Iterable[str | Dof] | None = None,
     force: str | Dof | None = None,
     level: float | None = None,
+    amplitude: float | None = None,
+    control: str | Dof | None = None,
     harmonics: int = BALANCE.harmonics,
     samples: int = BALANCE.samples,
     sweep: str = "up",
@@ -111,19 +135,27 @@ def response(
         Of a transmissibility without `base`: DOF of the only force.
     level : float, optional
         Force amplitude in N (N m), for models with nonlinear elements: one force after another.
+    amplitude : float, optional
+        Amplitude of a response instead, as a controller holds it: the first harmonic of `control`,
+        in the unit of its quantity, such as m/s2 for an accelerance. The force is sinusoidal; its
+        amplitude at each line is `PeriodicResponse.level`. Expects one reference.
+    control : str or Dof, optional
+        With `amplitude`: the response that is held; by default the first.
     harmonics : int
-        With `level`: the highest harmonic of the balance.
+        With `level` or `amplitude`: the highest harmonic of the balance.
     samples : int
-        With `level`: samples of a period for the forces of elements.
+        With `level` or `amplitude`: samples of a period for the forces of elements.
     sweep : {"up", "down"}
-        With `level`: direction of the sweep, which decides between several solutions at a line.
+        With `level` or `amplitude`: direction of the sweep, which decides between several solutions
+        at a line.
 
     Returns
     -------
     FRF or PeriodicResponse
         Values of shape (n_f, n_responses, n_references), in m/N, m/s/N or m/s2/N (rad and N m for
-        rotations); a transmissibility has no unit. With `level`, a `PeriodicResponse`: the first
-        harmonic over the force, all harmonics, stability, and all branches.
+        rotations); a transmissibility has no unit. With `level` or `amplitude`, a
+        `PeriodicResponse`: the first harmonic over the force, all harmonics, stability, and all
+        branches.
 
     Raises
     ------
@@ -133,7 +165,7 @@ def response(
     DofError
         If a DOF is not in the model.
     ModelError
-        If the model has nonlinear elements but there is no level, or vice versa.
+        If the model has nonlinear elements but there is no level or amplitude, or vice versa.
     OptionError
         If an option cannot be used, or not with a level.
     SolverError
@@ -157,15 +189,18 @@ def response(
     >>> bool(found.stable.all()), found.harmonics.shape
     (True, (2, 8, 1, 1))
     """
-    if level is not None:
+    if level is not None or amplitude is not None:
+        excitation = _choose_excitation(level, amplitude, control)
         if decay or base is not None or force is not None:
-            raise OptionError("level: expected no decay, base or force; they are of linear FRFs")
+            raise OptionError(
+                f"{excitation.name}: expected no decay, base or force; they are of linear FRFs"
+            )
         return respond_at_level(
             model,
             freq,
             responses,
             references,
-            level,
+            excitation,
             quantity,
             harmonics=harmonics,
             samples=samples,
@@ -179,6 +214,23 @@ def response(
     zeros = np.zeros((len(lines), len(rows), len(columns)))
     like = FRF(lines, zeros, rows, columns, quantity, decay=decay, base=base, force=force)
     return response_like(model, like, tier=tier, backend=backend, accuracy=accuracy)
+
+
+def _choose_excitation(
+    level: float | None, amplitude: float | None, control: str | Dof | None
+) -> SineExcitation:
+    """Return the excitation by a level or by an amplitude; OptionError if both are stated."""
+    if level is None:
+        assert amplitude is not None
+        return SineExcitation(amplitude, True, control)
+    if amplitude is not None:
+        raise OptionError("level and amplitude are stated; expected one of the two")
+    if control is not None:
+        raise OptionError(
+            "control: of a response that is held at an amplitude; expected amplitude= with it",
+            key=("control",),
+        )
+    return SineExcitation(level)
 
 
 def response_like(

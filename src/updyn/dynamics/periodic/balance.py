@@ -23,7 +23,7 @@ from updyn.dynamics.periodic.settings import BALANCE
 from updyn.dynamics.periodic.transfer import Transfer
 from updyn.nonlinear.element import NonlinearElement, PeriodForce
 
-__all__ = ["Balance", "Evaluation", "make_fourier"]
+__all__ = ["Balance", "ControlledBalance", "Evaluation", "make_fourier"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -94,11 +94,16 @@ class Balance:
 
     def linear(self, omega: float) -> RealArray:
         """Return the deformations without the elements, (n_e, n_c)."""
-        H, _ = self.transfer.at(np.array([omega]))
+        H, _ = self.receptances(omega)
         n, f = self.n_elements, self.fourier
         Q = np.zeros((n, len(f.harmonics)), dtype=np.complex128)
-        Q[:, f.first] = self.level * H[0, :n, n]
+        Q[:, f.first] = self.level * H[f.first, :n, n]
         return f.to_real(Q)
+
+    def find_force(self, found: Evaluation) -> complex:
+        """Return the force at a solution, in N (N m)."""
+        del found
+        return complex(self.level)
 
     def respond(self, found: Evaluation) -> ComplexArray:
         """Return the harmonics of the responses, (n_h, n_out - n_e), in m (rad)."""
@@ -116,6 +121,40 @@ class Balance:
         missing = np.linalg.norm(np.einsum("kef,fk->ek", H[:, :n, :n], T), axis=1)
         size = np.linalg.norm(found.x, axis=1)
         return float(np.max(missing / np.maximum(size, np.finfo(np.float64).tiny)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ControlledBalance(Balance):
+    """Balance with a sinusoidal force that holds the first harmonic of a response constant.
+
+    The output `control` of the transfer has the amplitude `level` X of its derivative of the order
+    `power`, and the phase 0. The complex force F = (X / omega^power + H_zq T_1) / H_zf is
+    eliminated from the first harmonic, so that the deformations are the only unknowns.
+    """
+
+    control: int
+    power: int
+
+    def receptances(self, omega: float) -> tuple[ComplexArray, ComplexArray]:
+        """Return the responses to element forces and to X, and their derivatives by omega."""
+        H, slope = Balance.receptances(self, omega)
+        first, f, z = self.fourier.first, self.n_elements, self.control
+        one, by_omega = H[first].copy(), slope[first].copy()
+        ratio = one[:, f] / one[z, f]
+        ratio_slope = (by_omega[:, f] - ratio * by_omega[z, f]) / one[z, f]
+        H[first] = one - np.outer(ratio, one[z])
+        slope[first] = by_omega - np.outer(ratio_slope, one[z]) - np.outer(ratio, by_omega[z])
+        share = omega**-self.power
+        H[first, :, f] = share * ratio
+        slope[first, :, f] = share * (ratio_slope - self.power / omega * ratio)
+        return H, slope
+
+    def find_force(self, found: Evaluation) -> complex:
+        """Return the force at a solution with its phase, in N (N m)."""
+        H = Balance.receptances(self, found.omega)[0][self.fourier.first, self.control]
+        moved = self.level * found.omega**-self.power
+        n = self.n_elements
+        return complex((moved + H[:n] @ found.forces[:, self.fourier.first]) / H[n])
 
 
 def make_fourier(*, is_free: bool, harmonics: int, samples: int) -> Fourier:

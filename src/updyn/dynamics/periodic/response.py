@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from updyn.arrays import BoolArray, ComplexArray, IndexArray, RealArray
 from updyn.dofs import Dof, DofSet
-from updyn.dynamics.periodic.balance import Balance, make_fourier
+from updyn.dynamics.periodic.balance import Balance, ControlledBalance, make_fourier
 from updyn.dynamics.periodic.continuation import BranchPoint, follow_branch
 from updyn.dynamics.periodic.newton import solve_first
 from updyn.dynamics.periodic.settings import BALANCE
@@ -23,7 +23,7 @@ from updyn.geometry import Geometry
 from updyn.group import is_number
 from updyn.model import Model
 
-__all__ = ["Branch", "PeriodicResponse", "respond_at_level"]
+__all__ = ["Branch", "PeriodicResponse", "SineExcitation", "respond_at_level"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,6 +45,40 @@ class Branch:
     stable: BoolArray
 
 
+@dataclass(frozen=True, slots=True)
+class SineExcitation:
+    """Force of a constant amplitude `value`, or one that holds the response `control` at it."""
+
+    value: float
+    is_controlled: bool = False
+    control: str | Dof | None = None
+
+    @property
+    def name(self) -> str:
+        """The option that states it."""
+        return "amplitude" if self.is_controlled else "level"
+
+    def find_control(self, responses: DofSet, references: DofSet) -> int | None:
+        """Return the position of the controlled response; None for a constant force."""
+        if not self.is_controlled:
+            return None
+        if len(references) != 1:
+            raise OptionError(
+                f"amplitude: {len(references)} references; expected one, as the force that holds a"
+                " response differs between them",
+                key=("amplitude",),
+            )
+        if self.control is None:
+            return 0
+        (wanted,) = DofSet([self.control]).labels
+        if wanted not in responses.labels:
+            raise OptionError(
+                f"control {wanted!r}: not among the responses; {suggest(wanted, responses.labels)}",
+                key=("control",),
+            )
+        return responses.labels.index(wanted)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class PeriodicResponse:
     """Response of a model with nonlinear elements to one harmonic force after another.
@@ -62,10 +96,11 @@ class PeriodicResponse:
         Signed DOFs of sensors and forces.
     quantity : str
         ``"receptance"``, ``"mobility"`` or ``"accelerance"``.
-    level : float
-        Force amplitude in N (N m).
+    level : float or ndarray of float, shape (n_f,)
+        Force amplitude in N (N m); of each line if a response is held at an amplitude.
     stable : ndarray of bool, shape (n_f, n_references)
-        Whether the periodic motion is stable. Unstable motion is not observed.
+        Whether the periodic motion is stable at a constant force. Unstable motion is not observed,
+        unless a controller holds the response at an amplitude.
     truncation : ndarray of float, shape (n_f, n_references)
         Estimated error by the harmonics that were left out: amplitude of the next ones over that of
         all, the largest of an element.
@@ -93,7 +128,7 @@ class PeriodicResponse:
     responses: DofSet
     references: DofSet
     quantity: str
-    level: float
+    level: float | RealArray
     stable: BoolArray
     truncation: RealArray
     branches: tuple[Branch, ...]
@@ -104,6 +139,8 @@ class PeriodicResponse:
     @property
     def frf(self) -> FRF:
         """The first harmonic over the force, as an FRF."""
+        is_one = np.ndim(self.level) == 0
+        about = f"level {self.level:g}" if is_one else "response at a constant amplitude"
         return FRF(
             self.freq,
             self.values,
@@ -111,7 +148,7 @@ class PeriodicResponse:
             self.references,
             self.quantity,
             geometry=self.geometry,
-            source=f"{self.source}, level {self.level:g}",
+            source=f"{self.source}, {about}",
             level=self.level,
             sweep=self.sweep,
         )
@@ -122,7 +159,7 @@ def respond_at_level(
     freq: ArrayLike,
     responses: Iterable[str | Dof],
     references: Iterable[str | Dof],
-    level: float,
+    excitation: SineExcitation,
     quantity: str,
     *,
     harmonics: int,
@@ -134,14 +171,15 @@ def respond_at_level(
 ) -> PeriodicResponse:
     """Return the response to a force amplitude; parameters and errors as `updyn.response`."""
     lines = check_lines(np.atleast_1d(freq) if np.isscalar(freq) else freq)
-    _check_options(lines, level, harmonics, samples, sweep)
+    _check_options(lines, excitation, harmonics, samples, sweep)
     power = QUANTITIES[check_force_quantity(quantity)]
     if not model.nonlinear:
         raise ModelError(
-            "level: the model has no nonlinear elements; leave level= out, as the response is"
-            " proportional to the force, or add elements by model.with_elements"
+            f"{excitation.name}: the model has no nonlinear elements; leave it out, as the"
+            " response is proportional to the force, or add elements by model.with_elements"
         )
     rows, columns = DofSet(responses), DofSet(references)
+    control = excitation.find_control(rows, columns)
     read = model.dofs.match(rows, "response")
     forced = model.dofs.match(columns, "reference")
     top = harmonics + BALANCE.next_harmonics
@@ -159,8 +197,8 @@ def respond_at_level(
     is_free = transfer.static is None
     if is_free and not all(element.is_odd for element in elements):
         raise SolverError(
-            "level: the model is free at 0 Hz and an element is not odd, so that the mean of the"
-            " motion is not determined; hold the model by a spring"
+            f"{excitation.name}: the model is free at 0 Hz and an element is not odd, so that the"
+            " mean of the motion is not determined; hold the model by a spring"
         )
     fourier = make_fourier(is_free=is_free, harmonics=harmonics, samples=samples)
     s = 2j * np.pi * fourier.harmonics
@@ -168,32 +206,40 @@ def respond_at_level(
     shape = n_f, harmonics + 1, len(rows), n_j
     amplitudes = np.zeros(shape, dtype=np.complex128)
     stable, truncation = np.zeros((n_f, n_j), dtype=np.bool_), np.zeros((n_f, n_j))
+    level: float | RealArray = excitation.value
     branches = []
     for j in range(n_j):
-        balance = Balance(
-            elements, transfer.select(j, len(elements)), fourier, float(level * forced.sign[j])
-        )
+        column = transfer.select(j, len(elements))
+        balance = Balance(elements, column, fourier, float(excitation.value * forced.sign[j]))
+        if control is not None:
+            at = len(elements) + control
+            balance = ControlledBalance(elements, column, fourier, excitation.value, at, power)
         points = _solve(balance, lines, sweep)
         motion = np.array([balance.respond(point.found) for point in points]) * read.sign
+        force = forced.sign[j] * np.array([balance.find_force(p.found) for p in points])
+        turned = -np.angle(force)[:, None] * fourier.harmonics
+        motion *= np.exp(1j * turned)[:, :, None]  # the phase of the force is 0
         hertz = np.array([point.found.omega for point in points]) / (2.0 * np.pi)
         motion *= (hertz[:, None] * s)[:, :, None] ** power
         spread = np.zeros((len(points), harmonics + 1, len(rows)), dtype=np.complex128)
         spread[:, fourier.harmonics] = motion
         is_stable = np.array([count_unstable(balance, p.found) == 0 for p in points])
         branches.append(Branch(hertz, spread, is_stable))
-        at = _first_at_lines(points, lines, level)
-        amplitudes[..., j], stable[:, j] = spread[at], is_stable[at]
-        truncation[:, j] = [balance.truncation(points[i].found) for i in at]
+        first = _first_at_lines(points, lines, excitation)
+        amplitudes[..., j], stable[:, j] = spread[first], is_stable[first]
+        truncation[:, j] = [balance.truncation(points[i].found) for i in first]
+        if control is not None:
+            level = np.abs(force[first])
     _warn_of_truncation(lines, truncation, harmonics)
-    first = amplitudes[:, 1] / level
+    values = amplitudes[:, 1] / np.reshape(level, (-1, 1, 1))
     return PeriodicResponse(
         lines,
-        first,
+        values,
         amplitudes,
         rows,
         columns,
         quantity,
-        float(level),
+        level,
         stable,
         truncation,
         tuple(branches),
@@ -204,15 +250,17 @@ def respond_at_level(
 
 
 def _check_options(
-    lines: RealArray, level: object, harmonics: int, samples: int, sweep: object
+    lines: RealArray, excitation: SineExcitation, harmonics: int, samples: int, sweep: object
 ) -> None:
-    if not is_number(level) or not 0.0 < level < np.inf:
-        raise OptionError(
-            f"level {level!r}: expected a force amplitude above 0, in N (N m)", key=("level",)
-        )
+    name, value = excitation.name, excitation.value
+    if not is_number(value) or not 0.0 < value < np.inf:
+        what = "a force amplitude above 0, in N (N m)"
+        if excitation.is_controlled:
+            what = "an amplitude of the response above 0, in the unit of its quantity"
+        raise OptionError(f"{name} {value!r}: expected {what}", key=(name,))
     if lines[0] <= 0.0:
         raise OptionError(
-            "level: a line at 0 Hz has no period; expected lines above 0 Hz", key=("freq",)
+            f"{name}: a line at 0 Hz has no period; expected lines above 0 Hz", key=("freq",)
         )
     _check_whole("harmonics", harmonics, 1)
     _check_whole(
@@ -252,7 +300,9 @@ def _solve(balance: Balance, lines: RealArray, sweep: str) -> list[BranchPoint]:
     return points
 
 
-def _first_at_lines(points: list[BranchPoint], lines: RealArray, level: float) -> IndexArray:
+def _first_at_lines(
+    points: list[BranchPoint], lines: RealArray, excitation: SineExcitation
+) -> IndexArray:
     """Return the position of the first solution at each line, which a sweep reaches."""
     first = np.full(len(lines), -1)
     for number, point in enumerate(points):
@@ -261,8 +311,8 @@ def _first_at_lines(points: list[BranchPoint], lines: RealArray, level: float) -
     if (first < 0).any():
         missing = float(lines[int(np.argmin(first))])
         raise SolverError(
-            f"no periodic response was found at {missing:g} Hz for the level {level:g}; use closer"
-            " lines, or more harmonics="
+            f"no periodic response was found at {missing:g} Hz for the {excitation.name}"
+            f" {excitation.value:g}; use closer lines, or more harmonics="
         )
     return first
 
