@@ -14,6 +14,10 @@ of three, up or down at random. Each fit is compared with one from the truth:
 An unknown is determined if its standard deviation is below a third of its value.
 
     OMP_NUM_THREADS=1 python benchmarks/levels.py [STRUCTURE ...] [--draws 20] [--first 0]
+
+With ``--added``, standard deviations that `updyn.assess_levels` predicts for a third test, from
+fits to the two lower levels, are compared with those of a fit to this test, too: the third level is
+twice and five times the highest. Fits begin at the truth.
 """
 
 from __future__ import annotations
@@ -284,6 +288,42 @@ def run(name: str, seeds: range) -> None:
     )
 
 
+#: Levels of a third test, in N.
+ADDED = (2.0, 5.0)
+
+
+def run_added(name: str, seeds: range) -> None:
+    """Compare predicted standard deviations with those of fits to a third test."""
+    s = make_structures()[name]()
+    true = s.truth()
+    names = [f"{n}.{key}" for n, x in true.nonlinear.items() for key in SOUGHT[type(x.element)]]
+    unknowns = s.unknowns(true, names)
+    ratios: dict[float, list[float]] = {level: [] for level in ADDED}
+    gains: dict[float, list[tuple[float, float]]] = {level: [] for level in ADDED}
+    for seed in seeds:
+        rng = np.random.default_rng(seed)
+        tests = [measure(true, s, level, rng) for level in LEVELS[:2]]
+        few = updyn.update(true, tests, unknowns, noise=NOISE, starts=0)
+        for one in updyn.assess_levels(few, ADDED).candidates:
+            more = [*tests, measure(true, s, one.level, rng)]
+            found = updyn.update(true, more, unknowns, noise=NOISE, starts=0)
+            size = {p.name: p.start for p in unknowns}
+            kept = [k for k, std in found.std.items() if std < DETERMINED * abs(size[k])]
+            ratios[one.level] += [one.std[k] / found.std[k] for k in kept]
+            both = [k for k in kept if np.isfinite(few.std[k])]
+            obtained = np.mean([np.log(found.std[k] / few.std[k]) for k in both])
+            predicted = np.mean([np.log(one.std[k] / few.std[k]) for k in both])
+            gains[one.level].append((1.0 - np.exp(predicted), 1.0 - np.exp(obtained)))
+    for level in ADDED:
+        low, middle, high = np.quantile(ratios[level], (0.05, 0.5, 0.95))
+        predicted, obtained = 100.0 * np.mean(gains[level], axis=0)
+        print(
+            f"| {name} | {level / LEVELS[1]:g} | {len(ratios[level])} | {middle:.2f} |"
+            f" {low:.2f} to {high:.2f} | {predicted:.0f} % | {obtained:.0f} % |",
+            flush=True,
+        )
+
+
 def main() -> None:
     warnings.simplefilter("ignore")
     parser = argparse.ArgumentParser(
@@ -292,7 +332,13 @@ def main() -> None:
     parser.add_argument("structures", nargs="*", help=", ".join(make_structures()))
     parser.add_argument("--draws", type=int, default=20)
     parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--added", action="store_true", help="predict the gain of a third test")
     given = parser.parse_args()
+    if given.added:
+        print("| structure | level | unknowns | ratio | 90 % of them | predicted | obtained |")
+        for name in given.structures or make_structures():
+            run_added(name, range(given.first, given.first + given.draws))
+        return
     print("| structure | DOFs | elements | recovered | RMS / bound | coverage | s per fit |")
     for name in given.structures or make_structures():
         run(name, range(given.first, given.first + given.draws))
