@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from updyn.arrays import BoolArray, ComplexArray, IndexArray, RealArray
 from updyn.correlation import csac, frac, frf_correlation, relative_residual
 from updyn.dynamics.excitation import fix_base
+from updyn.dynamics.periodic.settings import LINE_BALANCE
 from updyn.dynamics.resonance_lines import even_lines, resonance_lines
 from updyn.dynamics.response import response_like
 from updyn.errors import UpdynError
@@ -127,7 +128,7 @@ def _compute_data(
         keep = keep[1:]
         notes.append("The line at 0 Hz is not drawn.")
     reduced = options.get("tier") == "reduced"
-    per_line = 1 if reduced else start.n_dofs
+    per_line = 1 if reduced else _measure_line(start)
     limit = _limit_lines(per_line)
     if stopped:
         limit = min(limit, REPORT_COMPUTATION.stopped_budget // start.n_dofs)
@@ -196,6 +197,11 @@ def _compute_data(
     )
 
 
+def _measure_line(model: Model) -> int:
+    """Return the work of a line in DOFs; with nonlinear elements, harmonics are solved, too."""
+    return model.n_dofs * (1 + LINE_BALANCE.harmonics if model.nonlinear else 1)
+
+
 def _limit_lines(per_line: int) -> int:
     """Return the largest number of lines for a number of DOFs that are computed at each."""
     affordable = REPORT_COMPUTATION.evaluation_budget // per_line
@@ -212,7 +218,7 @@ def fine_grid(models: Sequence[Model], freq: RealArray, *, reduced: bool) -> Rea
     low, high = float(freq[0]), float(freq[-1])
     if reduced:
         return np.union1d(freq, even_lines(low, high, n))
-    affordable = REPORT_COMPUTATION.grid_budget // models[0].n_dofs
+    affordable = REPORT_COMPUTATION.grid_budget // _measure_line(models[0])
     affordable = max(affordable, REPORT_COMPUTATION.least_lines)
     each = min(REPORT_COMPUTATION.resonance_lines, affordable) // len(models)
     parts = [freq, even_lines(low, high, min(REPORT_COMPUTATION.even_lines, affordable // 4))]

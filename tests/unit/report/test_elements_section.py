@@ -8,9 +8,12 @@ import numpy as np
 import pytest
 
 import updyn
+from updyn.dynamics.periodic.settings import LINE_BALANCE
+from updyn.report.data import fine_grid
 from updyn.report.element_motion import describe_element, find_units, follow_loop
 from updyn.report.elements import ELEMENTS
 from updyn.report.section import PageContent
+from updyn.report.settings import REPORT_COMPUTATION
 from updyn.updating.level_model import LevelModel
 
 ENDS = ["1:X", "2:X"]
@@ -169,6 +172,20 @@ def test_computed_frfs_are_those_of_the_response(result) -> None:
     assert at_rest.amplitudes() is None
     linear = updyn.response(one.model.linearised(), FREQ, ENDS, ["2:X"])
     np.testing.assert_allclose(at_rest.responses(), linear.values, rtol=1e-9)
+
+
+def test_harmonics_count_as_lines_of_a_page() -> None:
+    n = 400
+    K = 1e4 * (2.0 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1))
+    groups = {"chain": updyn.Group(K), "masses": updyn.Group(mass=np.eye(n))}
+    model = updyn.Model.from_groups(groups, [f"{i + 1}:X" for i in range(n)])
+    freq = np.linspace(0.01, 0.02, 5)  # below the first mode
+    cubic = model.with_elements({"stop": (updyn.CubicSpring(1.0), "1:X")})
+    wanted = REPORT_COMPUTATION.grid_budget // n // 4
+    harmonics = LINE_BALANCE.harmonics + 1
+    assert len(fine_grid([model], freq, reduced=False)) == pytest.approx(wanted, abs=len(freq))
+    few = fine_grid([cubic], freq, reduced=False)
+    assert len(few) == pytest.approx(wanted // harmonics, abs=len(freq))
 
 
 def test_units_follow_from_the_degrees_of_freedom() -> None:
