@@ -125,7 +125,6 @@ def limit_cycles(
         plant contains the closed loop.
     nonlinearity : Backlash or CoulombFriction
         The nonlinearity.
-        What acts.
     at : str or (str, str)
         Output and input of the plant between which it acts; one name if both have the same.
     torque, velocity, position : str, optional
