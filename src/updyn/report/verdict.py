@@ -10,6 +10,7 @@ from updyn.report.section import PageContent
 from updyn.updating.judge.badge import find_decisive
 from updyn.updating.judge.claim import Claim
 from updyn.updating.judge.counterparts import Counterparts
+from updyn.updating.judge.sentences import split_ending
 from updyn.updating.judge.trust import Trust
 from updyn.updating.result import UpdateResult
 
@@ -76,8 +77,7 @@ def verdict(content: PageContent) -> Verdict:
     badge, kind = result.badge.phrase, result.badge.colour
     if result.trust is not None:
         return _judge_by_trust(content, result.trust, Verdict(badge, kind, ()))
-    first, _, rest = result.message.partition(". ")
-    text = f"{first.removesuffix('.')}." if first else ""
+    text, rest = split_ending(result.message)
     steps = f"After {format_count(result.iterations, 'iteration')}."
     converged, determined = VerdictPart("Converged", True, steps), _judge_identifiability(result)
     if result.status == "not-identifiable":

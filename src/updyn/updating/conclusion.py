@@ -18,6 +18,7 @@ from updyn.updating.judge.causes.finding import Finding
 from updyn.updating.judge.claim import Claim
 from updyn.updating.judge.distant import find_distant_unknowns
 from updyn.updating.judge.ending import Ending, assess_ending
+from updyn.updating.judge.sentences import split_ending
 from updyn.updating.judge.trust import Trust, judge_result
 from updyn.updating.judge.verdict import (
     Verdict,
@@ -122,10 +123,10 @@ def _with_counterparts(plain: Conclusion, before: ModeComparison) -> Conclusion:
     )
     if any(finding.grave for finding in plain.findings):
         return replace(plain, trust=trust, message=f"{plain.message} {said}")
-    status, ended = plain.status, plain.message.partition(". ")[0].removesuffix(".")
+    status, (ending, _) = plain.status, split_ending(plain.message)
     if status == "converged":
-        status, ended = "not-credible", "The fit converged, but its result is not credible"
-    message = f"{ended}. {said}"
+        status, ending = "not-credible", "The fit converged, but its result is not credible."
+    message = f"{ending} {said}"
     return replace(plain, trust=trust, status=status, message=message, steps=before.steps)
 
 

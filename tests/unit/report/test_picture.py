@@ -132,7 +132,7 @@ def test_the_picture_says_where_what_and_how_much() -> None:
     assert [e.findtext("title") for e in by_class[f"s-{STEPS}"]] == ["first: stiffness \u221250 %"]
     assert [e.findtext("title") for e in by_class[f"s{STEPS}"]] == ["second: stiffness +100 %"]
     assert [(e.tag, e.findtext("title")) for e in by_class["s0"]] == [
-        ("rect", "lump: mass +0 %, not significant")
+        ("rect", "lump: mass 0 %, not significant")
     ]
     assert sum(e.get("d", "").count("M") for e in by_class["s-none"]) == 3
     assert sorted(e.text or "" for e in by_class["label"]) == ["10: X", "20: -X"]

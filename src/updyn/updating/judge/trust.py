@@ -18,6 +18,7 @@ from updyn.updating.judge.modal_trust import (
     claim_modes_predicted,
     describe_modes,
 )
+from updyn.updating.judge.sentences import split_ending
 from updyn.updating.judge.settings import HELD_OUT, LIST_LENGTHS, PLAUSIBILITY
 
 __all__ = ["PARTS", "Claim", "Trust", "claim_validated", "judge_result"]
@@ -86,7 +87,7 @@ class Trust(Mapping[str, Claim]):
             for text in filter(None, [claim.statement, claim.further]):
                 rest = rest.replace(text, "")
         if status in ("converged", "not-credible"):  # the first sentence is the verdict
-            rest = rest.partition(". ")[2]
+            _, rest = split_ending(rest)
         # The claim `determined` holds the number; the names of the unknowns are kept here.
         return " ".join(_OPEN.sub("Not determined: ", rest).split())
 

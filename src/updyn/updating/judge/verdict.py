@@ -18,6 +18,7 @@ from updyn.updating.judge.causes.finding import Finding
 from updyn.updating.judge.ending import ActiveBound, Ending
 from updyn.updating.judge.identifiability import Analysis
 from updyn.updating.judge.rounding import REMEDY, Rounding
+from updyn.updating.judge.sentences import split_ending
 from updyn.updating.judge.settings import (
     FIT_END,
     LIST_LENGTHS,
@@ -328,8 +329,8 @@ def add_causes(verdict: Verdict, findings: Sequence[Finding]) -> Verdict:
     statements = " ".join(finding.statement for finding in findings)
     grave = [finding for finding in findings if finding.grave]
     if grave:
-        ending = verdict.message.partition(". ")[0].rstrip(".")
-        return replace(verdict, message=f"{statements} {ending}.", steps=(grave[0].step,))
+        ending, _ = split_ending(verdict.message)
+        return replace(verdict, message=f"{statements} {ending}", steps=(grave[0].step,))
     steps = join_remedies([findings[0].step], verdict.steps)
     return replace(verdict, message=f"{verdict.message} {statements}", steps=steps)
 
