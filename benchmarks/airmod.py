@@ -1,6 +1,7 @@
 """Update of the AIRMOD aircraft model of DLR to natural frequencies of its repeated tests.
 
     OMP_NUM_THREADS=1 python benchmarks/airmod.py FOLDER
+    OMP_NUM_THREADS=1 python benchmarks/airmod.py FOLDER --population
     python benchmarks/airmod.py FOLDER --score ESTIMATE.csv
 
 The folder has the Nastran deck ``AIRMOD_MODAL.DAT`` with ``PARAM.DAT``, ``msc_frequencies.csv``,
@@ -38,6 +39,10 @@ STIFFNESS = ["PROD 16", "PROD 17"] + [
 MASS = [f"PMASS {number}" for number in (103, 1041, 1042, 105, 106, 107)]
 #: Standard deviation of the prior on each factor, with which all unknowns are determined.
 PRIOR_STD = 0.5
+#: Standard deviation of the frequency of one assembly over repeats, as a share: below all scatter.
+REPEAT_STD = 1e-4
+#: Relative step of the differences.
+STEP = 1e-3
 
 
 def read(folder: Path) -> Model:
@@ -174,6 +179,68 @@ def print_prior(model: Model, found: RepeatedTests) -> None:
         print(f"| `{name}` | {value:.3f} | {std} |")
 
 
+def specimens(model: Model, found: RepeatedTests) -> list[updyn.Test]:
+    """Return a test for each assembly: its frequencies, known to a share of `REPEAT_STD`."""
+    out = []
+    for number, row in enumerate(found.frequency, 1):
+        known = row[np.isfinite(row)]
+        if len(known):
+            data = ModeSet(known, std_frequency=REPEAT_STD * known)
+            out.append(updyn.Test(model, data, f"assembly {number}"))
+    return out
+
+
+def sensitivity(model: Model, sought: ParameterSet, values: Mapping[str, float]) -> np.ndarray:
+    """Return the derivatives of the 14 frequencies by the unknowns, in Hz, by differences."""
+    columns = []
+    for name in sought.names:
+        ends = []
+        for side in (-1.0, 1.0):
+            changed = {**values, name: values[name] * (1.0 + side * STEP)}
+            found = updyn.modes(sought.with_start(changed).at_start(model), 40).frequency
+            ends.append(found[found > 0][1:][np.array(MODES) - 1])
+        columns.append((ends[1] - ends[0]) / (2.0 * STEP * values[name]))
+    return np.array(columns).T
+
+
+def print_population(folder: Path) -> None:
+    """Print scatter of the unknowns over the assemblies, and that of the frequencies from it."""
+    model, found = read(folder), tests(folder)
+    sought = unknowns(model, PRIOR_STD)
+    of_means = updyn.update(model, found.mean_modes(), sought, starts=0)
+    clock = time.process_time()
+    population = updyn.update_population(
+        specimens(model, found), sought.with_start(of_means.values), starts=0
+    )
+    print(f"{population.statement} {time.process_time() - clock:.0f} s of processor time")
+    print(f"excluded: {len(population.excluded)}; outliers: {', '.join(population.outliers())}")
+    print(population.summary())
+    S = sensitivity(model, sought, population.mean)
+    noise = np.diag((REPEAT_STD * found.mean) ** 2)
+    covariance = S @ population.covariance @ S.T + noise
+    std = np.sqrt(np.diag(covariance))
+    correlation = covariance / std / std[:, None]
+    print("| mode | measured, Hz | of the population, Hz | ratio |")
+    print("|---|---|---|---|")
+    for mode, one, other in zip(MODES, found.std, std, strict=True):
+        print(f"| {mode} | {one:.4f} | {other:.4f} | {other / one:.2f} |")
+    measured = sample_correlation(found.frequency)
+    lower = np.tril_indices(len(MODES), -1)
+    gap = np.abs(correlation - measured)[lower]
+    print(f"correlations differ by {np.median(gap):.2f} (median), {gap.max():.2f} (largest)")
+
+
+def sample_correlation(values: np.ndarray) -> np.ndarray:
+    """Return the correlation of columns, over the rows in which both are known."""
+    n = values.shape[1]
+    out = np.eye(n)
+    for i in range(n):
+        for j in range(i):
+            rows = np.isfinite(values[:, i]) & np.isfinite(values[:, j])
+            out[i, j] = out[j, i] = np.corrcoef(values[rows, i], values[rows, j])[0, 1]
+    return out
+
+
 def main(folder: Path) -> None:
     """Print the figures."""
     model, data = print_model(folder), tested(folder)
@@ -200,8 +267,11 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--score", type=Path, help="estimate of any program to score")
+    parser.add_argument("--population", action="store_true", help="scatter of the unknowns")
     given = parser.parse_args()
-    if given.score is None:
+    if given.population:
+        print_population(given.folder)
+    elif given.score is None:
         main(given.folder)
     else:
         print(f"largest frequency error {score(given.folder, given.score):.4f} %")
