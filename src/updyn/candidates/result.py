@@ -290,7 +290,7 @@ class ModelComparison(Sequence[CandidateRow]):
             "score_error": error,
         }
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, object]:
         """Return the comparison as plain values, for JSON.
 
         Returns

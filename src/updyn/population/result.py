@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.stats import chi2, norm, t
@@ -246,7 +246,7 @@ class PopulationResult:
         ]
         return pd.DataFrame(rows, index=pd.Index(self.parameters.names, name="unknown"))
 
-    def to_dict(self, level: float = 0.95) -> dict[str, Any]:
+    def to_dict(self, level: float = 0.95) -> dict[str, object]:
         """Return the population as plain values, for JSON.
 
         Parameters

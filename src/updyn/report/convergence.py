@@ -291,7 +291,7 @@ def value_paths(result: UpdateResult, chosen: Sequence[Parameter]) -> Figure | N
     traces = []
     for p in sorted(chosen, key=lambda p: p.name in named):  # draw named paths above the grey ones
         shown = escape_label(f"{p.group}: {quantity_words(p.quantity)}")
-        trace: dict[str, Any] = {
+        trace: Trace = {
             "type": "scatter",
             "mode": "lines",
             "name": shown,

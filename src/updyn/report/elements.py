@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
 
 import numpy as np
 
@@ -24,6 +23,7 @@ from updyn.report.formats import number, unit
 from updyn.report.plots import (
     Figure,
     Panel,
+    Trace,
     band_traces,
     curve,
     encode_numbers,
@@ -74,7 +74,7 @@ class ElementsSection(ReportSection):
             made[f"element-{k}-loop"] = loop_figure(local, motions, units, looks)
         return made
 
-    def context(self, content: PageContent) -> dict[str, Any]:
+    def context(self, content: PageContent) -> dict[str, object]:
         """Return the channel of the FRFs, the table of motions, and titles and captions."""
         data = _list_data(content)
         worst = find_worst_channel(data)
@@ -127,7 +127,7 @@ def frfs_by_level(data: Mapping[str, ReportData]) -> Figure | None:
         return None
     first = data[worst[0]]
     response, reference = first.responses[worst[1][0]], first.references[worst[1][1]]
-    traces: list[dict[str, Any]] = []
+    traces: list[Trace] = []
     drawn, lines = [], []
     unit_of = unit(first.quantity, response, reference)
     for number_of, (name, one) in enumerate(data.items()):
@@ -160,7 +160,7 @@ def _look(number_of: int) -> tuple[str, str]:
 
 def _measured_points(
     x: RealArray, y: RealArray, name: str, colour: str, unit_of: str
-) -> dict[str, Any]:
+) -> dict[str, object]:
     shown = escape_label(name)
     return {
         "type": "scatter",
@@ -224,7 +224,7 @@ def stiffness_figure(
     if np.abs(N.imag).max() > REPORT_COMPUTATION.elastic_share * np.abs(N).max():
         parts.append(("loss", N.imag, described.imaginary_half))
     for name, values, half in parts:
-        traces: list[dict[str, Any]] = []
+        traces: list[Trace] = []
         is_first = not panels
         if half is not None:
             traces += band_traces(
@@ -243,7 +243,7 @@ def stiffness_figure(
 
 def _mark_level(
     one: Motion, value: float, looks: Mapping[str, str], hover: str, *, legend: bool
-) -> dict[str, Any]:
+) -> dict[str, object]:
     """Return the marker of the largest amplitude in a test."""
     shown = escape_label(one.test)
     return {

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from updyn.report.section import PageContent, ReportSection
 
 __all__ = ["LEVELS"]
@@ -22,7 +20,7 @@ class _LevelsSection(ReportSection):
         """Whether the page shows an update."""
         return content.update is not None
 
-    def context(self, content: PageContent) -> dict[str, Any]:
+    def context(self, content: PageContent) -> dict[str, object]:
         """Return the recommended level and both tables."""
         found = content.further["levels"]
         head, rows = found.deviation_table()

@@ -374,7 +374,7 @@ def level_differences(data: ReportData) -> Figure | None:
     }
 
 
-def _histogram(data: ReportData, computed: ComplexArray, name: str) -> dict[str, Any]:
+def _histogram(data: ReportData, computed: ComplexArray, name: str) -> Trace:
     edges = np.linspace(-30.0, 30.0, 121)
     level = level_difference(data.measured[data.compared], computed[data.compared])
     counts, _ = np.histogram(np.clip(level, edges[0], edges[-1]), edges)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from updyn.notebook import card, table
 from updyn.text_table import format_count, text_table
@@ -137,7 +137,7 @@ class LevelAssessment:
         columns["unit"] = [p.value_unit for p in self.parameters]
         return pd.DataFrame(columns, index=pd.Index(list(self.values), name="unknown"))
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, object]:
         """Return the assessment as plain values, for JSON; None in place of inf and nan.
 
         Returns
