@@ -19,6 +19,7 @@ from .control.family import plant_family as plant_family
 from .control.files.plant_file import read_plant as read_plant
 from .control.files.plant_file import write_plant as write_plant
 from .control.nonlinear.balance import limit_cycles as limit_cycles
+from .control.nonlinear.open_element import open_element as open_element
 from .control.nonlinear.opened import opened as opened
 from .control.nonlinear.simulate import simulate as simulate
 from .control.plant import Plant as Plant

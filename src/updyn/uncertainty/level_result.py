@@ -34,6 +34,13 @@ class FittedLevel:
         Standard deviation of each unknown without this test; inf for undetermined unknowns.
     alone : dict of str to float
         Standard deviation of each unknown with this test alone.
+
+    Examples
+    --------
+    >>> import math
+    >>> one = updyn.FittedLevel("2 N", 2.0, {"joint.stiffness": math.inf}, {"joint.stiffness": 3e2})
+    >>> one, one.alone["joint.stiffness"]
+    (FittedLevel(2 N), 300.0)
     """
 
     name: str
@@ -67,6 +74,11 @@ class CandidateLevel:
         Unknowns that are determined with this test only.
     note : str
         A remark on the response at this level; may be empty.
+
+    Examples
+    --------
+    >>> updyn.CandidateLevel(5.0, "2 N", False, {"joint.stiffness": 2e2}, gain=0.25)
+    CandidateLevel(5, gain 25 %)
     """
 
     level: float
@@ -99,6 +111,17 @@ class LevelAssessment:
         Further tests, each in addition to all tests of the update.
     unit : str
         Unit of the levels: ``"N"`` or ``"N m"``.
+
+    Examples
+    --------
+    >>> groups = {"spring": updyn.Group([[1e4]])}
+    >>> unknowns = updyn.parameters(updyn.Model.from_groups(groups, ["1:X"]), stiffness="spring")
+    >>> name, further = "spring.stiffness", []
+    >>> for level, std, gain in ((4.0, 0.008, 0.2), (8.0, 0.005, 0.5)):
+    ...     further.append(updyn.CandidateLevel(level, "2 N", False, {name: std}, gain))
+    >>> found = updyn.LevelAssessment(unknowns, {name: 1.1}, {name: 0.01}, (), tuple(further))
+    >>> found.best
+    CandidateLevel(8, gain 50 %)
     """
 
     parameters: ParameterSet
