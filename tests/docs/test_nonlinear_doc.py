@@ -27,6 +27,9 @@ def test_the_example_runs_and_folds() -> None:
     assert not branch.stable.all()
     assert found.stable.all()
     assert namespace["change"].is_nonlinear
+    best = namespace["location"].best
+    assert (best.place, best.kind) == ("joint", "cubic-spring")
+    assert namespace["location"].distinguishable
     result, wanted = namespace["result"], {"springs.stiffness": 1.2, "joint.coefficient": 3e8}
     for name, value in wanted.items():
         assert abs(result.values[name] - value) < 1e-3 * value

@@ -52,8 +52,8 @@ class CoulombFriction(AmplitudeElement):
     breakaway: float | None = None
     transition: float = 0.0
 
-    parameters: ClassVar[tuple[str, ...]] = ("level",)
-    units: ClassVar[Mapping[str, str]] = {"level": "N"}
+    parameters: ClassVar[tuple[str, ...]] = ("level", "transition")
+    units: ClassVar[Mapping[str, str]] = {"level": "N", "transition": "m/s"}
     has_memory: ClassVar[bool] = False
     quantity: ClassVar[str] = "mobility"
     is_odd: ClassVar[bool] = True
@@ -105,7 +105,8 @@ class CoulombFriction(AmplitudeElement):
             )
         shape = np.tanh(v / self.transition)
         slope = self.level / self.transition * (1.0 - shape**2)
-        return PeriodForce(self.level * shape, diagonal(np.zeros_like(u)), slope, shape[:, None])
+        by = np.stack([shape, -slope * v / self.transition], axis=1)
+        return PeriodForce(self.level * shape, diagonal(np.zeros_like(u)), slope, by)
 
     def at_rest(self) -> tuple[float, float]:
         """Return stiffness and damping for vanishing amplitude.

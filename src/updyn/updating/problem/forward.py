@@ -36,6 +36,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "LINEAR",
+    "ElementReceptances",
     "EquivalentForward",
     "Forward",
     "LinearForward",
@@ -193,7 +194,7 @@ class LocalElements:
         n = len(self.elements)
         if len(part.rows) < n:
             return None
-        H = _Linear.of(self, part, x, np.ones(1), derivatives=False).H[:, 0]
+        H = ElementReceptances.of(self, part, x, np.ones(1), derivatives=False).H[:, 0]
         motion, level = self._motion(part), _level(part.frf)[:, None, None]
         T = _solve_least_squares(H[:, n:, :n], level * H[:, n:, n:] - motion)
         return np.abs(level * H[:, :n, n:] - H[:, :n, :n] @ T)
@@ -236,7 +237,7 @@ def choose_forward(model: Model, frf: FRF, parameters: ParameterSet) -> Forward:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Linear:
+class ElementReceptances:
     """Receptances of the linear model at harmonics: deformations and responses, over forces.
 
     `H`, (n_f, n_h, n_e + n_i, n_e + n_j), and `dH`, (n_p, ...), per unit of each unknown.
@@ -248,7 +249,7 @@ class _Linear:
     @classmethod
     def of(
         cls, local: LocalElements, part: FRFPart, x: RealArray, k: RealArray, *, derivatives: bool
-    ) -> _Linear:
+    ) -> ElementReceptances:
         """Return the receptances at harmonics k of all lines; 0 is the mean."""
         values, moving = part.values(x), k[k > 0]
         freq = (part.frf.freq[:, None] * moving).ravel()
@@ -374,7 +375,7 @@ class EquivalentForward:
     ) -> Receptances:
         """Return the receptances at a block of lines."""
         k = np.ones(1)
-        found = _Linear.of(self.local, part, x, k, derivatives=derivatives)
+        found = ElementReceptances.of(self.local, part, x, k, derivatives=derivatives)
         n, elements = len(self.local.elements), self.local.at(part.values(x))
         omega = 2.0 * np.pi * part.frf.freq
         amplitudes = self._interpolate(part.frf.freq)
@@ -467,12 +468,12 @@ class PeriodicForward:
             out.append(np.abs(Q).reshape(now.x.shape[:2]))
         return np.stack(out, axis=2)
 
-    def _linear(self, part: FRFPart, x: RealArray, *, derivatives: bool) -> _Linear:
+    def _linear(self, part: FRFPart, x: RealArray, *, derivatives: bool) -> ElementReceptances:
         k = self.fourier.harmonics.astype(np.float64)
-        return _Linear.of(self.local, part, x, k, derivatives=derivatives)
+        return ElementReceptances.of(self.local, part, x, k, derivatives=derivatives)
 
     def _solve(
-        self, part: FRFPart, x: RealArray, found: _Linear, j: int
+        self, part: FRFPart, x: RealArray, found: ElementReceptances, j: int
     ) -> tuple[LineBalance, LineEvaluation]:
         """Return the balance with one force and its solution at each line."""
         n = len(self.local.elements)

@@ -33,6 +33,7 @@ __all__ = [
     "check_bounds",
     "check_finite",
     "link",
+    "no_unknowns",
     "parameters",
 ]
 
@@ -605,6 +606,13 @@ DEFAULT_BOUNDS = {
     "mass_damping": (0.0, 6e5),
     "stiffness_damping": (0.0, 16.0),
 }
+
+
+def no_unknowns() -> ParameterSet:
+    """Return a set without unknowns, for a model that is used as it is."""
+    out = object.__new__(ParameterSet)
+    object.__setattr__(out, "items", ())
+    return out
 
 
 def parameters(

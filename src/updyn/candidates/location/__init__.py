@@ -1,0 +1,1 @@
+"""Place and kind of a local nonlinearity, from FRFs at several force levels."""

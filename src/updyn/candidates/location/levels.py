@@ -1,0 +1,99 @@
+"""`LevelData`: the FRFs of all levels and their weights, as data of one linear model."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from updyn.arrays import ComplexArray, RealArray
+from updyn.candidates.location.settings import LOCATION
+from updyn.errors import DataError
+from updyn.frf import FRF
+from updyn.model import Model
+from updyn.updating.judge.levels.detect import check_levels
+from updyn.updating.judge.levels.homogeneity import scatter_variance, stated_variance
+from updyn.updating.problem.noise import NoiseChoice
+from updyn.updating.problem.parameters import ParameterSet
+from updyn.updating.problem.problem import FRFPart
+from updyn.updating.problem.residuals import OutputError
+
+__all__ = ["LevelData"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LevelData:
+    """FRFs of the same channels at n_l levels, ascending, with the linear model of their channels.
+
+    `part` has the linear model and the first of the `tests`; `errors` are the weights of each, as
+    for a fit. `receptances`, `weights` (n_l, n_f, n_i, n_j) and `levels` (n_l, n_f) are the data in
+    m/N, the square roots of 2 / E|dH|^2 in N/m, and the amplitudes of the force in N.
+    """
+
+    part: FRFPart
+    tests: Sequence[FRF]
+    errors: Sequence[OutputError]
+    receptances: ComplexArray
+    weights: RealArray
+    levels: RealArray
+
+    @classmethod
+    def of(
+        cls, model: Model, tests: Sequence[FRF], unknowns: ParameterSet, noise: NoiseChoice
+    ) -> LevelData:
+        """Return the data of at least two levels; raise DataError if they do not fit together."""
+        ordered = [_without_zero(test) for test in check_levels(tests)]
+        if len(ordered) < 2:
+            raise DataError("a nonlinearity is located by FRFs at two levels or more, found one")
+        part = FRFPart.build(model, ordered[0], unknowns)
+        variances = [_find_variance(test, noise) for test in ordered]
+        rate = (part.frf.s**part.frf.power)[:, None, None]
+        receptances = np.array([test.values * part.sign / rate for test in ordered])
+        weights = np.sqrt(2.0 / np.array(variances)) * np.abs(rate) * np.abs(part.sign)
+        levels = np.array([test.level for test in ordered])
+        errors = [OutputError(np.sqrt(2.0 / variance)) for variance in variances]
+        return cls(part, ordered, errors, receptances, weights, levels)
+
+    @property
+    def omega(self) -> RealArray:
+        """Circular frequencies of the lines in rad/s."""
+        return 2.0 * np.pi * self.part.frf.freq
+
+    @property
+    def n_forces(self) -> int:
+        """Number of real numbers of the forces of an element: one complex each line and level."""
+        return int(2 * self.levels.size * self.receptances.shape[3])
+
+    def softened(self) -> LevelData:
+        """Return the data with errors relative to |H| added, which widen minima."""
+        error = LOCATION.soft_error * np.abs(self.receptances)
+        safe = np.where(self.weights > 0.0, self.weights, 1.0)
+        weights = np.where(self.weights > 0.0, 1.0 / np.hypot(1.0 / safe, error), 0.0)
+        return replace(self, weights=weights)
+
+    def soften(self, share: float) -> list[OutputError]:
+        """Return the weights of the tests with errors relative to |H| added."""
+        return [
+            OutputError(1.0 / np.hypot(1.0 / error.weight, share * np.abs(test.values)))
+            for error, test in zip(self.errors, self.tests, strict=True)
+        ]
+
+    @property
+    def n_numbers(self) -> int:
+        """Number of real data."""
+        return 2 * self.receptances.size
+
+
+def _without_zero(test: FRF) -> FRF:
+    """Return a test without a line at 0 Hz, where no level is stated."""
+    return test if test.freq[0] > 0.0 else test.select(lines=test.freq[1:])
+
+
+def _find_variance(test: FRF, noise: NoiseChoice) -> RealArray:
+    """Return E|dH|^2, stated or from the scatter of neighbouring lines."""
+    found = stated_variance(test, noise)
+    if found is None:
+        found = scatter_variance(test)
+    least = np.finfo(np.float64).tiny
+    return np.asarray(np.maximum(found, least))

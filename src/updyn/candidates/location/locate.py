@@ -1,0 +1,357 @@
+"""`locate_nonlinearity`: place and kind of a local nonlinearity."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+
+import numpy as np
+
+from updyn.arrays import RealArray
+from updyn.candidates.location.describing import ELEMENT, KindFit, fit_kind
+from updyn.candidates.location.exact import ExactFit, ExactProblem, fit_linear
+from updyn.candidates.location.kinds import Kind, choose_kinds
+from updyn.candidates.location.levels import LevelData
+from updyn.candidates.location.place import PlaceFit, fit_place
+from updyn.candidates.location.places import check_places
+from updyn.candidates.location.result import LocationRow, NonlinearityLocation
+from updyn.candidates.location.settings import LOCATION
+from updyn.candidates.settings import CANDIDATES
+from updyn.dynamics.fields import FieldSolver
+from updyn.dynamics.settings import REDUCTION
+from updyn.errors import OptionError, SolverError
+from updyn.frf import FRF
+from updyn.model import Model
+from updyn.nonlinear.cubic import CubicSpring
+from updyn.nonlinear.element import NonlinearElement
+from updyn.nonlinear.local import Place
+from updyn.updating.fit.reducing import is_reduced, make_reduction
+from updyn.updating.fit.search import scatter_points
+from updyn.updating.problem.data import Test
+from updyn.updating.problem.forward import LocalElements
+from updyn.updating.problem.noise import NoiseChoice
+from updyn.updating.problem.parameters import ParameterSet, no_unknowns
+from updyn.updating.problem.problem import FRFPart
+from updyn.updating.run import run
+from updyn.updating.setup import RunOptions
+
+__all__ = ["locate_nonlinearity"]
+
+
+def locate_nonlinearity(
+    model: Model,
+    tests: Iterable[FRF],
+    places: Mapping[str, Place] | None = None,
+    kinds: Iterable[str] | Mapping[str, NonlinearElement] | None = None,
+    *,
+    unknowns: ParameterSet | None = None,
+    noise: NoiseChoice = None,
+) -> NonlinearityLocation:
+    """Find the place and the kind of a local nonlinearity from FRFs at several force levels.
+
+    Parameters
+    ----------
+    model : Model
+        The linear model, with the channels of the tests among its DOFs.
+    tests : iterable of FRF
+        Measurements of the same channels and lines at two levels or more (`FRF.with_level`), of at
+        least two responses.
+    places : mapping of str to place, optional
+        Candidates by name, each a combination of DOFs as for `Model.with_elements`. By default, the
+        pairs of DOFs of one direction that the stiffness connects, and the DOFs that it connects to
+        ground.
+    kinds : iterable of str or mapping of str to element, optional
+        Names of `updyn.nonlinear` elements, by default all, or elements by name with parameters
+        from which to start.
+    unknowns : ParameterSet, optional
+        Linear unknowns that are fitted, too; by default the model is used as it is.
+    noise : None, str or mapping
+        As for `updyn.update`. If the data do not state it, it is estimated from the scatter of
+        neighbouring lines.
+
+    Returns
+    -------
+    NonlinearityLocation
+        The candidates that were fitted exactly, the best first.
+
+    Raises
+    ------
+    InputError
+        If models, data, places or options do not fit together.
+    SolverError
+        If no candidate can be solved.
+
+    Notes
+    -----
+    Places: the force of an element at a place follows from the responses at each line and level by
+    least squares, whatever its kind; the residual, with linear unknowns fitted, ranks the places
+    (Noel & Kerschen, Mech. Syst. Signal Process. 83 (2017) 2). Kinds: force over deformation is the
+    describing function of the element at the amplitude of the deformation, to which each kind is
+    fitted. The best candidates are fitted exactly, by harmonic balance, and compared by their
+    evidence, as `compare_models` does.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> K = 1e4 * np.array([[2.0, -1.0], [-1.0, 1.0]])
+    >>> groups = {"k": updyn.Group(K, loss_factor=0.03), "m": updyn.Group(mass=np.eye(2))}
+    >>> model = updyn.Model.from_groups(groups, ["1:X", "2:X"])
+    >>> true = model.with_elements({"joint": (updyn.CubicSpring(1e8), ["1:X", "2:X"])})
+    >>> freq, ends = np.linspace(7.0, 30.0, 60), ["1:X", "2:X"]
+    >>> tests = [updyn.response(true, freq, ends, ["2:X"], level=F).frf for F in (0.5, 2.0)]
+    >>> found = updyn.locate_nonlinearity(
+    ...     model, tests, kinds=["cubic-spring", "jenkins"], noise={"relative": 0.01}
+    ... )
+    >>> found.best.place, found.best.kind, f"{found.best.element.coefficient:.3g}"
+    ('1:X - 2:X', 'cubic-spring', '1e+08')
+    """
+    model.refuse_nonlinear("the search for a nonlinearity")
+    named, chosen = check_places(model, places), choose_kinds(kinds)
+    found = no_unknowns() if unknowns is None else unknowns
+    if not isinstance(found, ParameterSet):
+        raise OptionError(f"unknowns: expected updyn.parameters(...), found {unknowns!r}")
+    data = LevelData.of(model, list(tests), found, noise)
+    return _Search.begin(model, named, chosen, data, noise).find()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Search:
+    """The search for place and kind."""
+
+    model: Model
+    places: Mapping[str, Place]
+    kinds: Sequence[Kind]
+    data: LevelData
+    solver: FieldSolver | None
+    x: RealArray
+
+    @classmethod
+    def begin(
+        cls,
+        model: Model,
+        places: Mapping[str, Place],
+        kinds: Sequence[Kind],
+        data: LevelData,
+        noise: NoiseChoice,
+    ) -> _Search:
+        """Return the search from the linear model, reduced if it is large."""
+        solver = None
+        if is_reduced(None, model.n_dofs, len(data.part.frf.freq)):
+            solver = _reduce(model, places, data.part)
+            data = replace(data, part=data.part.with_solver(solver))
+        return cls(model, places, kinds, data, solver, _fit_lowest(model, data, noise))
+
+    def find(self) -> NonlinearityLocation:
+        """Return the candidates, the best first."""
+        ranked = self._rank_places()
+        fits = self._fit_candidates(self._rank_kinds(ranked))
+        if not fits:
+            raise SolverError("no candidate of place and kind can be solved at its start")
+        linear = fit_linear(self.data, self.x)
+        n_numbers = self.data.n_numbers
+        best = min(fits, key=lambda fit: fit.cost)
+        inflation = max(1.0, 2.0 * best.cost / max(n_numbers - len(best.x), 1))
+        fits = _order(fits, inflation)
+        top = fits[0].log_evidence(inflation)
+
+        def rms(cost: float) -> float:
+            return float(np.sqrt(2.0 * cost / n_numbers))
+
+        return NonlinearityLocation(
+            tuple(self._row(fit, inflation, top, rms(fit.cost)) for fit in fits),
+            MappingProxyType({place.name: self._residual(place) for place in ranked}),
+            -math.inf if linear is None else linear.log_evidence(inflation) - top,
+            math.nan if linear is None else rms(linear.cost),
+            inflation <= LOCATION.largest_inflation,
+        )
+
+    def _rank_places(self) -> list[PlaceFit]:
+        """Return the places by the residual of an element of any kind."""
+        unknowns = self.data.part.coordinates.parameters
+        found = {}
+        for name, dofs in self.places.items():
+            placed = self.model.with_elements({ELEMENT: (CubicSpring(1.0), dofs)})
+            local = LocalElements.find(placed, unknowns)
+            fit = fit_place(name, local, self.data, self.x)
+            if fit is not None:
+                found[name] = local, fit
+        if not found:
+            raise SolverError("an element at none of the places changes a measured response")
+        if len(unknowns):
+            self._search_linear(found, [self.x, self.data.part.coordinates.start], len(found))
+            self._search_linear(found, self._scatter(), LOCATION.most_searched)
+        return sorted((fit for _, fit in found.values()), key=lambda fit: fit.cost)
+
+    def _search_linear(
+        self,
+        found: dict[str, tuple[LocalElements, PlaceFit]],
+        starts: Sequence[RealArray],
+        most: int,
+    ) -> None:
+        """Replace fits by better ones from further starts unless the residual is like noise."""
+        spare = self.data.n_numbers - self.data.n_forces - len(self.x)
+        ordered = sorted(found, key=lambda name: found[name][1].cost)
+        if 2.0 * found[ordered[0]][1].cost <= LOCATION.largest_inflation * max(spare, 1):
+            return
+        soft = self.data.softened()
+        for name in ordered[:most]:
+            local, best = found[name]
+            fits = [fit_place(name, local, soft, x) for x in starts]
+            near = min((fit for fit in fits if fit is not None), key=_cost, default=None)
+            fit = None if near is None else fit_place(name, local, self.data, near.x)
+            if fit is not None and fit.cost < best.cost:
+                found[name] = local, fit
+
+    def _scatter(self) -> list[RealArray]:
+        """Return further starts of the linear unknowns."""
+        coordinates = self.data.part.coordinates
+        log, loss = LOCATION.start_spread
+        half = np.where(coordinates.parameters.is_damping, loss, log)
+        points = scatter_points(coordinates.start, half, LOCATION.starts, seed=0)
+        return [np.clip(x, *coordinates.bounds) for x in points]
+
+    def _rank_kinds(self, ranked: Sequence[PlaceFit]) -> list[list[KindFit]]:
+        """Return the kinds of the best places by their misfit, and the places by the least."""
+        limit = ranked[0].cost + self._excluded_cost(ranked[0].cost)
+        out = []
+        for place in ranked[: LOCATION.most_places]:
+            if place.cost > limit:
+                break
+            dofs, omega = self.places[place.name], self.data.omega
+            fits = [fit_kind(self.model, place, dofs, kind, omega) for kind in self.kinds]
+            found = sorted((fit for fit in fits if fit is not None), key=lambda fit: fit.misfit)
+            if found:
+                out.append(found)
+        out.sort(key=lambda found: found[0].misfit)
+        limit = LOCATION.joint_misfit * self.data.n_forces
+        if out and len(self.x) and 2.0 * out[0][0].misfit > limit:
+            out = [self._fit_jointly(found) for found in out[: LOCATION.fitted_places]]
+            out.sort(key=lambda found: found[0].misfit)
+        return out
+
+    def _fit_jointly(self, found: Sequence[KindFit]) -> list[KindFit]:
+        """Return the kinds at a place fitted together with the linear unknowns."""
+        fits = [self._problem(kind).fit_describing() for kind in found]
+        return sorted(fits, key=lambda fit: fit.misfit)
+
+    def _fit_candidates(self, ranked: Sequence[Sequence[KindFit]]) -> list[ExactFit]:
+        """Return exact fits: of the best kind at each place, then of other kinds at the best."""
+        fits: list[ExactFit] = []
+        solved = []
+        for kinds in ranked[: LOCATION.fitted_places]:
+            first = self._fit_first(kinds, fits)
+            if first is not None:
+                solved.append(first)
+                fits.append(first[0])
+        solved.sort(key=lambda one: one[0].cost)
+        for fit, others in solved[: LOCATION.compared_places]:
+            least = min(one.cost for one in fits)
+            if fit.cost > solved[0][0].cost + self._excluded_cost(least):
+                continue
+            for rank, kind in enumerate(others, 1):
+                is_far = kind.misfit > LOCATION.largest_misfit * fit.start.misfit
+                if rank >= LOCATION.most_kinds or (rank >= LOCATION.least_kinds and is_far):
+                    break
+                found = self._fit(kind, fits)
+                if found is not None:
+                    fits.append(found)
+        return self._refit(sorted(fits, key=_cost))
+
+    def _refit(self, fits: Sequence[ExactFit]) -> list[ExactFit]:
+        """Return fits, the best of them again unless the first leaves a residual like noise."""
+        out = list(fits)
+        for i, fit in enumerate(fits[: LOCATION.refits]):
+            if 2.0 * min(map(_cost, out)) <= LOCATION.largest_inflation * self.data.n_numbers:
+                break
+            out[i] = fit.problem.refit(fit)
+        return out
+
+    def _fit_first(
+        self, kinds: Sequence[KindFit], fits: Sequence[ExactFit]
+    ) -> tuple[ExactFit, Sequence[KindFit]] | None:
+        """Return the exact fit of the first kind at a place that can be solved, and the others."""
+        for number, kind in enumerate(kinds[: LOCATION.most_kinds], 1):
+            fit = self._fit(kind, fits)
+            if fit is not None:
+                return fit, kinds[number:]
+        return None
+
+    def _residual(self, place: PlaceFit) -> float:
+        """Return the rms residual of a place for the numbers that its forces leave."""
+        spare = self.data.n_numbers - self.data.n_forces - len(self.x)
+        return float(np.sqrt(2.0 * place.cost / max(spare, 1)))
+
+    def _excluded_cost(self, least: float) -> float:
+        """Return the excess over the least cost from which a candidate is left out."""
+        spare = max(self.data.n_numbers, 1)
+        return LOCATION.excluded_log_odds * max(1.0, 2.0 * least / spare)
+
+    def _fit(self, start: KindFit, fits: Sequence[ExactFit] = ()) -> ExactFit | None:
+        return self._problem(start).fit(min(map(_cost, fits), default=math.inf))
+
+    def _problem(self, start: KindFit) -> ExactProblem:
+        dofs = self.places[start.place.name]
+        return ExactProblem.of(self.model, start, dofs, self.data, self.solver)
+
+    def _row(self, fit: ExactFit, inflation: float, top: float, residual: float) -> LocationRow:
+        values, std = fit.values, fit.std(inflation)
+        local = fit.model.nonlinear[ELEMENT]
+        prefix = f"{ELEMENT}."
+        return LocationRow(
+            fit.start.place.name,
+            fit.start.kind.name,
+            local.element,
+            {name.removeprefix(prefix): s for name, s in std.items() if name.startswith(prefix)},
+            {name: x for name, x in values.items() if not name.startswith(prefix)},
+            len(fit.x),
+            fit.log_evidence(inflation) - top,
+            residual,
+            fit.model,
+        )
+
+
+def _cost(fit: PlaceFit | ExactFit) -> float:
+    return fit.cost
+
+
+def _order(fits: Sequence[ExactFit], inflation: float) -> list[ExactFit]:
+    """Return the fits by evidence; of equally probable ones, that with fewest unknowns is first."""
+    ordered = sorted(fits, key=lambda fit: -fit.log_evidence(inflation))
+    limit = ordered[0].log_evidence(inflation) - CANDIDATES.equal_log_odds
+    tied = [fit for fit in ordered if fit.log_evidence(inflation) >= limit]
+    first = min(tied, key=lambda fit: len(fit.x))
+    return [first, *(fit for fit in ordered if fit is not first)]
+
+
+def _fit_lowest(model: Model, data: LevelData, noise: NoiseChoice) -> RealArray:
+    """Return the linear unknowns fitted to the lowest level."""
+    coordinates = data.part.coordinates
+    if not len(coordinates.parameters):
+        return np.zeros(0)
+    test = Test(model, data.tests[0], noise=noise)
+    (result,) = run([test], coordinates.parameters, RunOptions(seek_causes=False))
+    return coordinates.to_x(np.array(list(result.values.values())))
+
+
+def _reduce(model: Model, places: Mapping[str, Place], part: FRFPart) -> FieldSolver:
+    """Return the solver of a reduced model for all places, responses and references."""
+    unknowns = part.coordinates.parameters
+    if len(unknowns):
+        raise OptionError(
+            f"unknowns: a model with {model.n_dofs} degrees of freedom is reduced, with fixed"
+            " linear parameters; update it to the lowest level first, and leave unknowns out"
+        )
+    every = {name: (CubicSpring(1.0), place) for name, place in places.items()}
+    whole = FRFPart.build(model.with_elements(every), part.frf, unknowns, tier="sparse")
+    reduction = make_reduction(whole, REDUCTION.accuracy)
+    state = reduction.system.start
+    reduction.build(state)
+    found = reduction.certify(state, whole.solved_lines)
+    if found.error > REDUCTION.accuracy:
+        raise SolverError(
+            f"{found.size} basis vectors reach an error of {found.error:.1g} of the largest"
+            f" receptance of a line, not {REDUCTION.accuracy:g}; leave out lines or places"
+        )
+    return reduction.solver()

@@ -1,0 +1,236 @@
+"""Place and kind of a nonlinear element, against simulated truths."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import updyn
+from updyn.candidates.location.describing import ELEMENT
+from updyn.candidates.location.levels import LevelData
+from updyn.candidates.location.place import fit_place
+from updyn.candidates.location.places import list_places
+from updyn.candidates.location.result import LocationRow, NonlinearityLocation
+from updyn.candidates.location.settings import LOCATION
+from updyn.errors import DataError, ModelError, OptionError
+from updyn.updating.problem.forward import LocalElements
+from updyn.updating.problem.parameters import no_unknowns
+
+N = 6
+FREQ = np.linspace(1.0, 9.0, 60)
+SENSORS = ["2:X", "4:X", "6:X"]
+NOISE = {"relative": 0.01, "floor": 0.001}
+LEVELS = (0.5, 5.0)
+
+
+def chain() -> updyn.Model:
+    """Six masses of 1 kg on springs of 1 kN/m, held at one end; two groups of springs."""
+    parts = {}
+    for name, first, last in (("left", 0, 3), ("right", 3, N)):
+        K = np.zeros((N, N))
+        for i in range(first, last):
+            b = np.zeros(N)
+            b[i] = 1.0
+            if i:
+                b[i - 1] = -1.0
+            K += 1000.0 * np.outer(b, b)
+        parts[name] = updyn.Group(K, loss_factor=0.03)
+    parts["masses"] = updyn.Group(mass=np.eye(N))
+    return updyn.Model.from_groups(parts, [f"{i + 1}:X" for i in range(N)])
+
+
+MODEL = chain()
+
+
+def measure(element, place, noise=NOISE, levels=LEVELS, seed=0):
+    """Noisy FRFs of the chain with an element at several levels."""
+    rng, tests = np.random.default_rng(seed), []
+    true = MODEL if element is None else MODEL.with_elements({"x": (element, place)})
+    for level in levels:
+        if element is None:
+            frf = updyn.response(true, FREQ, SENSORS, ["6:X"]).with_level(level)
+        else:
+            frf = updyn.response(true, FREQ, SENSORS, ["6:X"], level=level).frf
+        H = frf.values
+        rms = np.sqrt(np.mean(np.abs(H) ** 2))
+        size = np.hypot(noise.get("relative", 0.0) * np.abs(H), noise.get("floor", 0.0) * rms)
+        draw = rng.standard_normal((2, *H.shape)) / np.sqrt(2.0)
+        tests.append(replace(frf, values=H + size * (draw[0] + 1j * draw[1])))
+    return tests
+
+
+CASES = {
+    "cubic-spring": (updyn.CubicSpring(2e4), ["4:X", "5:X"], "4:X - 5:X"),
+    "jenkins": (updyn.JenkinsElement(400.0, 3.0), ["1:X"], "1:X - ground"),
+    "quadratic-damper": (updyn.QuadraticDamper(20.0), ["2:X", "3:X"], "2:X - 3:X"),
+}
+
+
+@pytest.mark.parametrize("kind", list(CASES))
+def test_place_and_kind_are_right_and_the_parameters_within_their_errors(kind):
+    element, dofs, place = CASES[kind]
+    found = updyn.locate_nonlinearity(MODEL, measure(element, dofs), noise=NOISE)
+    assert (found.best.place, found.best.kind) == (place, kind)
+    assert found.distinguishable
+    assert found.is_likely
+    assert found.is_adequate
+    assert found.places[place] == pytest.approx(next(iter(found.places.values())), rel=1e-6)
+    assert 0.9 < found.places[place] < 1.1
+    for name, std in found.best.std.items():
+        error = getattr(found.best.element, name) - getattr(element, name)
+        assert abs(error) < 4.0 * std, name
+        assert std < 0.2 * abs(getattr(element, name)), name
+    assert set(found.best.model.nonlinear) == {ELEMENT}
+
+
+def test_linear_unknowns_are_fitted_with_the_element():
+    """Springs off by 20 %, and a slider that stiffens the structure at all levels."""
+    element, dofs, place = CASES["jenkins"]
+    wrong = MODEL.scaled({"left": {"stiffness": 1.2}, "right": {"stiffness": 0.85}})
+    unknowns = updyn.parameters(wrong, stiffness="all", loss_factor="all")
+    kinds = ["cubic-spring", "jenkins", "backlash"]
+    found = updyn.locate_nonlinearity(
+        wrong, measure(element, dofs), kinds=kinds, unknowns=unknowns, noise=NOISE
+    )
+    assert (found.best.place, found.best.kind) == (place, "jenkins")
+    assert found.best.element.slip_force == pytest.approx(3.0, rel=0.02)
+    assert found.best.values["left.stiffness"] == pytest.approx(1.0 / 1.2, rel=0.01)
+    assert found.best.values["right.stiffness"] == pytest.approx(1.0 / 0.85, rel=0.01)
+    assert found.best.model.groups["left"].stiffness[0, 0] == pytest.approx(2000.0, rel=0.01)
+
+
+def test_equal_kinds_and_equal_places_are_not_distinguishable():
+    element, dofs, _ = CASES["cubic-spring"]
+    found = updyn.locate_nonlinearity(
+        MODEL,
+        measure(element, dofs),
+        {"joint": dofs, "again": dofs, "other": ["1:X"]},
+        {"cubic": updyn.CubicSpring(1e5), "power": updyn.PolynomialSpring({3: 1e5})},
+        noise=NOISE,
+    )
+    assert not found.distinguishable
+    assert not found.place_is_distinguishable
+    assert {row.place for row in found if row.log_evidence > -1.0} == {"joint", "again"}
+    assert {row.kind for row in found if row.log_evidence > -1.0} == {"cubic", "power"}
+    assert "not distinguishable from" in found.statement
+
+
+def test_a_linear_structure_needs_no_element():
+    found = updyn.locate_nonlinearity(
+        MODEL, measure(None, []), kinds=["cubic-spring", "jenkins"], noise=NOISE
+    )
+    assert not found.is_likely
+    assert found.statement.startswith("No nonlinear element is needed")
+    assert found.linear_residual == pytest.approx(1.0, abs=0.1)
+
+
+def test_noise_is_estimated_if_it_is_not_stated():
+    element, dofs, place = CASES["cubic-spring"]
+    found = updyn.locate_nonlinearity(MODEL, measure(element, dofs), kinds=["cubic-spring"])
+    assert (found.best.place, found.best.kind) == (place, "cubic-spring")
+    assert found.best.element.coefficient == pytest.approx(element.coefficient, rel=0.05)
+
+
+def test_the_force_of_a_linear_spring_is_its_stiffness():
+    tests = measure(updyn.PolynomialSpring({1: 300.0}), ["4:X", "5:X"], noise={}, levels=(1.0, 2.0))
+    data = LevelData.of(MODEL, tests, no_unknowns(), NOISE)
+    placed = MODEL.with_elements({ELEMENT: (updyn.CubicSpring(1.0), ["4:X", "5:X"])})
+    fit = fit_place("x", LocalElements.find(placed, no_unknowns()), data, np.zeros(0))
+    assert fit is not None
+    assert np.allclose(fit.stiffness, 300.0, rtol=1e-5)
+    assert np.allclose(fit.amplitude[1], 2.0 * fit.amplitude[0], rtol=1e-5)
+    assert fit.cost < 1e-6
+
+
+def test_default_places_are_the_connections():
+    found = list_places(MODEL)
+    assert list(found) == [*(f"{i}:X - {i + 1}:X" for i in range(1, N)), "1:X - ground"]
+    assert found["1:X - 2:X"] == ["1:X", "2:X"]
+
+
+def test_results_are_tables():
+    rows = [
+        LocationRow("a", "cubic-spring", updyn.CubicSpring(2.0), {"coefficient": 0.1}, {}, 1, *x)
+        for x in ((0.0, 1.0, MODEL), (-2.0, 1.1, MODEL), (-9.0, 2.0, MODEL))
+    ]
+    found = NonlinearityLocation(tuple(rows), {"a": 1.0}, -4.0, 3.0, False)
+    table = found.to_pandas()
+    assert list(table["place"]) == ["a", "a", "a"]
+    assert sum(table["probability"]) == pytest.approx(1.0)
+    assert table["probability"][1] == pytest.approx(np.exp(-2.0) * table["probability"][0])
+    assert len(found.indistinguishable) == 1
+    assert not found.is_likely
+    assert "coefficient 2 +- 0.1 N/m^3" in found.summary()
+    assert "linear" in found.summary()
+    likely = replace(found, linear=-5.0)
+    assert likely.is_likely
+    assert "times the noise" in likely.statement
+
+
+@pytest.mark.parametrize(("share", "is_adequate"), [(1.04, True), (1.3, False)])
+def test_a_residual_above_the_noise_is_stated(share, is_adequate):
+    """The stated noise is smaller than the true one by a factor."""
+    element, dofs, _ = CASES["cubic-spring"]
+    noise = {name: value / share for name, value in NOISE.items()}
+    found = updyn.locate_nonlinearity(
+        MODEL, measure(element, dofs), {"joint": dofs}, ["cubic-spring"], noise=noise
+    )
+    assert found.is_adequate is is_adequate
+    assert found.best.residual == pytest.approx(share, rel=0.03)
+
+
+def test_bounds_of_a_joint_exclude_sliders():
+    """An Iwan joint with a large beta is a Jenkins element; chi of joints is not above 0."""
+    element, dofs, _ = CASES["jenkins"]
+    found = updyn.locate_nonlinearity(
+        MODEL, measure(element, dofs), {"joint": dofs}, ["iwan"], noise=NOISE
+    )
+    joint = found.best.element
+    assert joint.beta == pytest.approx(LOCATION.beta_bounds[1]) == 10.0
+    assert LOCATION.chi_bounds[0] <= joint.chi <= 0.0
+    assert not found.is_adequate
+
+
+def test_a_large_model_is_reduced(monkeypatch):
+    element, dofs, place = CASES["cubic-spring"]
+    monkeypatch.setattr("updyn.candidates.location.locate.is_reduced", lambda *_: True)
+    tests = measure(element, dofs)
+    found = updyn.locate_nonlinearity(MODEL, tests, kinds=["cubic-spring"], noise=NOISE)
+    assert found.best.place == place
+    assert found.is_adequate
+    unknowns = updyn.parameters(MODEL, stiffness="all")
+    with pytest.raises(OptionError, match="update it to the lowest level first"):
+        updyn.locate_nonlinearity(MODEL, tests, unknowns=unknowns, noise=NOISE)
+
+
+@pytest.mark.parametrize(
+    ("change", "error", "message"),
+    [
+        ({"tests": 1}, DataError, "two levels or more"),
+        ({"kinds": ["cubic"]}, OptionError, "no kind 'cubic'; valid: 'cubic-spring'"),
+        ({"kinds": []}, OptionError, "expected at least one"),
+        ({"kinds": {"x": 3.0}}, OptionError, "expected a nonlinear element"),
+        ({"places": {}}, OptionError, "expected degrees of freedom by name"),
+        ({"unknowns": ["left"]}, OptionError, "expected updyn.parameters"),
+        ({"places": {"x": ["1:X", "9:X"]}}, updyn.UpdynError, "9:X"),
+    ],
+)
+def test_invalid_input_is_refused(change, error, message):
+    tests = [updyn.response(MODEL, FREQ, SENSORS, ["6:X"]).with_level(F) for F in (1.0, 2.0)]
+    options = {"places": None, "kinds": None, "unknowns": None, **change}
+    tests = tests[: options.pop("tests", 2)]
+    with pytest.raises(error, match=message):
+        updyn.locate_nonlinearity(MODEL, tests, noise=NOISE, **options)
+
+
+def test_a_model_with_elements_and_one_with_many_connections_are_refused(monkeypatch):
+    tests = [updyn.response(MODEL, FREQ, SENSORS, ["6:X"]).with_level(F) for F in (1.0, 2.0)]
+    nonlinear = MODEL.with_elements({"x": (updyn.CubicSpring(1.0), ["1:X"])})
+    with pytest.raises(ModelError, match="nonlinear"):
+        updyn.locate_nonlinearity(nonlinear, tests, noise=NOISE)
+    few = replace(LOCATION, most_default_places=5)
+    monkeypatch.setattr("updyn.candidates.location.places.LOCATION", few)
+    with pytest.raises(OptionError, match="has 6 connections; state the places of at most 5"):
+        list_places(MODEL)
