@@ -254,6 +254,7 @@ def test_from_two_dropped_files_to_a_repaired_and_repeated_job(chromium, tmp_pat
                 page.goto(server.base)  # seen from every page
                 active.click()
                 page.wait_for_url("**/run")
+            active.wait_for(state="hidden")  # else the state may be that of the run before
             assert state(page, "^Ended") == "Ended: converged"
         step(page, "Result", "done")
         assert heard.wrong == []

@@ -62,15 +62,19 @@ def modify_servo(
         The change, by `updyn.modify`. For other answers of the update, one of its `others`.
     controller : Controller
         The same before and after the change.
-    inputs, outputs, band, tolerance, quantity, route, error, tier, backend, engine
+    inputs, outputs, band, tolerance
         As for `updyn.plant_family`. Changes below the error of the plants are not resolved: give a
         smaller tolerance for these.
     torque, velocity, position : str
         As for `updyn.servo`.
+    quantity, route, error, tier, backend
+        As for `updyn.plant_family`.
     n : int
         Number of draws of the unknowns; 39 or more give intervals of 95 %.
     seed : int
         Seed of the draws.
+    engine
+        As for `updyn.plant_family`.
 
     Returns
     -------
