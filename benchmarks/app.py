@@ -126,6 +126,7 @@ def measure(folder: Path, chromium: object) -> None:
         page.wait_for_timeout(2000)
 
         def redraw(click: Callable[[], None]) -> float:
+            page.wait_for_selector(".js-plotly-plot .main-svg")
             page.evaluate(
                 "() => { window.drawn = new Promise((done) =>"
                 " document.querySelector('.js-plotly-plot').once('plotly_afterplot', done)); }"
