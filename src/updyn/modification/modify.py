@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import linear_sum_assignment
-from scipy.special import ndtri, stdtrit
 
 from updyn.arrays import RealArray
 from updyn.dofs import Dof
@@ -28,7 +27,7 @@ from updyn.uncertainty.posterior import Posterior
 from updyn.uncertainty.prediction import differentiate_frf
 from updyn.uncertainty.restored import at_alternative
 from updyn.uncertainty.updated_modes import UpdatedModes
-from updyn.updating.result import JointResult, UpdateResult, find_result
+from updyn.updating.result import JointResult, UpdateResult, find_result, interval_quantile
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -184,7 +183,7 @@ class ModeChange:
         -------
         (float, float)
         """
-        half = _quantile(level, self.degrees_of_freedom) * self.std_change
+        half = interval_quantile(check_level(level), self.degrees_of_freedom) * self.std_change
         return self.change - half, self.change + half
 
 
@@ -233,7 +232,7 @@ class FRFChange:
         -------
         low, high : ndarray of float
         """
-        half = _quantile(level, self.degrees_of_freedom) * self.std_db
+        half = interval_quantile(check_level(level), self.degrees_of_freedom) * self.std_db
         return self.change_db - half, self.change_db + half
 
 
@@ -423,9 +422,3 @@ def _differentiate(modes: UpdatedModes, k: int) -> RealArray:
         return modes.differentiate(k).frequency
     except SolverError:
         return np.full(len(modes.values), np.nan)
-
-
-def _quantile(level: float, freedom: int | None) -> float:
-    """Return the quantile for an interval: Gaussian, or Student's with degrees of freedom."""
-    upper = 0.5 + 0.5 * check_level(level)
-    return float(ndtri(upper) if freedom is None else stdtrit(freedom, upper))

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import ndtri, stdtrit
 
 from updyn.arrays import ComplexArray, RealArray
 from updyn.dynamics.periodic.settings import BALANCE
@@ -17,7 +16,7 @@ from updyn.nonlinear.over_lines import LineForces, describe_first_harmonic
 from updyn.nonlinear.parameters import list_parameters
 from updyn.report.settings import REPORT_COMPUTATION
 from updyn.updating.level_model import LevelModel
-from updyn.updating.result import UpdateResult
+from updyn.updating.result import UpdateResult, interval_quantile
 
 __all__ = [
     "Described",
@@ -126,7 +125,7 @@ def describe_element(
     if undetermined:
         return Described(N, None, None, undetermined)
     covariance = np.where(np.isfinite(covariance), covariance, 0.0)
-    quantile = _find_quantile(result)
+    quantile = interval_quantile(_BAND, result.noise.get("degrees_of_freedom"))
     halves = [
         quantile * np.sqrt(np.maximum(np.einsum("mi,ij,mj->m", part, covariance, part), 0.0))
         for part in (J.real, J.imag)
@@ -140,12 +139,3 @@ def follow_loop(local: LocalElement, amplitude: float, freq: float) -> tuple[Rea
     u, v = amplitude * np.cos(tau), -amplitude * 2.0 * np.pi * freq * np.sin(tau)
     force = LineForces.of(local.element, u[None], v[None]).force[0]
     return np.append(u, u[0]), np.append(force, force[0])
-
-
-def _find_quantile(result: UpdateResult) -> float:
-    """Return the quantile of a band, by Student's distribution if the noise is poorly known."""
-    freedom = result.noise.get("degrees_of_freedom")
-    probability = 0.5 + 0.5 * _BAND
-    if freedom:
-        return float(stdtrit(freedom, probability))
-    return float(ndtri(probability))

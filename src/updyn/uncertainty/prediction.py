@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import ndtri, stdtrit
 
 from updyn.arrays import BoolArray, ComplexArray, RealArray
 from updyn.dofs import Dof, DofSet
@@ -23,7 +22,7 @@ from updyn.uncertainty.settings import PREDICTED_BAND, SURROGATE
 from updyn.uncertainty.surrogate import Surrogate, describe_excess
 from updyn.updating.problem.noise import Stated, level_by_unit
 from updyn.updating.problem.problem import FRFPart, Problem
-from updyn.updating.result import JointResult, UpdateResult, find_result
+from updyn.updating.result import JointResult, UpdateResult, find_result, interval_quantile
 
 __all__ = [
     "Band",
@@ -225,8 +224,7 @@ def _propagate_covariance(
         u = np.conj(H) / np.abs(H) ** 2
         magnitude = u.real**2 * rr + u.imag**2 * ii - 2.0 * u.real * u.imag * ri
         phase = u.imag**2 * rr + u.real**2 * ii + 2.0 * u.real * u.imag * ri
-        upper = 0.5 + 0.5 * level
-        z = float(ndtri(upper) if freedom is None else stdtrit(freedom, upper))
+        z = interval_quantile(level, freedom)
         spread = np.where(is_open, np.inf, z * np.sqrt(np.maximum(magnitude, 0.0)))
         phase_spread = np.where(is_open, np.inf, z * np.sqrt(np.maximum(phase, 0.0)))
         phase_spread = np.minimum(phase_spread, np.pi)

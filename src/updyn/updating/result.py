@@ -45,6 +45,7 @@ __all__ = [
     "estimated_gains",
     "find_result",
     "interval",
+    "interval_quantile",
 ]
 
 STATUSES = (
@@ -601,15 +602,23 @@ def _format_value(value: float, std: float) -> str:
     return f"{value:.{decimals}f}" if 0 <= decimals <= 8 else f"{value:.5g}"
 
 
+def interval_quantile(level: float, freedom: int | None) -> float:
+    """Return the half width of an interval of probability `level`, in standard deviations.
+
+    The distribution is Gaussian, or Student's with `freedom` degrees of freedom if given.
+    """
+    upper = 0.5 * (1.0 + level)
+    return float(ndtri(upper) if freedom is None else stdtrit(freedom, upper))
+
+
 def interval(
     parameter: Parameter, value: float, std: float, level: float = 0.95, freedom: int | None = None
 ) -> tuple[float, float]:
     """Return the confidence interval of an unknown, with the probability `level`.
 
-    The distribution is Gaussian, or Student's with `freedom` degrees of freedom if given.
+    The distribution is that of `interval_quantile`.
     """
-    upper = 0.5 * (1.0 + level)
-    wide = float(ndtri(upper) if freedom is None else stdtrit(freedom, upper))
+    wide = interval_quantile(level, freedom)
     if parameter.is_factor and value > 0:
         spread = math.exp(min(wide * std / value, 50.0))
         return value / spread, value * spread

@@ -92,8 +92,9 @@ class WebLimitSettings:
 class WebConnectionSettings:
     """Connection of a page to the server."""
 
-    #: [s] Time without an answer after which the connection is taken for lost. Effort: longer than
-    #: a computer is busy or asleep between two clicks, which would be lost with the connection.
+    #: [s] Time without an answer after which the connection may be taken for lost: a test of it is
+    #: sent every 0.8 of this time, and its answer awaited for 0.4 of it. Effort: longer than a
+    #: computer is busy or asleep between two clicks, which would be lost with the connection.
     lost_after: float = 60.0
     #: [s] Time in which a page may connect anew after its connection has ended. Effort: until then
     #: the server also updates pages that were left.

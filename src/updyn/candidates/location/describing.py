@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from updyn.arrays import ComplexArray, RealArray
+from updyn.candidates.location.descent import make_descent
 from updyn.candidates.location.kinds import Kind, Scale
 from updyn.candidates.location.place import PlaceFit
 from updyn.candidates.location.settings import LOCATION
@@ -17,7 +18,6 @@ from updyn.nonlinear.element import NonlinearElement
 from updyn.nonlinear.local import Place
 from updyn.nonlinear.over_lines import describe_first_harmonic
 from updyn.nonlinear.parameters import change_parameters, list_parameters
-from updyn.updating.fit.trust_region import TrustRegion
 from updyn.updating.problem.coordinates import Coordinates
 from updyn.updating.problem.local import Local, reduce_blocks
 from updyn.updating.problem.parameters import ParameterSet, parameters
@@ -46,9 +46,9 @@ class KindFit:
 def scale_of(place: PlaceFit, omega: RealArray) -> Scale:
     """Return the scale of elements at a place, at half the amplitude of a middle level."""
     middle = place.amplitude[len(place.amplitude) // 2].max(axis=1)
-    peak = int(middle.argmax())
-    stiffness = LOCATION.start_stiffness / max(float(np.median(place.drive)), 1e-300)
-    return Scale(stiffness, max(0.5 * float(middle[peak]), 1e-300), float(omega[peak]))
+    peak, tiny = int(middle.argmax()), float(np.finfo(np.float64).tiny)
+    stiffness = LOCATION.start_stiffness / max(float(np.median(place.drive)), tiny)
+    return Scale(stiffness, max(0.5 * float(middle[peak]), tiny), float(omega[peak]))
 
 
 def choose_parameters(
@@ -115,7 +115,7 @@ def _fit_start(
     x = np.clip(coordinates.start, lower, upper)
     if evaluate(x) is None:
         return None
-    settings = TrustRegion(LOCATION.kind_steps, 1e-6, min_decrease=1e-3)
+    settings = make_descent(LOCATION.kind_steps, LOCATION.kind_tolerance)
     outcome = settings.minimise(evaluate, x, lower, upper)
     return element_at(outcome.x), outcome.local.cost
 

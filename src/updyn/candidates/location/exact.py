@@ -9,6 +9,7 @@ import numpy as np
 
 from updyn.arrays import RealArray
 from updyn.candidates.evidence import Prior, log_evidence
+from updyn.candidates.location.descent import make_descent
 from updyn.candidates.location.describing import ELEMENT, KindFit, choose_parameters
 from updyn.candidates.location.levels import LevelData
 from updyn.candidates.location.place import linear_local
@@ -21,7 +22,7 @@ from updyn.nonlinear.local import Place
 from updyn.nonlinear.parameters import list_parameters, parameter_unit
 from updyn.uncertainty.likelihood import Likelihood
 from updyn.updating.fit.equivalent import make_equivalent
-from updyn.updating.fit.trust_region import Step, TrustRegion
+from updyn.updating.fit.trust_region import Step
 from updyn.updating.problem.coordinates import Coordinates
 from updyn.updating.problem.local import Local
 from updyn.updating.problem.parameters import Parameter, ParameterSet
@@ -33,24 +34,38 @@ __all__ = ["ExactFit", "ExactProblem", "LinearFit", "fit_linear"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ExactFit:
-    """A candidate fitted exactly: `local` is the problem of the data at the unknowns `x`."""
+class LinearFit:
+    """The linear model fitted to all levels: `local` is the problem of the data at `x`."""
 
-    problem: ExactProblem
-    model: Model
     coordinates: Coordinates
     x: RealArray
     local: Local
 
     @property
-    def start(self) -> KindFit:
-        """The fit to the describing function."""
-        return self.problem.start
-
-    @property
     def cost(self) -> float:
         """Half the weighted sum of squares of the data."""
         return self.local.cost
+
+    def log_evidence(self, inflation: float) -> float:
+        """Return the logarithm of the evidence for a variance of the noise times a factor."""
+        if not len(self.x):
+            return -self.local.cost / inflation
+        root = np.sqrt(inflation)
+        data = Local(self.local.cost / inflation, self.local.R / root, self.local.q / root)
+        return log_evidence(data, self.x, Prior.of(self.coordinates))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ExactFit(LinearFit):
+    """A candidate fitted exactly, with its problem and its model."""
+
+    problem: ExactProblem
+    model: Model
+
+    @property
+    def start(self) -> KindFit:
+        """The fit to the describing function."""
+        return self.problem.start
 
     @property
     def values(self) -> dict[str, float]:
@@ -78,37 +93,6 @@ class ExactFit:
         std = np.linalg.norm(terms, axis=0) / scale * np.abs(self.coordinates.slope(self.x))
         return dict(zip(self.coordinates.parameters.names, std.tolist(), strict=True))
 
-    def log_evidence(self, inflation: float) -> float:
-        """Return the logarithm of the evidence for a variance of the noise times a factor."""
-        return evidence_of(self.local, self.x, self.coordinates, inflation)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class LinearFit:
-    """The linear model fitted to all levels: `local` is the problem of the data at `x`."""
-
-    coordinates: Coordinates
-    x: RealArray
-    local: Local
-
-    @property
-    def cost(self) -> float:
-        """Half the weighted sum of squares of the data."""
-        return self.local.cost
-
-    def log_evidence(self, inflation: float) -> float:
-        """Return the logarithm of the evidence for a variance of the noise times a factor."""
-        return evidence_of(self.local, self.x, self.coordinates, inflation)
-
-
-def evidence_of(local: Local, x: RealArray, coordinates: Coordinates, inflation: float) -> float:
-    """Return the logarithm of the evidence for a variance of the noise times a factor."""
-    if not len(x):
-        return -local.cost / inflation
-    root = np.sqrt(inflation)
-    data = Local(local.cost / inflation, local.R / root, local.q / root)
-    return log_evidence(data, x, Prior.of(coordinates))
-
 
 def fit_linear(data: LevelData, x: RealArray) -> LinearFit | None:
     """Return the linear model fitted to all levels from x; None if it cannot be solved."""
@@ -117,7 +101,7 @@ def fit_linear(data: LevelData, x: RealArray) -> LinearFit | None:
     if local is None:
         return None
     if len(x):
-        settings = TrustRegion(LOCATION.place_steps, 1e-8, min_decrease=1e-3)
+        settings = make_descent(LOCATION.place_steps)
         outcome = settings.minimise(lambda y: linear_local(data, y), x, *coordinates.bounds)
         x, local = outcome.x, outcome.local
     return LinearFit(coordinates, x, local)
@@ -199,7 +183,7 @@ class ExactProblem:
             return None
         coordinates = problem.coordinates
         found = coordinates.parameters.apply(self.model, coordinates.to_values(x))
-        return ExactFit(self, found, coordinates, x, local)
+        return ExactFit(coordinates, x, local, self, found)
 
 
 def _descend(likelihood: Likelihood, x: RealArray, limit: float = np.inf) -> RealArray:
@@ -216,7 +200,7 @@ def _descend(likelihood: Likelihood, x: RealArray, limit: float = np.inf) -> Rea
             costs.append(step.local.cost)
         return len(costs) >= LOCATION.hopeless_steps and min(costs) > limit
 
-    settings = TrustRegion(LOCATION.exact_steps, 1e-8, min_decrease=1e-3)
+    settings = make_descent(LOCATION.exact_steps)
     return settings.minimise(likelihood.local, x, *likelihood.bounds, is_hopeless).x
 
 

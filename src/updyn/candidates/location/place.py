@@ -19,10 +19,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from updyn.arrays import ComplexArray, RealArray
+from updyn.candidates.location.descent import make_descent
 from updyn.candidates.location.levels import LevelData
 from updyn.candidates.location.settings import LOCATION
 from updyn.errors import SolverError
-from updyn.updating.fit.trust_region import TrustRegion
 from updyn.updating.problem.forward import ElementReceptances, LocalElements
 from updyn.updating.problem.local import Local, reduce_blocks
 
@@ -49,7 +49,7 @@ class PlaceFit:
 
 def fit_place(name: str, local: LocalElements, data: LevelData, x: RealArray) -> PlaceFit | None:
     """Return the fit of one place from linear unknowns x; None if it has no effect."""
-    part, bounds = data.part, data.part.coordinates.bounds
+    bounds = data.part.coordinates.bounds
 
     def evaluate(x: RealArray) -> Local | None:
         try:
@@ -61,18 +61,15 @@ def fit_place(name: str, local: LocalElements, data: LevelData, x: RealArray) ->
     if len(x):
         if evaluate(x) is None:
             return None
-        settings = TrustRegion(LOCATION.place_steps, 1e-8, min_decrease=1e-3)
+        settings = make_descent(LOCATION.place_steps)
         outcome = settings.minimise(evaluate, x, *bounds)
         x, cost = outcome.x, outcome.local.cost
-    found = _receptances(local, data, x, derivatives=False)
-    n_j = len(part.columns)
-    H, _ = found
+    H, _ = _receptances(local, data, x, derivatives=False)
     a, r = _weighted(data, H)
-    size = np.sum(np.abs(a) ** 2, axis=2)
-    if not size.any():
+    if not a.any():
         return None
-    size = np.maximum(size, np.finfo(np.float64).tiny)
-    z = np.einsum("lfij,lfij->lfj", a.conj(), r) / size
+    size = _squares(a)
+    z = _best_force(a, size, r)
     if cost is None:
         cost = 0.5 * float(np.sum(np.abs(r - a * z[:, :, None]) ** 2))
     Hqf, Hqq = H[:, 0, 1:], H[:, 0, :1]
@@ -81,7 +78,6 @@ def fit_place(name: str, local: LocalElements, data: LevelData, x: RealArray) ->
     moved = np.where(np.abs(moved) > 0.0, moved, tiny)
     std = np.abs(Hqf) / np.abs(moved) ** 2 * np.sqrt(2.0 / size)
     amplitude = np.abs(moved) * data.levels[:, :, None]
-    assert moved.shape[2] == n_j
     return PlaceFit(name, x, cost, z / moved, std, amplitude, np.abs(Hqq[:, 0]))
 
 
@@ -118,21 +114,28 @@ def _weighted(data: LevelData, H: ComplexArray) -> tuple[ComplexArray, ComplexAr
     return np.asarray(a), np.asarray(data.weights * (H[:, 1:, 1:] - data.receptances))
 
 
+def _squares(a: ComplexArray) -> RealArray:
+    """Return the sum of squares over the responses, (n_l, n_f, n_j), above 0."""
+    return np.maximum(np.sum(np.abs(a) ** 2, axis=2), np.finfo(np.float64).tiny)
+
+
+def _best_force(a: ComplexArray, size: RealArray, values: ComplexArray) -> ComplexArray:
+    """Return the z with which `a` z is nearest to values, (n_l, n_f, n_j)."""
+    return np.asarray(np.einsum("lfij,lfij->lfj", a.conj(), values) / size)
+
+
 def _project(
     data: LevelData, found: tuple[ComplexArray, ComplexArray | None], x: RealArray
 ) -> Local:
     """Return the least-squares problem in the linear unknowns, with the best z."""
     H, dH = found
     a, r = _weighted(data, H)
-    size = np.maximum(np.sum(np.abs(a) ** 2, axis=2), np.finfo(np.float64).tiny)
-
-    def best(values: ComplexArray) -> ComplexArray:
-        return np.asarray(np.einsum("lfij,lfij->lfj", a.conj(), values) / size)
+    size = _squares(a)
 
     def project(values: ComplexArray) -> ComplexArray:
-        return np.asarray(values - a * best(values)[:, :, None])
+        return np.asarray(values - a * _best_force(a, size, values)[:, :, None])
 
-    z = best(r)[:, :, None]
+    z = _best_force(a, size, r)[:, :, None]
     columns = [
         project(data.weights * (one[:, 1:, 1:] - one[:, 1:, :1] * z))
         for one in ([] if dH is None else dH)

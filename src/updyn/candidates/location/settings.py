@@ -28,6 +28,14 @@ class LocationSettings:
     kind_steps: int = 40
     #: [steps] Steps of an exact fit. Effort: the same.
     exact_steps: int = 25
+    #: [1] Relative size of a step that ends a fit. Effort: further steps change the odds by far
+    #: less than 1.
+    tolerance: float = 1e-8
+    #: [1] The same of the fit of a kind to its describing function. Effort: it ranks candidates.
+    kind_tolerance: float = 1e-6
+    #: [1] Predicted decrease of half the sum of squares, in units of the noise, that ends a fit.
+    #: Effort: it changes the logarithm of the odds by as much.
+    least_decrease: float = 1e-3
     #: [1] Step of the numerical derivative of a tabulated describing function. Rounding: between
     #: the rounding and the curvature of smooth functions.
     derivative_step: float = 1e-5
