@@ -17,11 +17,11 @@ from updyn.dynamics.settings import REDUCTION
 from updyn.errors import OptionError, SolverError, UpdynWarning
 from updyn.group import is_number
 from updyn.text_table import format_count
+from updyn.uncertainty.deviations import find_deviations
 from updyn.uncertainty.level_result import CandidateLevel, FittedLevel, LevelAssessment
 from updyn.uncertainty.restored import RestoredFit, restore
 from updyn.uncertainty.settings import LEVEL_CANDIDATES
 from updyn.uncertainty.surrogate import Surrogate
-from updyn.updating.judge.identifiability import analyse_identifiability
 from updyn.updating.problem.noise import NoiseChoice, NoiseModel, choose_noise
 from updyn.updating.problem.problem import FRFPart, Problem
 from updyn.updating.problem.residuals import OutputError, OutputErrorSet
@@ -165,13 +165,9 @@ class _FittedTests:
 
     def deviations(self, triangles: Sequence[RealArray]) -> dict[str, float]:
         """Return the standard deviation of each unknown with some tests and the priors."""
-        coordinates = self.restored.problem.coordinates
-        rows = np.vstack([*triangles, np.diag(coordinates.prior[1])])
-        analysis = analyse_identifiability(rows, self.restored.names)
-        std = np.sqrt(np.diag(analysis.covariance))
-        std *= np.abs(coordinates.slope(self.restored.x))
-        std[analysis.involved] = np.inf
-        return dict(zip(self.restored.names, std.tolist(), strict=True))
+        coordinates, x = self.restored.problem.coordinates, self.restored.x
+        rows = np.vstack([*triangles, np.zeros((0, len(x)))])
+        return find_deviations(rows, coordinates, x)
 
     def choose_candidates(self) -> list[float]:
         """Return levels below, at, between and above those of the tests."""

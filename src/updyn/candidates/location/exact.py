@@ -20,6 +20,7 @@ from updyn.model import Model
 from updyn.nonlinear.element import NonlinearElement
 from updyn.nonlinear.local import Place
 from updyn.nonlinear.parameters import list_parameters, parameter_unit
+from updyn.uncertainty.deviations import find_deviations
 from updyn.uncertainty.likelihood import Likelihood
 from updyn.updating.fit.equivalent import make_equivalent
 from updyn.updating.fit.trust_region import Step
@@ -78,20 +79,8 @@ class ExactFit(LinearFit):
 
         Those of undetermined unknowns are infinite.
         """
-        n = len(self.x)
-        prior = np.diag(self.coordinates.prior[1])
-        R = np.vstack([self.local.R / np.sqrt(inflation), prior])
-        size = np.linalg.norm(R, axis=0)
-        scale = np.where(size > 0.0, size, 1.0)
-        _, s, Vt = np.linalg.svd(R / scale, full_matrices=False)
-        least = n * np.finfo(np.float64).eps * s.max(initial=0.0)
-        with np.errstate(divide="ignore"):
-            inverse = np.where(s > least, 1.0 / s, np.inf)
-        spread = np.where(np.abs(Vt) > np.sqrt(least), Vt, 0.0) * np.ones((n, 1))
-        with np.errstate(invalid="ignore"):
-            terms = np.where(spread == 0.0, 0.0, np.abs(spread) * inverse[:, None])
-        std = np.linalg.norm(terms, axis=0) / scale * np.abs(self.coordinates.slope(self.x))
-        return dict(zip(self.coordinates.parameters.names, std.tolist(), strict=True))
+        R = self.local.R / np.sqrt(inflation)
+        return find_deviations(R, self.coordinates, self.x)
 
 
 def fit_linear(data: LevelData, x: RealArray) -> LinearFit | None:
