@@ -65,12 +65,11 @@ class ElementsSection(ReportSection):
             made["levels-frfs"] = by_level
         for k, (result, name, motions) in enumerate(_list_elements(content)):
             described, amplitudes = _describe(result, name, motions)
-            units = find_units(result.model.nonlinear[name])
-            looks = _looks(content)
+            local, looks = result.model.nonlinear[name], _looks(content)
+            units = find_units(local)
             made[f"element-{k}-stiffness"] = stiffness_figure(
                 described, amplitudes, motions, units, looks
             )
-            local = result.model.nonlinear[name]
             made[f"element-{k}-loop"] = loop_figure(local, motions, units, looks)
         return made
 

@@ -14,7 +14,7 @@ from updyn.frf import FRF
 from updyn.model import Model
 from updyn.updating.fit.reducing import make_reduction
 from updyn.updating.problem.forward import PeriodicForward
-from updyn.updating.problem.parameters import parameters
+from updyn.updating.problem.parameters import no_unknowns
 from updyn.updating.problem.problem import FRFPart
 
 __all__ = ["LevelModel"]
@@ -33,11 +33,10 @@ class LevelModel:
     def of(cls, model: Model, frf: FRF, freq: RealArray, options: Mapping[str, Any]) -> LevelModel:
         """Return the model at lines in Hz, solved as by an update with these options."""
         tier = options.get("tier")
-        unknowns = parameters(model, stiffness="all")  # their values are not changed
         part = FRFPart.build(
             model,
             _interpolate(frf, freq),
-            unknowns,
+            no_unknowns(),
             tier="sparse" if tier == "reduced" else tier,
         )
         part = replace(part, as_read=False)
