@@ -93,26 +93,37 @@ class _PoleProblem:
         frf = self.part.frf
         T = pole.contribution(frf)
         total = evidence.model_response(frf) + T
-        share = self.line_weight * weight / np.where(total == 0, 1.0, total)
-        slopes = [*evidence.model_slopes(frf), *self._derive_by_pole(pole, frf, T)]
-        columns = np.array([-(share * one).ravel() for one in slopes]).view(np.float64)
+        by_total = 1.0 / np.where(total == 0, 1.0, total)
+        share: ComplexArray = np.asarray(-self.line_weight * weight * by_total)
+        columns = np.zeros((len(z), *share.shape), dtype=np.complex128)
+        np.multiply(share, evidence.model_slopes(frf), out=columns[: self.n])
+        self._derive_by_pole(pole, frf, T, share, columns[self.n :])
         residual = (self.line_weight * e).ravel().view(np.float64)
         priors = np.zeros((self.n, len(z) + 1))
         priors[:, : self.n] = np.diag(self.prior_weight)
         priors[:, -1] = self.prior_weight * (x - self.part.coordinates.start)
-        return reduce_blocks([qr_triangle(columns, residual), priors], len(z))
+        rows = columns.reshape(len(z), -1).view(np.float64)
+        return reduce_blocks([qr_triangle(rows, residual), priors], len(z))
 
-    def _derive_by_pole(self, pole: Pole, frf: FRF, T: ComplexArray) -> list[ComplexArray]:
-        """Return the derivatives of the pole's contribution by its own variables."""
-        share = (frf.s / (2.0 * np.pi * pole.frequency)) ** 2
-        below = (1.0 + 1j * pole.loss + share)[:, None, None]
-        factor = pole.frequency_factor(frf)[:, None, None]
-        by_a = [self.size * factor * np.outer(row, pole.b) for row in np.eye(len(pole.a))]
-        by_b = [factor * np.outer(pole.a, column) for column in np.eye(len(pole.b))]
-        out = [2.0 * share[:, None, None] / below * T, -1j * pole.loss / below * T]
-        for group in (by_a, by_b):
-            out += group + [1j * one for one in group]
-        return out
+    def _derive_by_pole(
+        self, pole: Pole, frf: FRF, T: ComplexArray, share: ComplexArray, out: ComplexArray
+    ) -> None:
+        """Write derivatives of the misfit by the pole's variables, (n, n_f, n_i, n_j); `out` is 0.
+
+        `share` is the derivative of the misfit by the FRFs.
+        """
+        square = (frf.s / (2.0 * np.pi * pole.frequency)) ** 2
+        below = (1.0 + 1j * pole.loss + square)[:, None, None]
+        out[0] = share * T * (2.0 * square[:, None, None] / below)
+        out[1] = share * T * (-1j * pole.loss / below)
+        by_a, imag_a, by_b, imag_b = np.split(out[2:], np.cumsum([self.n_i, self.n_i, len(pole.b)]))
+        each = share * pole.frequency_factor(frf)[:, None, None]
+        # An entry of a or b changes the channels of one response or of one reference only.
+        i, j = np.arange(len(pole.a)), np.arange(len(pole.b))
+        by_a[i, :, i] = self.size * (each * pole.b).swapaxes(0, 1)
+        by_b[j, :, :, j] = np.moveaxis(each * pole.a[:, None], 2, 0)
+        np.multiply(by_a, 1j, out=imag_a)
+        np.multiply(by_b, 1j, out=imag_b)
 
 
 def _join_complex(parts: RealArray) -> ComplexArray:
