@@ -44,6 +44,7 @@ from updyn.updating.judge.causes.ranking import (
 from updyn.updating.judge.causes.reduced import TrialModels, choose_trial_models
 from updyn.updating.judge.causes.rigid_shapes import RigidShapes
 from updyn.updating.judge.causes.settings import CAUSE_CANDIDATES, CAUSE_ODDS, CAUSE_SEARCH
+from updyn.updating.judge.causes.shown import Detection
 from updyn.updating.judge.causes.trial import (
     Trial,
     adapt_losses,
@@ -58,6 +59,7 @@ from updyn.updating.problem.noise import NoiseModel
 from updyn.updating.problem.problem import FRFPart
 
 __all__ = [
+    "Diagnosis",
     "count_search_lines",
     "find_causes",
     "find_obstacle",
@@ -93,51 +95,108 @@ def count_search_lines(frf: FRF) -> int:
     return max(CAUSE_SEARCH.fewest_lines, min(CAUSE_SEARCH.lines, affordable))
 
 
-def find_causes(
-    part: FRFPart, noise: NoiseModel, points: Sequence[RealArray] = ()
-) -> list[Finding]:
-    """Return the faults of one test: those visible in the data alone, then the others by odds.
+def find_causes(part: FRFPart, noise: NoiseModel) -> list[Finding]:
+    """Return the faults of one test, from the start of the unknowns; see `Diagnosis`."""
+    return Diagnosis(part, noise).find_causes()
 
-    `points` are ends of fits, used in addition to the start of the unknowns. With insufficient data
-    (`find_obstacle`), only the former are returned.
+
+@dataclass(slots=True, eq=False)
+class Diagnosis:
+    """Search for the faults of one test: those visible in the data alone, then the others by odds.
+
+    With insufficient data (`find_obstacle`), only the former are found.
     """
-    frf = with_variance(part.frf, noise)
-    rigid = RigidShapes.of(part)
-    detections = drop_expected(detect_data_faults(frf, rigid), part)
-    for one in detections:
-        if one.fault.repair_text:
-            frf = one.fault.repair(frf)
-    stated = [make_finding(one, part.name) for one in detections]
-    whole = part.with_data(frf)
-    if find_obstacle(whole, noise):
-        return stated
-    part, held = free_held_quantities(whole.thin(count_search_lines(whole.frf)))
-    trial_models = choose_trial_models(part)
-    known = [np.concatenate([x, held]) for x in points]
-    explained = _explain_data(part, whole, trial_models, known, stated, noise)
-    masked = mask_symptoms(detections, part.frf)
-    remaining = explained.fit_remaining(part.frf)
-    is_open = remaining is None or remaining.mean_square > CAUSE_SEARCH.explained_mean_square
-    if is_open and explained.findings and masked is not part.frf:
-        # The values of a symptom may be wrong on their own, and other faults may imitate them.
-        masked_whole = whole.with_data(mask_symptoms(detections, whole.frf))
-        by_itself = _explain_data(
-            part.with_data(masked), masked_whole, trial_models, known, stated, noise
+
+    part: FRFPart
+    noise: NoiseModel
+    _searched: _SearchedPart | None = field(default=None, init=False)
+    _findings: list[Finding] | None = field(default=None, init=False)
+
+    def find_causes(self, points: Sequence[RealArray] = ()) -> list[Finding]:
+        """Return the findings; `points` are ends of fits, in addition to the start.
+
+        Earlier findings are returned unless a fit from the points is likelier than from the start.
+        """
+        if self._searched is None:
+            self._searched = _SearchedPart.of(self.part, self.noise)
+        if self._findings is None or self._searched.is_fitted_better(points):
+            self._findings = self._searched.find_causes(self.noise, points)
+        return self._findings
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _SearchedPart:
+    """The part of a test with the lines of the search, its models, and what its data show alone.
+
+    `trial_models` is None with insufficient data.
+    """
+
+    part: FRFPart
+    whole: FRFPart
+    held: RealArray
+    trial_models: TrialModels | None
+    rigid: RigidShapes | None
+    detections: list[Detection]
+
+    @classmethod
+    def of(cls, part: FRFPart, noise: NoiseModel) -> _SearchedPart:
+        frf = with_variance(part.frf, noise)
+        rigid = RigidShapes.of(part)
+        detections = drop_expected(detect_data_faults(frf, rigid), part)
+        for one in detections:
+            if one.fault.repair_text:
+                frf = one.fault.repair(frf)
+        whole = part.with_data(frf)
+        if find_obstacle(whole, noise):
+            return cls(part, whole, np.zeros(0), None, rigid, detections)
+        thin, held = free_held_quantities(whole.thin(count_search_lines(whole.frf)))
+        return cls(thin, whole, held, choose_trial_models(thin), rigid, detections)
+
+    def is_fitted_better(self, points: Sequence[RealArray]) -> bool:
+        """Return whether a fit from one of the points, without a fault, is the likeliest."""
+        if self.trial_models is None or not points:
+            return False
+        known, home = self._complete(points), self.part.coordinates.start
+        current = self.trial_models.prepare_part(self.part, [home, *known])
+        usual = run_trial(current, None, [raise_loss_factors(current, home)])
+        other = run_trial(current, None, known)
+        if usual is None or other is None:
+            return usual is not other
+        return other.gain(usual) > CAUSE_ODDS.likely_log_odds
+
+    def _complete(self, points: Sequence[RealArray]) -> list[RealArray]:
+        """Return points with the start of the held quantities."""
+        return [np.concatenate([x, self.held]) for x in points]
+
+    def find_causes(self, noise: NoiseModel, points: Sequence[RealArray]) -> list[Finding]:
+        """Return the findings from the start and from further points."""
+        part, whole, detections = self.part, self.whole, self.detections
+        stated = [make_finding(one, part.name) for one in detections]
+        if self.trial_models is None:
+            return stated
+        about = self.trial_models, self._complete(points), stated, noise
+        explained = _explain_data(part, whole, *about)
+        masked = mask_symptoms(detections, part.frf)
+        remaining = explained.fit_remaining(part.frf)
+        is_open = remaining is None or remaining.mean_square > CAUSE_SEARCH.explained_mean_square
+        if is_open and explained.findings and masked is not part.frf:
+            # The values of a symptom may be wrong on their own, and other faults may imitate them.
+            masked_whole = whole.with_data(mask_symptoms(detections, whole.frf))
+            by_itself = _explain_data(part.with_data(masked), masked_whole, *about)
+            fit_apart = by_itself.fit_remaining(masked)
+            if fit_apart:
+                limit = CAUSE_SEARCH.symptom_ratio * fit_apart.mean_square
+                if explained.fit_mean_square(masked) > limit:
+                    explained, remaining = by_itself, fit_apart
+        gross = CAUSE_SEARCH.gross_rms**2
+        if remaining and explained.mean_square_above_noise(masked, remaining) > gross:
+            # Model and data differ too much for the likeliest fault to be meaningful.
+            return stated + _try_other_units(part, remaining)
+        corrected = _restrict_weights(explained.part.frf, part.frf)
+        reported = drop_explained_symptoms(
+            detections, whole.frf, explained.findings, (part.frf, corrected), self.rigid
         )
-        fit_apart = by_itself.fit_remaining(masked)
-        if fit_apart:
-            limit = CAUSE_SEARCH.symptom_ratio * fit_apart.mean_square
-            if explained.fit_mean_square(masked) > limit:
-                explained, remaining = by_itself, fit_apart
-    gross = CAUSE_SEARCH.gross_rms**2
-    if remaining and explained.mean_square_above_noise(masked, remaining) > gross:
-        # Model and data differ too much for the likeliest fault to be meaningful.
-        return stated + _try_other_units(part, remaining)
-    corrected = _restrict_weights(explained.part.frf, part.frf)
-    reported = drop_explained_symptoms(
-        detections, frf, explained.findings, (part.frf, corrected), rigid
-    )
-    return [make_finding(one, part.name) for one in reported] + list(explained.findings)
+        return [make_finding(one, part.name) for one in reported] + list(explained.findings)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

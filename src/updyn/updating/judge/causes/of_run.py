@@ -12,7 +12,7 @@ from updyn.updating.fit.monitor import CAUSES, FAULTS, Monitor
 from updyn.updating.judge.adequacy import Adequacy
 from updyn.updating.judge.assessment import Judgement
 from updyn.updating.judge.causes.data_alone import find_data_faults, with_variance
-from updyn.updating.judge.causes.diagnosis import find_causes, find_obstacle, is_far_from_start
+from updyn.updating.judge.causes.diagnosis import Diagnosis, find_obstacle, is_far_from_start
 from updyn.updating.judge.causes.finding import Finding
 from updyn.updating.judge.levels.of_run import find_level_dependence
 from updyn.updating.judge.trust import claim_validated
@@ -51,6 +51,7 @@ class CauseSearch:
     exact: Problem
     splits: Sequence[Split]
     noises: Sequence[NoiseModel]
+    _diagnoses: dict[int, Diagnosis] = field(default_factory=dict, init=False)
     _overruling: dict[int, list[Finding]] = field(default_factory=dict, init=False)
 
     def detect_data_fault(self, monitor: Monitor) -> bool:
@@ -65,7 +66,7 @@ class CauseSearch:
                 if find_obstacle(whole, noise):
                     continue
                 with suppress(SolverError):
-                    found = find_causes(whole, noise)
+                    found = self._diagnose(i, whole, noise).find_causes()
                     if any(one.overruling for one in found):
                         self._overruling[i] = found
         return bool(self._overruling)
@@ -90,7 +91,7 @@ class CauseSearch:
                     reason = find_obstacle(whole, noise)
                     if not reason:
                         try:
-                            out += find_causes(whole, noise, [found.fit.x])
+                            out += self._diagnose(i, whole, noise).find_causes([found.fit.x])
                             was_searched = True
                             continue
                         except SolverError as error:
@@ -102,6 +103,10 @@ class CauseSearch:
             for split, noise in zip(self.splits, self.noises, strict=True)
         )
         return Causes(tuple(out), was_searched, not_searched, bool(self._overruling), levels)
+
+    def _diagnose(self, i: int, whole: FRFPart, noise: NoiseModel) -> Diagnosis:
+        """Return the search in a test, which keeps its findings."""
+        return self._diagnoses.setdefault(i, Diagnosis(whole, noise))
 
     def _whole_part(self, part: FRFPart, i: int) -> FRFPart:
         """Return the part of a test with its whole model and all of its data."""

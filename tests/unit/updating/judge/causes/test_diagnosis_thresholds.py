@@ -61,6 +61,20 @@ def test_a_fit_is_refined_until_it_gains_less_than_a_tenth(monkeypatch, share, n
     assert len(ends) == number
 
 
+@pytest.mark.parametrize(("odds", "better"), [(95.0, False), (105.0, True)])
+def test_a_fit_is_better_at_odds_of_a_hundred(monkeypatch, odds, better):
+    """Of 1000 values: the logarithm of the odds is 500 times that of the ratio of mean squares."""
+    usual = make_trial(0.1)
+    other = make_trial(np.sqrt(0.01 * np.exp(-np.log(odds) / 500.0)))
+    monkeypatch.setattr(diagnosis, "run_trial", lambda part, fault, points: points[0])
+    monkeypatch.setattr(diagnosis, "raise_loss_factors", lambda *about: usual)
+    monkeypatch.setattr(diagnosis._SearchedPart, "_complete", lambda self, points: list(points))
+    part = Model(coordinates=SimpleNamespace(start=np.zeros(1)))
+    searched = diagnosis._SearchedPart(part, part, np.zeros(0), part, None, [])
+    assert searched.is_fitted_better([other]) is better
+    assert not searched.is_fitted_better([])
+
+
 @pytest.mark.parametrize(("error", "value"), [(1.19, 0.2), (1.21, 0.1)])
 def test_the_size_from_all_lines_is_used_if_its_error_is_similar(monkeypatch, error, value):
     fault = Calibration(("2:X",), 0.1)
@@ -106,7 +120,7 @@ def find_causes(monkeypatch, *, remaining=0.1, with_symptom=1.0, above_noise=0.0
         "find_obstacle": None,
         "count_search_lines": 1,
         "free_held_quantities": (part, np.zeros(0)),
-        "choose_trial_models": None,
+        "choose_trial_models": Model(),
         "mask_symptoms": masked,
         "_restrict_weights": None,
         "drop_explained_symptoms": [],

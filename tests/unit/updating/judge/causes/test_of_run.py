@@ -9,9 +9,11 @@ import updyn
 from overriding import override
 from updyn.elements.drivetrain import Inertia, Motor, Shaft, drivetrain
 from updyn.remedy import Remedy
-from updyn.updating.judge.causes.diagnosis import find_obstacle
+from updyn.updating.judge.causes import diagnosis
+from updyn.updating.judge.causes.diagnosis import Diagnosis, find_obstacle
 from updyn.updating.judge.causes.finding import Finding
 from updyn.updating.judge.causes.suspects import score_faults
+from updyn.updating.judge.causes.trial import raise_loss_factors
 from updyn.updating.problem.noise import Stated
 from updyn.updating.problem.problem import FRFPart
 from updyn.updating.problem.session import Stopped
@@ -56,21 +58,25 @@ def test_a_fault_that_explains_all_ends_the_search(chain12, data, unknowns, meth
     assert SAID not in repaired.message
 
 
-def test_it_is_looked_for_once(chain12, data, unknowns, monkeypatch):
-    from updyn.updating.judge.causes import of_run
+@pytest.fixture
+def searches(monkeypatch):
+    """The parts in which faults are searched for with the model."""
+    made = []
+    explain = diagnosis._explain_data
 
-    looks = []
-    find_causes = of_run.find_causes
+    def counted(part, *about):
+        made.append(part)
+        return explain(part, *about)
 
-    def counted(*args):
-        looks.append(args)
-        return find_causes(*args)
+    monkeypatch.setattr(diagnosis, "_explain_data", counted)
+    return made
 
-    monkeypatch.setattr(of_run, "find_causes", counted)
+
+def test_it_is_looked_for_once(chain12, data, unknowns, searches):
     updyn.update(chain12, turned(data), unknowns)
-    assert len(looks) == 1
+    assert len(searches) == 1
     updyn.update(chain12, data, unknowns)  # the first tries agree: nothing is looked for
-    assert len(looks) == 1
+    assert len(searches) == 1
 
 
 def test_the_user_is_asked_between_two_faults(chain12, data, unknowns, monkeypatch):
@@ -88,7 +94,7 @@ def test_the_user_is_asked_between_two_faults(chain12, data, unknowns, monkeypat
         score_faults(part, part.coordinates.start)
 
 
-def test_a_search_goes_on_where_nothing_is_found(chain12, data):
+def test_a_search_goes_on_where_nothing_is_found(chain12, data, searches):
     """A mode that the model lacks keeps every try from the data, and is no reason to end."""
     modes = updyn.response(chain12, data.freq, SENSORS, ["5:X", "12:X"]).values
     shape = np.array([1.0, -0.6, 0.8, 0.5, -0.9])
@@ -100,6 +106,26 @@ def test_a_search_goes_on_where_nothing_is_found(chain12, data):
     assert [one.kind for one in result.findings] == ["missing-mode"]
     assert SAID not in result.message
     assert "other answers" in result.timing_s
+    # The fit ends where the search ended without a fault, which has to be found only once.
+    assert len(searches) == 1
+
+
+def test_only_a_better_fit_is_searched_anew(chain12_task, data, searches):
+    """From a start far off, fits end at a poor minimum; the truth leaves noise."""
+    model, _, unknowns, truth = chain12_task
+    factors = dict(zip(model.groups, [5.0, 0.2, 5.0, 0.2], strict=True))
+    far = model.scaled({name: {"stiffness": one} for name, one in factors.items()})
+    part = FRFPart.build(far, data, unknowns)
+    test = Diagnosis(part, Stated(0.01, 1e-3))
+    first = test.find_causes()
+    assert test.find_causes([raise_loss_factors(part, part.coordinates.start)]) is first
+    assert len(searches) == 1
+    values = [
+        value / factors[p.group] if p.quantity == "stiffness" else value
+        for p, value in zip(unknowns, truth, strict=True)
+    ]
+    assert test.find_causes([part.coordinates.to_x(np.array(values))]) == []
+    assert len(searches) == 2
 
 
 @pytest.mark.parametrize(
