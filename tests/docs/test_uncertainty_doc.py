@@ -63,4 +63,4 @@ def test_every_source_is_cited() -> None:
         int(n) for group in re.findall(r"\[(\d+(?:, \d+)*)\]", text) for n in group.split(", ")
     }
     listed = {int(n) for n in re.findall(r"(?:^| )(\d+)\. [A-Z]\. ", sources)}
-    assert cited == listed == set(range(1, 14))
+    assert cited == listed == set(range(1, 16))

@@ -18,7 +18,7 @@ from updyn.updating.judge.alternatives import Alternative
 from updyn.updating.judge.identifiability import analyse_identifiability
 from updyn.updating.result import JointResult, UpdateResult
 
-__all__ = ["Posterior", "find_update"]
+__all__ = ["Posterior", "find_update", "has_likelihood"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,7 +45,7 @@ class Posterior:
             return cls(covariance, np.zeros((len(covariance), 0)))
         if isinstance(source, Draws):
             raise OptionError(f"{len(source)} draws are too few for a covariance")
-        if _has_likelihood(source):
+        if has_likelihood(source):
             return cls._of_likelihood(source)
         # The null space is recorded as text only: each unknown in it counts as undetermined.
         involved = np.flatnonzero(~np.diag(known))
@@ -59,7 +59,7 @@ class Posterior:
 
         It is widened by the factor by which errors of the model widen that of the update.
         """
-        if not _has_likelihood(source):
+        if not has_likelihood(source):
             return None
         found = cls._of_likelihood(at_alternative(source, other))
         stated = source.first.covariance
@@ -106,7 +106,7 @@ class Posterior:
         return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
 
-def _has_likelihood(source: UpdateResult | JointResult) -> bool:
+def has_likelihood(source: UpdateResult | JointResult) -> bool:
     """Return whether the likelihood of an update can be evaluated again."""
     method = METHODS.find(source.first.method)
     are_frfs = all(isinstance(one.data, FRF) for one in source.results.values())

@@ -16,10 +16,14 @@ from updyn.frf import FRF, TRANSMISSIBILITY, check_lines
 from updyn.uncertainty.counts import check_level
 from updyn.uncertainty.draws import Draws
 from updyn.uncertainty.likelihood import select_furthest
-from updyn.uncertainty.posterior import Posterior, find_update
-from updyn.uncertainty.restored import estimate_of, solver_options
+from updyn.uncertainty.magnitude import magnitude_limits
+from updyn.uncertainty.model_error import model_error_of
+from updyn.uncertainty.posterior import Posterior, find_update, has_likelihood
+from updyn.uncertainty.restored import estimate_of, restore, solver_options
 from updyn.uncertainty.settings import PREDICTED_BAND, SURROGATE
 from updyn.uncertainty.surrogate import Surrogate, describe_excess
+from updyn.updating.judge.discrepancy import LocalErrors, estimate_local_errors
+from updyn.updating.judge.whitening import whiten_residual
 from updyn.updating.problem.noise import Stated, level_by_unit
 from updyn.updating.problem.problem import FRFPart, Problem
 from updyn.updating.result import JointResult, UpdateResult, find_result, interval_quantile
@@ -86,10 +90,22 @@ def predict(
 
     Notes
     -----
-    The band covers the uncertainty of the unknowns and of the noise, not errors of the model.
-    Magnitude and phase follow from d ln H = dH / H. The quantile is Gaussian, or Student's if the
-    noise is estimated from few numbers (`UpdateResult.intervals`). An undetermined combination of
-    unknowns makes the band infinite at values that it changes, and does not affect the others.
+    The band covers the uncertainty of the unknowns and, with `noise`, of a measurement. If the
+    residual shows an error of the model (``noise["model_error"]``), the band covers it as well: the
+    error is located as local changes of the dynamic stiffness together with the shift of the
+    unknowns that compensates it, and both are propagated [1]; the predicted FRF remains that of the
+    updated model. With draws such an error counts as noise at all lines.
+
+    The unknowns change magnitude and phase by d ln H = dH / H; noise and errors of the model are
+    added to H, so that the magnitude has a Rice distribution [2]. The quantile is Gaussian, or
+    Student's if the noise is estimated from few numbers (`UpdateResult.intervals`). An undetermined
+    combination of unknowns makes the band infinite at values that it changes, and does not affect
+    the others.
+
+    References
+    ----------
+    .. [1] Kennedy & O'Hagan, J. R. Stat. Soc. B 63 (2001) 425, section 4.
+    .. [2] Rice, Bell Syst. Tech. J. 24 (1945) 46, section 3.10.
 
     Examples
     --------
@@ -108,14 +124,40 @@ def predict(
     problem = _build_part(result, freq, responses, references, quantity, as_read=noise)
     x = problem.coordinates.to_x(estimate_of(result))
     at = x[None] if draws is None else _select_draws(draws, problem)
-    problem = _reduce_if_faster(result, problem, x, at, accuracy)
+    posterior = errors = None
+    if draws is None:
+        posterior = Posterior.of(about)
+        errors = _find_model_errors(about, posterior)
+    if errors is None:
+        problem = _reduce_if_faster(result, problem, x, at, accuracy)
     variance = None
     if noise:
-        variance = _noise_variance(result, problem, x)
+        variance = _noise_variance(result, problem, x, errors)
     if draws is not None:
         return _propagate_draws(problem, x, at, draws.kind, level, variance, seed)
+    assert posterior is not None
+    mean_square = None
+    if errors is not None:
+        number = [one is result for one in about.results.values()].index(True)
+        mean_square = errors.mean_square(problem, x, number)
     freedom = result.noise.get("degrees_of_freedom")
-    return _propagate_covariance(problem, x, Posterior.of(about), level, variance, freedom)
+    return _propagate_covariance(problem, x, posterior, level, variance, freedom, mean_square)
+
+
+def _find_model_errors(
+    source: UpdateResult | JointResult, posterior: Posterior
+) -> LocalErrors | None:
+    """Return the model errors in the residual; None if it shows none, or has no likelihood."""
+    first = source.first
+    is_regularised = "regularise" in first.options
+    if model_error_of(first) == 0.0 or is_regularised or not has_likelihood(source):
+        return None
+    restored = restore(source, statuses=[first.status])
+    problem, x = restored.whole, restored.x
+    residual = whiten_residual(problem, restored.noises(), x)
+    undetermined = posterior.null_space / problem.coordinates.slope(x)[:, None]
+    sizes = [noise.bulk.size_known for noise in restored.initial_noises()]
+    return estimate_local_errors(problem, x, residual, undetermined, size_known=all(sizes))
 
 
 def differentiate_frf(
@@ -158,7 +200,9 @@ def _build_part(
     return replace(part, as_read=as_read)
 
 
-def _noise_variance(result: UpdateResult, part: FRFPart, x: RealArray) -> RealArray:
+def _noise_variance(
+    result: UpdateResult, part: FRFPart, x: RealArray, errors: LocalErrors | None = None
+) -> RealArray:
     """Return E|dH|^2 of a measurement, shape (n_f, n_i, n_j), in the unit of H squared."""
     kind = result.noise.get("kind")
     if kind in ("variance", "coherence") or not {"relative", "floor"} & set(result.noise):
@@ -185,9 +229,17 @@ def _noise_variance(result: UpdateResult, part: FRFPart, x: RealArray) -> RealAr
             raise OptionError(
                 f"noise: nothing was measured in the unit of {part.frf.responses[at[0]]}"
             )
-    inflation = float(result.noise.get("inflation", 1.0)) ** 2
     relative, floor = stated.relative * np.abs(H), stated.floor * level
-    return np.asarray((relative**2 + floor**2) * inflation)
+    return np.asarray((relative**2 + floor**2) * _noise_scale(result, errors))
+
+
+def _noise_scale(result: UpdateResult, errors: LocalErrors | None) -> float:
+    """Return the variance of a measured value over that of the noise model."""
+    if errors is not None:
+        return errors.noise
+    # Serial correlation reduces the information of the data, not the scatter of a single value.
+    length = float(result.noise.get("correlation_length", 1.0))
+    return float(result.noise.get("inflation", 1.0)) ** 2 / length
 
 
 def _unit_numbers(frf: FRF) -> NDArray[np.int_]:
@@ -202,40 +254,48 @@ def _propagate_covariance(
     level: float,
     noise: RealArray | None,
     freedom: int | None,
+    mean_square: RealArray | None,
 ) -> Band:
+    """Return the band by the delta method.
+
+    `mean_square`, shape (3, n_f, n_i, n_j), is that of errors of the model, unknowns included.
+    """
     H, dH = _solve(part, x)
     slope = part.coordinates.slope(x)
-    covariance = posterior.covariance / slope / slope[:, None]
     free = posterior.null_space / slope[:, None]
+    of_unknowns = np.zeros((3, *H.shape))
+    if mean_square is None:
+        covariance = posterior.covariance / slope / slope[:, None]
+        real, imag = dH.real, dH.imag
+        for k, (one, other) in enumerate(((real, real), (imag, imag), (real, imag))):
+            of_unknowns[k] = np.einsum("kfij,kl,lfij->fij", one, covariance, other)
+    added = np.zeros_like(of_unknowns) if mean_square is None else mean_square.copy()
+    if noise is not None:
+        added[:2] += 0.5 * noise
     with np.errstate(divide="ignore", invalid="ignore"):
         change = np.einsum("kfij,kl->lfij", dH, free)
         is_open = (np.abs(change) > PREDICTED_BAND.open_change * np.abs(H)).any(axis=0)
-        real, imag = dH.real, dH.imag
-        rr = np.einsum("kfij,kl,lfij->fij", real, covariance, real)
-        ii = np.einsum("kfij,kl,lfij->fij", imag, covariance, imag)
-        ri = np.einsum("kfij,kl,lfij->fij", real, covariance, imag)
-        if noise is not None:
-            rr = rr + 0.5 * noise
-            ii = ii + 0.5 * noise
-        rr = np.where(is_open, np.inf, rr)
-        ii = np.where(is_open, np.inf, ii)
-        ri = np.where(is_open, 0.0, ri)
-        # d ln|H| and d arg H are the real and the imaginary part of dH / H.
-        u = np.conj(H) / np.abs(H) ** 2
-        magnitude = u.real**2 * rr + u.imag**2 * ii - 2.0 * u.real * u.imag * ri
-        phase = u.imag**2 * rr + u.real**2 * ii + 2.0 * u.real * u.imag * ri
-        z = interval_quantile(level, freedom)
-        spread = np.where(is_open, np.inf, z * np.sqrt(np.maximum(magnitude, 0.0)))
-        phase_spread = np.where(is_open, np.inf, z * np.sqrt(np.maximum(phase, 0.0)))
-        phase_spread = np.minimum(phase_spread, np.pi)
         size = np.abs(H)
-        low = np.where(size > 0, size * np.exp(-spread), 0.0)
-        high = np.where(size > 0, size * np.exp(spread), np.inf)
-    angle = np.angle(H)
+        log_std = np.where(size > 0.0, np.sqrt(_radial(of_unknowns, H)) / size, 0.0)
+        std = np.sqrt(np.where(size > 0.0, _radial(added, H), 0.5 * (added[0] + added[1])))
+        low, high = magnitude_limits(size, std, log_std, level, freedom)
+        turned = np.sqrt(_radial(of_unknowns + added, 1j * H)) / np.abs(H)
+        turn = interval_quantile(level, freedom) * turned
+    turn = np.where(is_open, np.pi, np.minimum(turn, np.pi))
+    low, high = np.where(is_open, 0.0, low), np.where(is_open, np.inf, high)
+    angle, variance = np.angle(H), np.where(is_open, np.inf, of_unknowns + added)
     return Band(
         _frf(part, H), level, "Laplace", noise is not None,
-        low, high, angle - phase_spread, angle + phase_spread, np.sqrt(rr), np.sqrt(ii),
+        low, high, angle - turn, angle + turn, np.sqrt(variance[0]), np.sqrt(variance[1]),
     )  # fmt: skip
+
+
+def _radial(squares: RealArray, direction: ComplexArray) -> RealArray:
+    """Return the mean square along a direction in the complex plane, from those of its parts."""
+    unit = direction / np.abs(direction)
+    real, imag, product = squares
+    found = unit.real**2 * real + unit.imag**2 * imag + 2.0 * unit.real * unit.imag * product
+    return np.asarray(np.maximum(found, 0.0))
 
 
 def _solve(part: FRFPart, x: RealArray) -> tuple[ComplexArray, ComplexArray]:

@@ -65,6 +65,18 @@ class PredictedBandSettings:
 
 
 @dataclass(frozen=True)
+class RiceTableSettings:
+    """The table of quantiles of the Rice distribution."""
+
+    #: [1] Largest ratio of the magnitude to the standard deviation. Rounding: beyond it the normal
+    #: distribution differs by less than 2e-3 of a standard deviation.
+    largest_ratio: float = 20.0
+    #: [1] Number of ratios. Rounding: linear interpolation is then accurate to 2e-3 of a standard
+    #: deviation.
+    n_ratios: int = 201
+
+
+@dataclass(frozen=True)
 class ExpansionSettings:
     """Numbers of the expansion of measured shapes."""
 
@@ -197,6 +209,7 @@ COUNT_LIMITS = CountLimitSettings()
 BOOTSTRAP = BootstrapSettings()
 POSTERIOR_SEARCH = PosteriorSearchSettings()
 PREDICTED_BAND = PredictedBandSettings()
+RICE_TABLE = RiceTableSettings()
 EXPANSION = ExpansionSettings()
 PROFILES = ProfileSettings()
 SAMPLER = SamplerSettings()

@@ -24,7 +24,8 @@ from updyn.updating.judge.adequacy import (
     can_be_sensor_noise,
     has_unequal_noise,
 )
-from updyn.updating.judge.assessment import Judgement, whitening_weights
+from updyn.updating.judge.assessment import Judgement
+from updyn.updating.judge.whitening import whitening_weights
 from updyn.updating.problem.noise import (
     Estimated,
     EstimatedByChannel,

@@ -114,6 +114,77 @@ def test_the_truth_lies_within_as_often_as_said() -> None:
     assert np.mean(measured) == pytest.approx(0.95, abs=0.02)
 
 
+def ungrounded_chain() -> tuple[updyn.Model, updyn.FRF, updyn.ParameterSet]:
+    """A model of six masses, the FRF of a chain with one more spring to ground, and unknowns."""
+    spring, masses = np.zeros((6, 6)), np.diag([1.0, 1.1, 0.9, 1.0, 0.8, 0.7])
+    spring[3, 3] = 150.0
+    stiffness = (3e4, 2.5e4, 2e4, 2.2e4, 1.5e4, 1.2e4)
+    groups = {"masses": updyn.Group(mass=masses)}
+    for g in range(3):
+        parts = [(i - 1, i, stiffness[i]) for i in (2 * g, 2 * g + 1)]
+        groups[f"part{g}"] = updyn.Group(chained(parts), loss_factor=0.015)
+    labels = [f"{i + 1}:X" for i in range(6)]
+    model = updyn.Model.from_groups(groups, labels)
+    true = updyn.Model.from_groups({**groups, "ground": updyn.Group(spring)}, labels)
+    freq = np.linspace(6.0, 60.0, 80)
+    sprung = [f"part{g}" for g in range(3)]
+    unknowns = updyn.parameters(model, stiffness=sprung, loss_factor=sprung)
+    return model, updyn.response(true, freq, labels, ["6:X"]), unknowns
+
+
+@pytest.mark.usefixtures("no_causes")
+def test_a_band_covers_an_error_of_the_model_where_nothing_was_measured() -> None:
+    """A chain without a spring to ground: 95 % at two further masses, in a narrow band."""
+    model, clean, unknowns = ungrounded_chain()
+    freq, held, shares, widths = clean.freq, ["2:X", "5:X"], [], []
+    for seed in range(6):
+        frf = noisy(clean, seed, 0.01)
+        fitted = frf.select(responses=["1:X", "3:X", "4:X", "6:X"])
+        result = updyn.update(model, fitted, unknowns, noise={"relative": 0.01}, starts=0)
+        assert result.noise["model_error"] > 0.2
+        band = updyn.predict(result, freq, held, ["6:X"], noise=True)
+        shares.append(band.covers(frf.select(responses=held)).mean())
+        misfit = np.abs(clean.select(responses=held).values / band.frf.values)
+        widths.append(
+            np.median(np.log(band.upper / band.lower)) / np.median(np.abs(np.log(misfit)))
+        )
+    assert 0.9 < np.mean(shares) <= 0.99
+    # A normal error of known size has a 95 % band of 5.8 times its median magnitude.
+    assert np.median(widths) < 15.0
+
+
+@pytest.mark.usefixtures("no_causes")
+def test_two_tests_of_one_structure_share_the_error_of_its_model() -> None:
+    """Half of the lines each: the bands are about those of one test with all lines."""
+    model, clean, unknowns = ungrounded_chain()
+    frf = noisy(clean, 0, 0.01).select(responses=["1:X", "3:X", "4:X", "6:X"])
+    noise = {"relative": 0.01}
+    halves = [
+        updyn.Test(model, frf.select(lines=frf.freq[i::2]), name, noise=noise)
+        for i, name in enumerate("ab")
+    ]
+    joint = updyn.update_jointly(halves, unknowns, starts=0)
+    single = updyn.update(model, frf, unknowns, noise=noise, starts=0)
+    ask = (frf.freq, ["2:X", "5:X"], ["6:X"])
+    bands = [updyn.predict(joint, *ask, test=name) for name in "ab"]
+    np.testing.assert_allclose(bands[0].upper, bands[1].upper, rtol=1e-6)
+    whole = updyn.predict(single, *ask)
+    ratio = np.log(bands[0].upper / bands[0].lower) / np.log(whole.upper / whole.lower)
+    assert np.median(ratio) == pytest.approx(1.0, rel=0.3)
+
+
+def chained(springs: list[tuple[int, int, float]]) -> np.ndarray:
+    """Stiffness of six masses with springs between two, or from -1, the ground."""
+    K = np.zeros((6, 6))
+    for i, j, k in springs:
+        v = np.zeros(6)
+        v[j] = 1.0
+        if i >= 0:
+            v[i] = -1.0
+        K += k * np.outer(v, v)
+    return K
+
+
 def test_draws_give_the_band_of_laplace_where_that_is_right(result) -> None:
     draws = updyn.bootstrap(result, 150)
     one, other = (updyn.predict(s, LINES[::3], ["1:X", "2:X"], ["1:X"]) for s in (result, draws))
@@ -145,9 +216,8 @@ def test_noise_with_a_floor_takes_the_level_of_its_unit() -> None:
     plain, more = (updyn.predict(result, LINES, ["2:X"], ["1:X"], noise=n) for n in (False, True))
     level = np.sqrt(np.mean(np.abs(result.frf.values) ** 2))
     added = np.sqrt(more.std_real**2 - plain.std_real**2)
-    np.testing.assert_allclose(
-        added, 0.05 * level * result.noise["inflation"] / np.sqrt(2), rtol=1e-6
-    )
+    size = np.sqrt(max(result.noise["chi_square"], 1.0))
+    np.testing.assert_allclose(added, 0.05 * level * size / np.sqrt(2), rtol=1e-6)
     assert "of a measurement" in repr(more)
     with pytest.raises(OptionError, match="predict that quantity"):
         updyn.predict(result, LINES, ["2:X"], ["1:X"], noise=True, quantity="mobility")

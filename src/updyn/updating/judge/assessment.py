@@ -32,6 +32,7 @@ from updyn.updating.judge.modal_figures import correlate_measured_modes
 from updyn.updating.judge.noise_split import covariance_over_ratios
 from updyn.updating.judge.rounding import Rounding, find_worst_rounding
 from updyn.updating.judge.settings import FIT_END, RESIDUAL_TEST, SIGNIFICANCE
+from updyn.updating.judge.whitening import whiten_residual, whitening_weights
 from updyn.updating.problem.data import ModalSplit, Split
 from updyn.updating.problem.local import Local
 from updyn.updating.problem.modal import ModalError
@@ -48,7 +49,6 @@ __all__ = [
     "gain_by_chance",
     "judge_fit",
     "linearise_at_start",
-    "whitening_weights",
 ]
 
 T = TypeVar("T")
@@ -315,25 +315,15 @@ def _estimate_model_error(
     return estimate_discrepancy(
         problem,
         fit,
-        _whiten(problem, noises, fit.x),
+        whiten_residual(problem, noises, fit.x),
         undetermined,
         size_known=all(noise.bulk.size_known for noise in noises[: len(problem.parts)]),
         least_gain=0.0 if _is_structure(adequacy) else gain_by_chance(),
     )
 
 
-def _whiten(problem: Problem, noises: Sequence[NoiseModel], x: RealArray) -> OutputErrorSet:
-    """Return the output errors of the tests at x, in standard deviations of the noise."""
-    errors = []
-    for part, noise in zip(problem.parts, noises, strict=True):
-        H = part.responses(x)
-        known = noise.refit(H, part.frf, problem.share(part))
-        errors.append(OutputError(whitening_weights(known, H, part)))
-    return OutputErrorSet(tuple(errors))
-
-
 def _find_separable_share(problem: Problem, noises: Sequence[NoiseModel], x: RealArray) -> float:
-    return find_separable_share(problem, _whiten(problem, noises, x), x)
+    return find_separable_share(problem, whiten_residual(problem, noises, x), x)
 
 
 def _is_structure(adequacy: Sequence[Adequacy | None]) -> bool:
@@ -554,17 +544,6 @@ def _is_unsettled(problem: Problem, residual: OutputErrorSet, x: RealArray) -> b
     """Return whether a step could still reduce the residual by more than `_MOVING`."""
     local = residual.local(problem, x)
     return local is None or float(local.q @ local.q) > FIT_END.moving_share * 2.0 * local.cost
-
-
-def whitening_weights(known: NoiseModel, H: ComplexArray, part: FRFPart) -> RealArray:
-    """Return 1 / sigma of the real (and of the imaginary) part, shape (n_f, n_i, n_j).
-
-    Values without a finite variance have weight 0. `known` must be the noise model after its refit
-    to the residual.
-    """
-    variance = np.broadcast_to(known.variance(H, part.frf), H.shape)
-    usable = np.isfinite(variance) & (variance > 0.0)
-    return np.where(usable, np.sqrt(2.0 / np.where(usable, variance, 1.0)), 0.0)
 
 
 def _relative_misfit(misfit: ComplexArray, part: FRFPart) -> float:

@@ -23,7 +23,7 @@ from updyn.updating.problem.problem import FRFPart, Problem
 from updyn.updating.problem.residuals import LineResidual, OutputErrorSet, reduce_residual
 from updyn.updating.problem.session import Record
 
-__all__ = ["Discrepancy", "estimate_discrepancy"]
+__all__ = ["Discrepancy", "LocalErrors", "estimate_discrepancy", "estimate_local_errors"]
 
 
 #: Number of changes at each degree of freedom: stiffness, loss, viscous damping and mass.
@@ -72,25 +72,18 @@ def estimate_discrepancy(
     # order. If `size_known`, the noise is a lower limit.
     if problem.modal or not problem.parts:
         return None
-    try:
-        local = _reduce_with_errors(problem, fit.x, residual)
-    except SolverError:
-        return None
-    n, weight = problem.n, problem.coordinates.prior[1]
-    within = complement(undetermined)
+    weight, within = problem.coordinates.prior[1], complement(undetermined)
     if fit.regularisation is not None:
         weight = weight + fit.regularisation.weight
         within = within if fit.regularisation.within is None else fit.regularisation.within
-    norms = np.linalg.norm(local.R[:, n:], axis=0)
-    is_effective = norms > DISCREPANCY.negligible_effect * norms.max(initial=0.0)
-    rest = max(2.0 * local.cost - float(local.q @ local.q), 0.0)
-    numbers = 2 * problem.n_values - within.shape[1]
-    B = local.R[:, n:][:, is_effective] / norms[is_effective]
-    components = _Components.of(local.R[:, :n] @ within, B, local.q, rest, numbers)
-    if components is None:
+    try:
+        linear = _Linearised.of(problem, fit.x, residual, within)
+    except SolverError:
         return None
-    prior_rows = np.hypot(weight, 1.0 / NULL_SPACE.undetermined_std)[:, None] * within
-    discrepancy = components.estimate(1.0 if size_known else 0.0, prior_rows)
+    if linear is None:
+        return None
+    prior_rows = _prior_rows(weight, within)
+    discrepancy = linear.components.estimate(1.0 if size_known else 0.0, prior_rows)
     if discrepancy.gain < least_gain or discrepancy.share <= 0.0:
         return None
     return replace(
@@ -98,6 +91,97 @@ def estimate_discrepancy(
         shift=within @ discrepancy.shift,
         covariance=within @ discrepancy.covariance @ within.T,
     )
+
+
+def estimate_local_errors(
+    problem: Problem,
+    x: RealArray,
+    residual: OutputErrorSet,
+    undetermined: RealArray,
+    *,
+    size_known: bool,
+) -> LocalErrors | None:
+    """Return the model errors in a residual as local changes; None without an effect of any."""
+    within = complement(undetermined)
+    linear = _Linearised.of(problem, x, residual, within)
+    if linear is None:
+        return None
+    prior_rows = _prior_rows(problem.coordinates.prior[1], within)
+    noise, mean, root = linear.components.locate(1.0 if size_known else 0.0, prior_rows)
+    return LocalErrors(within, linear.dofs, linear.norms, mean, root, noise)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LocalErrors:
+    """Model errors as local changes of the dynamic stiffness, with the shift of the unknowns.
+
+    `mean`, shape (m + k,), and `root` R of the covariance R R^T, shape (m + k, m + k), are of the m
+    effective changes at `dofs` (by part), in units of 1 / `norms`, followed by those of the shift
+    `within` the k determined combinations. `noise` is the variance of the noise in the unit of the
+    residual. The shift compensates the changes where the structure was measured, so that only both
+    together predict elsewhere.
+    """
+
+    within: RealArray
+    dofs: tuple[IndexArray, ...]
+    norms: RealArray
+    mean: RealArray
+    root: RealArray
+    noise: float
+
+    def mean_square(self, part: FRFPart, x: RealArray, test: int) -> RealArray:
+        """Return the mean squares of the error of H, shape (3, n_f, n_i, n_j).
+
+        They are those of real part and imaginary part, and of the product of both, for any lines,
+        responses and references of a test.
+        """
+        effects = _LocalErrors(np.ones(part.frf.values.shape), self.dofs[test])
+        n, is_effective = len(self.within), self.norms > 0.0
+        found = []
+        for lines in effects.partition(part):
+            J = effects.on(part, lines).block(part, x, lines)[1]
+            changes = J[n:][is_effective] / self.norms[is_effective][:, None, None, None]
+            both = np.concatenate([changes, np.tensordot(self.within.T, J[:n], axes=1)])
+            # The mean is one more column: the mean square is its square plus the variance.
+            columns = np.column_stack([self.root, self.mean]).T
+            error = np.tensordot(columns, both, axes=1)
+            real, imag = error.real, error.imag
+            found.append(np.array([np.sum(a, axis=0) for a in (real**2, imag**2, real * imag)]))
+        return np.concatenate(found, axis=1)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Linearised:
+    """A residual, linear in the unknowns and in local changes at `dofs` of each part.
+
+    `norms` of the changes are 0 for those without an effect.
+    """
+
+    components: _Components
+    dofs: tuple[IndexArray, ...]
+    norms: RealArray
+
+    @classmethod
+    def of(
+        cls, problem: Problem, x: RealArray, residual: OutputErrorSet, within: RealArray
+    ) -> _Linearised | None:
+        """Linearise a residual at x; None without effective changes or determined unknowns."""
+        dofs, n = _choose_dofs(problem), problem.n
+        local = _reduce_with_errors(problem, x, residual, dofs)
+        norms = np.linalg.norm(local.R[:, n:], axis=0)
+        is_effective = norms > DISCREPANCY.negligible_effect * norms.max(initial=0.0)
+        rest = max(2.0 * local.cost - float(local.q @ local.q), 0.0)
+        numbers = 2 * problem.n_values - within.shape[1]
+        B = local.R[:, n:][:, is_effective] / norms[is_effective]
+        components = _Components.of(local.R[:, :n] @ within, B, local.q, rest, numbers)
+        if components is None:
+            return None
+        return cls(components, tuple(dofs), np.where(is_effective, norms, 0.0))
+
+
+def _prior_rows(weight: RealArray, within: RealArray) -> RealArray:
+    """Return the rows of the prior of the shift, over their standard deviations, shape (n, k)."""
+    return np.asarray(np.hypot(weight, 1.0 / NULL_SPACE.undetermined_std)[:, None] * within)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -146,6 +230,26 @@ class _Components:
         `least` is the least noise variance; `prior_rows` (p, k) are divided by their standard
         deviations.
         """
+        ratio = self._find_ratio(least)
+        noise, share = self._noise(ratio, least), np.exp(ratio) * self.s**2
+        total = self.rest + float(self.h @ self.h)
+        remaining = self.rest + float(np.sum((self.h / (1.0 + share)) ** 2))
+        gain = float(self._cost(-np.inf, least) - self._cost(ratio, least))
+        shift, spread = self._shift(noise, noise * np.exp(ratio), prior_rows)
+        covariance = spread + np.outer(shift, shift)
+        return Discrepancy(covariance, shift, max(1.0 - remaining / total, 0.0), gain)
+
+    def locate(self, least: float, prior_rows: RealArray) -> tuple[float, RealArray, RealArray]:
+        """Return the variance of the noise, and mean and root of the changes and the shift."""
+        ratio = self._find_ratio(least)
+        noise = self._noise(ratio, least)
+        triangle, mean = self._solve(noise, noise * np.exp(ratio), prior_rows)
+        root = scipy.linalg.solve_triangular(triangle, np.eye(len(mean)))
+        unit = np.append(np.ones(len(mean) - len(self.norms)), self.norms)
+        return noise, mean / unit, root / unit[:, None]
+
+    def _find_ratio(self, least: float) -> float:
+        """Return the logarithm of the ratio of the variances of maximum restricted likelihood."""
         from scipy.optimize import minimize_scalar
 
         log_ratios = np.linspace(
@@ -156,18 +260,10 @@ class _Components:
         best = int(np.argmin(costs))
         bracket = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
         options = {"xatol": 1e-3}
-        ratio = float(
-            minimize_scalar(
-                self._cost, bounds=bracket, args=(least,), method="bounded", options=options
-            ).x
+        found = minimize_scalar(
+            self._cost, bounds=bracket, args=(least,), method="bounded", options=options
         )
-        noise, share = self._noise(ratio, least), np.exp(ratio) * self.s**2
-        total = self.rest + float(self.h @ self.h)
-        remaining = self.rest + float(np.sum((self.h / (1.0 + share)) ** 2))
-        gain = float(self._cost(-np.inf, least) - self._cost(ratio, least))
-        shift, spread = self._shift(noise, noise * np.exp(ratio), prior_rows)
-        covariance = spread + np.outer(shift, shift)
-        return Discrepancy(covariance, shift, max(1.0 - remaining / total, 0.0), gain)
+        return float(found.x)
 
     def _shift(
         self, noise: float, size: float, prior_rows: RealArray
@@ -177,8 +273,20 @@ class _Components:
         # to the shift alone. The covariance at known changes, which is due to noise, is
         # subtracted.
         k, m = self.effects.shape
+        known_changes = np.vstack([self.head / np.sqrt(noise), prior_rows / self.norms])
+        triangle, mean = self._solve(noise, size, prior_rows)
+        wide, narrow = (
+            scipy.linalg.solve_triangular(block, np.eye(k)) / self.norms[:, None]
+            for block in (triangle[m:, m:], np.linalg.qr(known_changes, mode="r"))
+        )
+        return mean[m:] / self.norms, wide @ wide.T - narrow @ narrow.T
+
+    def _solve(
+        self, noise: float, size: float, prior_rows: RealArray
+    ) -> tuple[RealArray, RealArray]:
+        """Return the triangle of the stacked problem of changes and scaled shift, and its mean."""
+        k, m = self.effects.shape
         prior = prior_rows / self.norms
-        known_changes = np.vstack([self.head / np.sqrt(noise), prior])
         top = np.hstack([self.effects / np.sqrt(noise), self.head / np.sqrt(noise)])
         below = np.hstack([self.s[:, None] * self.V / np.sqrt(noise), np.zeros((len(self.s), k))])
         small = np.hstack([np.eye(m) / np.sqrt(size), np.zeros((m, k))])
@@ -186,13 +294,7 @@ class _Components:
         right = np.zeros(len(stacked))
         right[k : k + len(self.s)] = -self.h / np.sqrt(noise)
         R = np.linalg.qr(np.column_stack([stacked, right]), mode="r")[: m + k]
-        triangle_of_shift, mean = R[m:, m : m + k], R[m:, m + k]
-        shift = scipy.linalg.solve_triangular(triangle_of_shift, mean) / self.norms
-        wide, narrow = (
-            scipy.linalg.solve_triangular(triangle, np.eye(k)) / self.norms[:, None]
-            for triangle in (triangle_of_shift, np.linalg.qr(known_changes, mode="r"))
-        )
-        return shift, wide @ wide.T - narrow @ narrow.T
+        return R[:, : m + k], scipy.linalg.solve_triangular(R[:, : m + k], R[:, m + k])
 
     def _power(self, ratio: float) -> float:
         """Return the weighted sum of squares of the residual at a noise variance of 1."""
@@ -209,9 +311,10 @@ class _Components:
         return 0.5 * twice
 
 
-def _reduce_with_errors(problem: Problem, x: RealArray, residual: OutputErrorSet) -> Local:
+def _reduce_with_errors(
+    problem: Problem, x: RealArray, residual: OutputErrorSet, dofs: list[IndexArray]
+) -> Local:
     """Return the reduced problem with the unknowns first, followed by the local changes."""
-    dofs = _choose_dofs(problem)
     n = problem.n + _KINDS * len(dofs[0])
     found = []
     for i, (part, index) in enumerate(zip(problem.parts, dofs, strict=True)):

@@ -12,8 +12,15 @@ from scipy.stats import chi2
 import updyn
 from updyn.frf import FRF
 from updyn.model import Group, Model
+from updyn.uncertainty.restored import restore
 from updyn.updating.judge.assessment import gain_by_chance
-from updyn.updating.judge.discrepancy import Discrepancy, _Components, _error_effects
+from updyn.updating.judge.discrepancy import (
+    Discrepancy,
+    _Components,
+    _error_effects,
+    estimate_local_errors,
+)
+from updyn.updating.judge.whitening import whiten_residual
 from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.problem.problem import FRFPart
 
@@ -179,6 +186,72 @@ def test_estimate_is_that_of_the_dense_likelihood():
     without = noise * np.linalg.solve(J.T @ J, np.eye(n))
     expected = spread - without + np.outer(found.shift, found.shift)
     assert found.covariance == pytest.approx(expected, rel=2e-2, abs=1e-3 * np.abs(expected).max())
+
+
+def test_changes_and_shift_have_the_joint_posterior_of_dense_algebra():
+    """At the variances found: mean and covariance of changes and shift, for a residual without J."""
+    rng = np.random.default_rng(5)
+    m, n, k = 40, 3, 7
+    J, B = rng.standard_normal((m, n)), rng.standard_normal((m, k))
+    r = B @ rng.standard_normal(k) + 0.3 * rng.standard_normal(m)
+    r -= J @ np.linalg.lstsq(J, r, rcond=None)[0]
+    prior = np.diag([0.1, 2.0, 0.5])
+    components = _Components.of(J, B, r, 0.0, m - n)
+    noise, mean, root = components.locate(0.0, prior)
+    whole = np.hstack([B, J])
+    precision = whole.T @ whole / noise
+    size = noise * np.exp(components._find_ratio(0.0))
+    precision[:k, :k] += np.eye(k) / size
+    precision[k:, k:] += prior.T @ prior
+    assert mean == pytest.approx(np.linalg.solve(precision, whole.T @ -r / noise), rel=1e-8)
+    expected = np.linalg.solve(precision, np.eye(k + n))
+    assert root @ root.T == pytest.approx(expected, abs=1e-10 * np.abs(expected).max())
+
+
+def test_predicted_errors_are_those_of_changed_models(found):
+    """At sensors without data: sums over derivatives by central differences of dense models."""
+    result = found[1]
+    restored = restore(result)
+    problem, x = restored.problem, restored.x
+    residual = whiten_residual(problem, restored.noises(), x)
+    errors = estimate_local_errors(problem, x, residual, np.zeros((6, 0)), size_known=False)
+    freq = result.frf.freq[::9]
+    blank = np.zeros((len(freq), 2, 1), dtype=complex)
+    frf = FRF(freq, blank, ["2:X", "5:X"], ["6:X"], "receptance")
+    part = FRFPart.build(result.start, frf, result.parameters)
+
+    def receptance_at(values, D=0.0, kind=0):
+        s = 2j * np.pi * freq[:, None, None]
+        changed = result.parameters.apply(result.start, values)
+        K = sum(
+            (1.0 + 1j * (group.loss_factor or 0.0)) * group.stiffness
+            for group in changed.groups.values()
+            if group.stiffness is not None
+        )
+        more = (1.0, 1j, s, s**2)[kind] * D
+        Z = K.toarray() + s**2 * changed.mass.toarray() + more
+        return np.linalg.solve(Z, np.eye(6)[:, 5:])[:, [1, 4]]
+
+    values = np.array(list(result.values.values()))
+    columns = []
+    for number in np.flatnonzero(errors.norms):
+        kind, place = divmod(int(number), len(errors.dofs[0]))
+        dof = errors.dofs[0][place]
+        step = (1.0, 1.0, 1e-2, 1e-6)[kind]
+        D = step * np.diag(np.eye(6)[dof])
+        both = [receptance_at(values, side * D, kind) for side in (1.0, -1.0)]
+        columns.append((both[0] - both[1]) / (2.0 * step) / errors.norms[number])
+    slope = part.coordinates.slope(x)
+    for k in range(6):
+        step = 1e-6 * values[k] * np.eye(6)[k]
+        both = [receptance_at(values + side * step) for side in (1.0, -1.0)]
+        columns.append((both[0] - both[1]) / (2.0 * step[k]) * slope[k])
+    T = np.array(columns)
+    error = np.tensordot(np.column_stack([errors.root, errors.mean]).T, T, axes=1)
+    expected = [error.real**2, error.imag**2, error.real * error.imag]
+    squares = errors.mean_square(part, x, 0)
+    for got, want in zip(squares, expected, strict=True):
+        assert got == pytest.approx(want.sum(axis=0), rel=1e-4, abs=1e-6 * np.abs(want).max())
 
 
 def test_a_gain_by_chance_is_as_rare_as_the_tests_false_alarms():
