@@ -387,7 +387,8 @@ class Reduction:
         """Check some lines and return the error at all lines, or None if the basis has grown."""
         # The directions missing at these lines are then part of the basis, as its larger part.
         size = self.basis.size
-        missing = list(self._check_in_groups(definite, state, lines, allowed))
+        checked = self._check_in_groups(definite, state, lines, allowed)
+        missing = [directions for _, directions in checked]
         if self.basis.size > size:
             return None
         self.basis.extend(self._orthonormalise(missing, state))
@@ -412,12 +413,12 @@ class Reduction:
         allowed: float,
         first: int = 0,
     ) -> None:
-        """Check lines in passes from number `first` until a pass adds nothing."""
+        """Check lines in passes from number `first` until none misses more than is permitted."""
+        # What a last pass misses is still added: `allowed` is a share of the permitted error.
+        permitted = allowed / REDUCTION.enriched_share
         for number in range(first, REDUCTION.most_passes):
-            size = self.basis.size
             lines = _choose_lines(freq, level, REDUCTION.lines_per_pass, number)
-            self._check_all(definite, state, lines, allowed)
-            if self.basis.size == size:
+            if self._check_all(definite, state, lines, allowed) <= permitted:
                 break
 
     @use_one_thread
@@ -555,15 +556,15 @@ class Reduction:
 
     def _check_all(
         self, definite: Factorised, state: State, lines: Sequence[float], allowed: float
-    ) -> None:
-        """Check some lines, and add the important missing directions to the basis."""
-        for _ in self._check_in_groups(definite, state, lines, allowed):
-            pass
+    ) -> float:
+        """Add the important missing directions at some lines; return the largest error found."""
+        checked = self._check_in_groups(definite, state, lines, allowed)
+        return max((error for error, _ in checked), default=0.0)
 
     def _check_in_groups(
         self, definite: Factorised, state: State, lines: Sequence[float], allowed: float
-    ) -> Iterator[RealArray]:
-        """Check some lines, few together; yield missing directions at them, shape (N, k)."""
+    ) -> Iterator[tuple[float, RealArray]]:
+        """Check some lines, few together; yield the error and missing directions, shape (N, k)."""
         for some in self._group_lines(np.array(lines)):
             yield self._check_lines(definite, state, some, allowed)
             self.poll()
@@ -577,8 +578,8 @@ class Reduction:
 
     def _check_lines(
         self, definite: Factorised, state: State, lines: RealArray, allowed: float
-    ) -> RealArray:
-        """Add missing directions at some lines, or return all if no error exceeds `allowed`."""
+    ) -> tuple[float, RealArray]:
+        """Return the error at some lines; add missing directions above `allowed`, or return all."""
         # Directions missing at several lines are added once: with Y = P^-1 R, R^T Y is their Gram
         # matrix in P (in single precision Y^T P Y, because R^T Y is inaccurate).
         solver = self.solver()
@@ -589,26 +590,26 @@ class Reduction:
         sizes = np.sqrt(np.maximum(np.diag(gram), 0.0)).reshape(len(lines), 2, -1)
         sizes = np.maximum(np.hypot(sizes[:, 0], sizes[:, 1]), np.finfo(np.float64).tiny)
         errors = np.abs(checked.errors(Y)) / self._channels.levels(checked.H)
-        error = REDUCTION.error_factor * errors.max(axis=(1, 2))
+        error = REDUCTION.error_factor * float(errors.max())
         # The weight of each force of a line is its part in the largest error, in any unit.
         shares = REDUCTION.error_factor * errors.max(axis=1) / sizes
         weight = np.repeat(shares[:, None], 2, axis=1).ravel()
         gram = weight[:, None] * gram * weight
         gram = 0.5 * (gram + gram.T)
-        if error.max() > allowed:
+        if error > allowed:
             size, axes = np.linalg.eigh(gram)
             negligible = (REDUCTION.negligible_share * allowed) ** 2
             kept = size > max(negligible, definite.error**2 * size[-1])
             # Already P-orthogonal to the basis, because V^T R = 0.
             self.basis.extend(Y @ (weight[:, None] * axes[:, kept] / np.sqrt(size[kept])))
             if kept.any():
-                return Y[:, :0]
+                return error, Y[:, :0]
         missing = []
         for of_line in np.split(np.arange(len(gram)), len(lines)):
             size, axes = np.linalg.eigh(gram[np.ix_(of_line, of_line)])
             most = size > REDUCTION.compared_share**2 * size[-1]
             missing.append(Y[:, of_line] @ (weight[of_line, None] * axes[:, most]))
-        return np.hstack(missing)
+        return error, np.hstack(missing)
 
 
 def _join_columns(pieces: list[RealArray]) -> RealArray:
