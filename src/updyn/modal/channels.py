@@ -62,25 +62,32 @@ class Columns:
 
     def fit(self, Y: NumberArray) -> tuple[NumberArray, NumberArray]:
         """Return coefficients (p, k) of the columns and errors (p, n) for channels Y (p, n)."""
-        y = Y * self.common_weights
-        found = y @ self.Q.conj()
-        error = y - found @ self.Q.T
+        weights = self.common_weights[:, None]
+        to_basis, columns = weights * self.Q.conj(), self.Q / weights
+        found = Y @ to_basis
+        error = Y - found @ columns.T
         if (
             self.channel_weights is not None
         ):  # correct the common fit, so rounding is relative to its errors
             change = self.solve_normal_equations(
-                ((error * self.channel_weights) @ self.Q.conj())[:, :, None]
+                ((error * self.channel_weights) @ to_basis)[:, :, None]
             )[:, :, 0]
-            found, error = found + change, error - change @ self.Q.T
-        return found @ self.to_coefficients.T, error / self.common_weights
+            found = found + change
+            error -= change @ columns.T
+        return found @ self.to_coefficients.T, error
 
     def solve_normal_equations(self, B: NumberArray) -> NumberArray:
         """Return the inverses of the normal matrices times B, shape (p, m, j) or (m, j)."""
         return B if self.gram is None else np.linalg.solve(self.gram, B)
 
-    def normalise_squares(self, error: NumberArray) -> RealArray:
-        """Return squares of errors divided by their variances, shape (p, n)."""
-        squares = np.abs(error * self.common_weights) ** 2
+    def normalise_squares(self, error: NumberArray, level: RealArray | None = None) -> RealArray:
+        """Return squares of errors divided by their variances, shape (p, n).
+
+        Standard deviations are relative to `level`, shape (p, 1) or (1, 1), by default 1.
+        """
+        squares = np.abs(error)
+        squares *= self.common_weights if level is None else self.common_weights / level
+        squares *= squares
         return np.asarray(
             squares if self.channel_weights is None else squares * self.channel_weights
         )
@@ -92,6 +99,11 @@ class Columns:
             * self.common_weights**2
             * (1.0 if self.channel_weights is None else self.channel_weights)
         )
+
+    def project_errors(self, error: NumberArray, T: NumberArray) -> NumberArray:
+        """Return products of errors, divided by variances, with functions T, (n, j), as (p, j)."""
+        weighted = error if self.channel_weights is None else error * self.channel_weights
+        return np.asarray(weighted @ (self.common_weights[:, None] ** 2 * T.conj()))
 
     def project_out(self, T: NumberArray) -> tuple[NumberArray, NumberArray]:
         """Return the residual products and fit coefficients of further columns T, shape (n, j).

@@ -31,6 +31,7 @@ __all__ = [
     "estimate_pole_deviation",
     "fit_poles",
     "fit_residues",
+    "fit_reweighted",
     "fit_with_unknown_noise",
 ]
 
@@ -66,6 +67,11 @@ class LineWindow:
             self.subtracted if self.subtracted.shape[1] == 1 else self.subtracted[:, chosen]
         )
         return replace(self, x=self.x[chosen], Y=self.Y[:, chosen], subtracted=subtracted)
+
+    def of_channels(self, chosen: BoolArray) -> LineWindow:
+        """Return the window restricted to some of its channels."""
+        subtracted = self.subtracted if len(self.subtracted) == 1 else self.subtracted[chosen]
+        return replace(self, Y=self.Y[chosen], subtracted=subtracted)
 
     def width(self, poles: ComplexArray) -> RealArray:
         """Return the distance of the half-power points from the poles in the unit of x, (k,)."""
@@ -159,13 +165,16 @@ class ChannelNoise:
         # The multiplicative updates never become negative (C. Fevotte, N. Bertin & J.-L. Durrieu,
         # Neural Comput. 21 (2009) 793-830, equation 4.2).
         # Channels are independent: groups of them stay in the processor's cache over all updates.
+        # Noise needs few digits: single precision, in units of the largest value of each channel.
+        unit = np.maximum(size.max(axis=1), squares.max(axis=1)) + CHANNEL_FIT.smallest_divisor
         together = max(1, POLE_REFINEMENT.cached_values // size.shape[1])
-        parts = [
-            _estimate_noise(squares[start : start + together], size[start : start + together])
-            for start in range(0, len(size), together)
-        ]
-        share, floor = (np.concatenate(values) for values in zip(*parts, strict=True))
-        return cls(share, floor)
+        parts = []
+        for start in range(0, len(size), together):
+            some = slice(start, start + together)
+            of_one = unit[some, None]
+            parts.append(_estimate_noise(squares[some] / of_one, size[some] / of_one))
+        share, floor = (np.concatenate(a).astype(np.float64) for a in zip(*parts, strict=True))
+        return cls(share, np.maximum(floor * unit, CHANNEL_FIT.smallest_divisor))
 
     def deviation(self, size: RealArray) -> RealArray:
         """Return the standard deviations for squared values `size`, shape (p, n_f)."""
@@ -174,7 +183,9 @@ class ChannelNoise:
 
 def _estimate_noise(squares: RealArray, size: RealArray) -> tuple[RealArray, RealArray]:
     """Return the most likely share and floor of the noise of each channel (`ChannelNoise.of`)."""
-    smallest = CHANNEL_FIT.smallest_divisor
+    squares, size = np.asarray(squares, np.float32), np.asarray(size, np.float32)
+    # Far below the least noise of values near 1; its inverse does not overflow.
+    smallest = np.finfo(size.dtype).eps ** 4
     least = POLE_REFINEMENT.noise_rounding**2 * size.max(axis=1) + smallest
     floor = 0.5 * np.mean(squares, axis=1) + least
     share = floor / (np.mean(size, axis=1) + smallest)
@@ -223,9 +234,7 @@ class Weights:
     @classmethod
     def from_residual(cls, fitted: WindowFit) -> Weights:
         """Return weights from the residual of a fit: product closest to its estimated noise."""
-        return cls.near(
-            ChannelNoise.of(fitted.unbiased_squared_error, fitted.size).deviation(fitted.size)
-        )
+        return cls.near(fitted.noise.deviation(fitted.size))
 
     @classmethod
     def near(cls, deviation: RealArray) -> Weights:
@@ -244,8 +253,6 @@ class WindowFit:
     residues: ComplexArray
     #: Residual of the fit, shape (p, n_f).
     error: ComplexArray
-    #: Squared values of the fit, shape (p, n_f), including subtracted contributions.
-    size: RealArray
     #: Coefficients of the columns of the window, shape (p, m), for channels divided by their level.
     weights: NumberArray
     #: Level of each channel, shape (p, 1) or (1, 1).
@@ -258,8 +265,10 @@ class WindowFit:
     #: and (p, n), in the parameters of `LineWindow.derivative_coefficients`.
     normals: NumberArray
     gradients: NumberArray
-    #: Envelope of the noise.
-    envelope: Envelope
+    #: The fitted window.
+    window: LineWindow
+    _size: RealArray | None = field(default=None, init=False)
+    _noise: ChannelNoise | None = field(default=None, init=False)
     cost: float = field(init=False)
     normal: NumberArray = field(init=False)
     gradient: NumberArray = field(init=False)
@@ -268,6 +277,20 @@ class WindowFit:
         object.__setattr__(self, "cost", float(np.sum(self.normalised_squares)))
         for name in ("normal", "gradient"):
             object.__setattr__(self, name, np.sum(getattr(self, name + "s"), axis=0))
+
+    @property
+    def size(self) -> RealArray:
+        """Squared values of the fit, shape (p, n_f), including subtracted contributions."""
+        if self._size is None:
+            found = np.abs(self.window.measured_channels - self.error) ** 2
+            object.__setattr__(self, "_size", found)
+            return found
+        return self._size
+
+    @property
+    def envelope(self) -> Envelope:
+        """Envelope of the noise."""
+        return self.window.envelope
 
     @property
     def squared_error(self) -> RealArray:
@@ -286,6 +309,15 @@ class WindowFit:
             remaining = 0.5 * (remaining[:, :n_f] + remaining[:, n_f:])
         remaining = np.maximum(remaining, POLE_REFINEMENT.least_noise_share)
         return np.asarray(self.squared_error / remaining)
+
+    @property
+    def noise(self) -> ChannelNoise:
+        """Most likely noise of the channels for the residual, computed once."""
+        if self._noise is None:
+            found = ChannelNoise.of(self.unbiased_squared_error, self.size)
+            object.__setattr__(self, "_noise", found)
+            return found
+        return self._noise
 
     @property
     def pole_columns(self) -> list[list[int]]:
@@ -355,9 +387,7 @@ class Errors:
 
 def deviance(fitted: WindowFit) -> float:
     """Return -2 log of the maximum likelihood over the noise, up to a constant."""
-    variance = (
-        ChannelNoise.of(fitted.unbiased_squared_error, fitted.size).deviation(fitted.size) ** 2
-    )
+    variance = fitted.noise.deviation(fitted.size) ** 2
     return 2.0 * float(np.sum(np.log(variance) + fitted.squared_error / variance))
 
 
@@ -398,7 +428,13 @@ def fit_with_unknown_noise(
     gain: float | None = None,
 ) -> tuple[WindowFit, Weights]:
     """Return the fit of maximum likelihood for unknown noise, and its weights."""
-    fitted = fit_poles(window, poles, weights, gain)
+    return fit_reweighted(window, fit_poles(window, poles, weights, gain), gain)
+
+
+def fit_reweighted(
+    window: LineWindow, fitted: WindowFit, gain: float | None = None
+) -> tuple[WindowFit, Weights]:
+    """Return the fit of maximum likelihood for unknown noise, and its weights, from another fit."""
     for _ in range(POLE_REFINEMENT.reweightings):
         weights = Weights.from_residual(fitted)
         fitted = fit_poles(window, fitted.poles, weights, gain)
@@ -440,36 +476,31 @@ def fit_residues(window: LineWindow, poles: ComplexArray, weights: Weights) -> W
     # channel.
     channel_level = np.exp(np.mean(np.log(weights.line), axis=1, keepdims=True))
     level, line = weights.channel * channel_level, weights.line / channel_level
-    Y = window.Y / level
+    Y = window.Y
     if basis.mirrored:
         line, Y = np.hstack([line, line]), np.hstack([Y.real, Y.imag])
     columns = Columns.of(window.columns(poles), line)
     found, error = columns.fit(Y)
-    normalised_squares, weighted = (
-        columns.normalise_squares(error),
-        columns.divide_by_variance(error),
-    )
+    normalised_squares = columns.normalise_squares(error, level)
+    functions = window.derivatives(poles)
+    slopes = columns.project_errors(error, functions) / level
     if basis.mirrored:
         normalised_squares = normalised_squares[:, :n_f] + normalised_squares[:, n_f:]
         error = error[:, :n_f] + 1j * error[:, n_f:]
-    error = error * level
-    residues = basis.residues(found.T * level.T, poles)
-    functions = window.derivatives(poles)
+    residues = basis.residues(found.T, poles)
     derivative_coefficients = window.derivative_coefficients(residues / level.T)
     back = derivative_coefficients.conj().swapaxes(1, 2)
     normals = np.matmul(back, np.matmul(columns.project_out(functions)[0], derivative_coefficients))
-    gradients = np.matmul(back, (weighted @ functions.conj())[:, :, None])[:, :, 0]
-    size = np.abs(window.Y + window.subtracted - error) ** 2
+    gradients = np.matmul(back, slopes[:, :, None])[:, :, 0]
     return WindowFit(
         poles,
         residues,
         error,
-        size,
-        found,
+        found / level,
         level,
         columns,
         normalised_squares,
         normals,
         gradients,
-        window.envelope,
+        window,
     )

@@ -19,6 +19,7 @@ from updyn.modal.refine import (
     deviance,
     fit_poles,
     fit_residues,
+    fit_reweighted,
     fit_with_unknown_noise,
 )
 from updyn.modal.settings import CHANNEL_FIT, MODE_SEARCH, PHYSICAL_MODE, POLE_REFINEMENT
@@ -32,12 +33,16 @@ __all__ = [
 ]
 
 
-def chance_gain(window: LineWindow) -> float:
-    """Return the decrease of the deviance that a spurious mode reaches by chance."""
+def chance_gain(window: LineWindow, n_channels: int | None = None) -> float:
+    """Return the decrease of the deviance that a spurious mode reaches by chance.
+
+    `n_channels`, by default those of the window, are the channels that were searched.
+    """
     # Each free number costs the logarithm of the number of values that determine it: for a residue
     # those of its channel, for a pole all (M. Delattre, M. Lavielle & M.-A. Poursat, Electron. J.
     # Stat. 8 (2014) 456-475).
     p, n_f = window.Y.shape
+    p = n_channels or p
     return float(2 * p * np.log(2 * n_f) + 2 * np.log(2 * p * n_f))
 
 
@@ -69,7 +74,7 @@ def search_window(
         more = fit_poles(window, np.append(fitted.poles, best), weights, rough)
         stays = bool((np.abs(stable - best) <= window.width(stable)).any())
         if is_mode(window, fitted, more, weights, white=stays):
-            fitted, weights = fit_with_unknown_noise(window, more.poles, weights, rough)
+            fitted, weights = fit_reweighted(window, more, rough)
         else:
             rejected.append(complex(best))
     return fitted
@@ -83,9 +88,7 @@ def is_mode(
     if (-pole.real if window.basis.mirrored else pole.imag) <= 0.0:
         return False
     inflation = 1.0 if white else float(window.inflation(more.poles, weights)[-1])
-    if deviance(fitted) - deviance(more) <= inflation * chance_gain(window):
-        return False
-    if not shows_on_lines(window, fitted, more, weights, inflation):
+    if not _explains_more_than_chance(window, fitted, more, weights, inflation):
         return False
     at = window.near(pole)
     if _compute_explained_share(at, fitted, more, weights) < PHYSICAL_MODE.least_explained_share:
@@ -94,10 +97,48 @@ def is_mode(
     return shows.everywhere or shows.somewhere
 
 
-def shows_on_lines(
+def _explains_more_than_chance(
     window: LineWindow, fitted: WindowFit, more: WindowFit, weights: Weights, inflation: float
 ) -> bool:
-    """Return whether the last pole of `more` explains more than one line, unlike a disturbance."""
+    """Return whether the last pole of `more` explains more than chance, and more than one line."""
+    # What a pole explains in some channels suffices if it exceeds what it needs in all of them.
+    p = len(window.Y)
+    if p > 2 * MODE_SEARCH.strong_channels:
+        response = np.abs(more.residues[-1]) / weights.channel[:, 0]
+        strong = np.zeros(p, dtype=np.bool_)
+        strong[np.argsort(response)[-MODE_SEARCH.strong_channels :]] = True
+        part, part_weights = window.of_channels(strong), weights.of_channels(strong)
+        before, after = (fit_residues(part, fit.poles, part_weights) for fit in (fitted, more))
+        if _gains(part, before, after, part_weights, inflation, p):
+            return True
+    return _gains(window, fitted, more, weights, inflation, p)
+
+
+def _gains(
+    window: LineWindow,
+    fitted: WindowFit,
+    more: WindowFit,
+    weights: Weights,
+    inflation: float,
+    n_channels: int,
+) -> bool:
+    if deviance(fitted) - deviance(more) <= inflation * chance_gain(window, n_channels):
+        return False
+    return shows_on_lines(window, fitted, more, weights, inflation, n_channels)
+
+
+def shows_on_lines(
+    window: LineWindow,
+    fitted: WindowFit,
+    more: WindowFit,
+    weights: Weights,
+    inflation: float,
+    n_channels: int | None = None,
+) -> bool:
+    """Return whether the last pole of `more` explains more than one line, unlike a disturbance.
+
+    `n_channels` as for `chance_gain`.
+    """
     deviation = weights.channel * weights.line
     strongest = int(
         np.argmax(np.sum((fitted.squared_error - more.squared_error) / deviation**2, axis=0))
@@ -108,7 +149,7 @@ def shows_on_lines(
     part = window.of_lines(others)
     weights = Weights(weights.channel, weights.line[:, others])
     without, with_it = (fit_residues(part, fit.poles, weights) for fit in (fitted, more))
-    return deviance(without) - deviance(with_it) > inflation * chance_gain(part)
+    return deviance(without) - deviance(with_it) > inflation * chance_gain(part, n_channels)
 
 
 def _compute_explained_share(

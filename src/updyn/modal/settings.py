@@ -81,7 +81,7 @@ class PoleRefinementSettings:
     noise_iterations: int = 20
     #: [values] Values of channels estimated together; affects only the time. Effort: with their
     #: temporaries they fit into the second-level cache of a processor.
-    cached_values: int = 1 << 14
+    cached_values: int = 1 << 15
     #: [1] Noise below this share of the largest value of a channel is rounding error. Why: rounding
     #: of sums and solutions in double precision, with a margin.
     noise_rounding: float = 1e-12
@@ -260,6 +260,9 @@ class ModeSearchSettings:
     #: [1] Residual squares, relative to the squared data, below which a fit is exact. Rounding:
     #: rounding of the fit, with a margin.
     exact_squares: float = 1e-11
+    #: [channels] Channels of the largest response to a pole that are tested before all are. Effort:
+    #: affects only the time; a clear mode shows in these.
+    strong_channels: int = 64
 
 
 @dataclass(frozen=True)

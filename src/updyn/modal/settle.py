@@ -162,7 +162,7 @@ def _yield_excess_gains(
     # The fit without a pole is weighted by its noise: with that of the fit with the pole, a peak
     # with a large share of noise would have little weight at any height.
     inflation = window.inflation(fitted.poles, weights)
-    least, whole = chance_gain(window), deviance(fitted)
+    least = chance_gain(window)
     excess = 2.0 * fitted.cost_increase / inflation - least
     for r, inside in enumerate(measured.is_inside(fitted.poles)):
         if not inside:
@@ -174,4 +174,5 @@ def _yield_excess_gains(
         without = fit_residues(window, np.delete(fitted.poles, r), weights)
         without = fit_residues(window, without.poles, Weights.from_residual(without))
         shows = shows_on_lines(window, without, fitted, weights, float(inflation[r]))
-        yield (deviance(without) - whole) / float(inflation[r]) - least if shows else -np.inf
+        gained = deviance(without) - deviance(fitted)
+        yield gained / float(inflation[r]) - least if shows else -np.inf

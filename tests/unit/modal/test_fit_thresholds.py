@@ -176,3 +176,23 @@ def test_poles_for_the_removal_of_a_decay(monkeypatch, lines, most):
 def test_three_modes_have_poles_for_each_run():
     criterion = runs._Criterion(None, list(range(6)), 5, 1.0)
     assert criterion.most == 3
+
+
+# -- noise of channels ---------------------------------------------------------------------------
+@pytest.mark.parametrize("unit", [1e-120, 1.0, 1e120])
+def test_noise_does_not_depend_on_the_unit_of_a_channel(unit):
+    rng = np.random.default_rng(0)
+    size = np.abs(rng.standard_normal((3, 400))) * np.array([[1.0], [1e-20], [0.0]])
+    squares = rng.exponential(size=size.shape) * (1e-4 * size + 1e-6 * size.mean(axis=1)[:, None])
+    plain = refine.ChannelNoise.of(squares, size)
+    found = refine.ChannelNoise.of(unit * squares, unit * size)
+    assert found.share[:2] == pytest.approx(plain.share[:2], rel=1e-5)
+    assert found.floor[:2] == pytest.approx(unit * plain.floor[:2], rel=1e-5)
+    assert plain.share[:2] == pytest.approx([1e-4, 1e-4], rel=0.2)
+    assert found.floor[2] > 0.0  # a channel without signal
+
+
+def test_noise_of_exact_data_is_rounding():
+    size = np.linspace(0.5, 1.0, 50)[None]
+    found = refine.ChannelNoise.of(np.zeros((1, 50)), size)
+    assert found.deviation(size) == pytest.approx(np.full((1, 50), 1e-12), rel=0.1)

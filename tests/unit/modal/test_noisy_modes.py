@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
 
 import updyn
+from updyn.errors import DataError
+from updyn.modal import search
 from updyn.modal.axis import Axis
 from updyn.modal.fits import Mode
 from updyn.modal.lscf import fit_orders
@@ -426,3 +428,50 @@ def test_few_lines_far_apart_without_noise_determine_all_modes() -> None:
     found = updyn.identify_modes(gears.frf(np.linspace(0.8, 90.0, 30), 0.0, 0))
     assert found.frequency == pytest.approx(gears.frequency, rel=1e-7)
     assert found.loss_factor == pytest.approx(gears.loss, abs=1e-7)
+
+
+# -- many channels -------------------------------------------------------------------------------
+MANY = structure([20.0, 40.0, 40.4, 70.0], [0.01, 0.012, 0.01, 0.02], 150, 1)
+
+
+@pytest.fixture
+def tested(monkeypatch):
+    """Numbers of channels of the windows in which poles are tested."""
+    numbers, gains = [], search._gains
+
+    def count(window, *given):
+        numbers.append(len(window.Y))
+        return gains(window, *given)
+
+    monkeypatch.setattr(search, "_gains", count)
+    return numbers
+
+
+def test_clear_modes_are_tested_in_the_channels_of_largest_response(tested, monkeypatch):
+    freq = np.linspace(10.0, 90.0, 240)
+    frf = MANY.frf(freq, 0.02, seed=3)
+    found = updyn.identify_modes(frf)
+    assert set(tested) == {64}
+    monkeypatch.setattr(search, "MODE_SEARCH", replace(search.MODE_SEARCH, strong_channels=75))
+    tested.clear()
+    whole = updyn.identify_modes(frf)
+    assert set(tested) == {150}
+    assert found.frequency == pytest.approx(MANY.frequency, rel=1e-3)
+    assert whole.frequency == pytest.approx(found.frequency, rel=1e-12)
+
+
+def test_a_disturbance_of_one_line_is_no_mode_of_many_channels():
+    freq = np.linspace(10.0, 90.0, 240)
+    frf = MANY.frf(freq, 0.02, seed=3)
+    H = frf.values.copy()
+    H[150] += 3.0 * np.abs(H).max(axis=0)
+    disturbed = updyn.FRF(freq, H, frf.responses, frf.references, "accelerance")
+    found = updyn.identify_modes(disturbed)
+    assert found.frequency == pytest.approx(MANY.frequency, rel=2e-3)
+
+
+def test_poles_that_few_channels_do_not_show_are_tested_in_all(tested):
+    weak = structure([50.0], [0.01], 150, 1)
+    with pytest.raises(DataError, match="found none"):
+        updyn.identify_modes(weak.frf(np.linspace(40.0, 60.0, 80), 4.0, seed=1))
+    assert {64, 150} <= set(tested)
