@@ -217,7 +217,7 @@ def test_the_example_runs(folder: Path) -> None:
     loaded = load_job(job)
     stated = {table for table in tomllib.loads(blocks()[0]) if table != "title"}
     # The demo's measurement is one file of FRFs.
-    others = {"title", "records", "element", "population", "levels"}
+    others = {"title", "records", "element", "population", "levels", "locate"}
     assert stated == {*Job.model_fields, *JOB_TABLES} - others
     result = run_job(
         loaded,

@@ -32,6 +32,7 @@ from updyn.correlation.figures import (
 from updyn.text_table import fit_columns, percent
 
 if TYPE_CHECKING:
+    from updyn.candidates.location.result import NonlinearityLocation
     from updyn.candidates.result import ModelComparison
     from updyn.comparison import Comparison, Row
     from updyn.correlation.modes import ModeCorrelation
@@ -44,6 +45,7 @@ __all__ = [
     "brief_check",
     "brief_comparison",
     "brief_head",
+    "brief_location",
     "brief_modes",
     "brief_plan",
     "brief_start",
@@ -227,6 +229,16 @@ def brief_candidates(found: ModelComparison, width: int | None) -> str:
     rows, note = _cut_rows(found.cells(), LAYOUT.table_rows)
     dropped = ("unknowns", "status", "residual")
     table = fit_columns(HEADINGS, rows, width, dropped, left=("status",)) + note
+    return f"{found.statement}\n\n{table}"
+
+
+def brief_location(found: NonlinearityLocation, width: int | None) -> str:
+    """Return the outcome, and a row for each candidate of place and kind."""
+    from updyn.candidates.location.result import HEADINGS
+
+    rows, note = _cut_rows(found.cells(), LAYOUT.table_rows)
+    left = ("place", "kind", "parameters")
+    table = fit_columns(HEADINGS, rows, width, ("unknowns", "parameters"), left=left) + note
     return f"{found.statement}\n\n{table}"
 
 

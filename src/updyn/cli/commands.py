@@ -18,6 +18,7 @@ from updyn.cli.brief import (
     brief_check,
     brief_comparison,
     brief_head,
+    brief_location,
     brief_modes,
     brief_plan,
     brief_start,
@@ -552,7 +553,8 @@ def compare(
     """Run every method on the inputs of a job; write compare.html and compare.json to DIR.
 
     The row of a method that does not apply gives the reason. Ctrl-C ends the comparison with the
-    rows so far. If the job has the table [candidates], its models are compared in place of methods.
+    rows so far. If the job has the table [candidates], its models are compared in place of methods;
+    with the table [locate], places and kinds of a nonlinear element.
 
     Parameters
     ----------
@@ -596,12 +598,19 @@ def compare(
             "which job? updyn compare JOB.toml, or updyn compare --list for the methods"
         )
     loaded = load_job(job)
-    if "candidates" in loaded.tables:
+    compared = [name for name in ("candidates", "locate") if name in loaded.tables]
+    if len(compared) > 1:
+        raise OptionError(
+            f"{job} has [candidates] and [locate]; one of them is compared: leave out the other"
+        )
+    if compared:
         if methods is not None or truth is not None or fewest:
             raise OptionError(
-                f"{job} has [candidates]: its models are compared; leave out --methods, --truth and"
+                f"{job} has [{compared[0]}], which is compared; leave out --methods, --truth and"
                 " --fewest, which belong to a comparison of methods"
             )
+        if compared == ["locate"]:
+            return _locate(loaded, out, verbose=verbose)
         with open_engine(workers, cluster, engine) as opened:
             return _compare_models(loaded, out, opened, verbose=verbose)
     names = None
@@ -652,6 +661,20 @@ def _compare_models(job: Job, out: Path | None, engine: Engine | None, *, verbos
     place = f"Comparison in {folder}: {folder / 'compare.html'}"
     print_outcome(found.summary(), f"{outcome}\n{place}", verbose=verbose)
     return DONE if found[0].is_fitted else NOT_DETERMINED
+
+
+def _locate(job: Job, out: Path | None, *, verbose: bool) -> int:
+    """Compare the places and kinds of ``[locate]``; return the exit code."""
+    from updyn.job.folder import default_out
+    from updyn.job.location import locate_job
+
+    folder = out or default_out(job, "compare")
+    print_note("Fitting elements to all levels", "dim")
+    found = locate_job(job, folder)
+    place = f"Comparison in {folder}: {folder / 'compare.html'}"
+    outcome = brief_location(found, output_width())
+    print_outcome(found.summary(), f"{outcome}\n{place}", verbose=verbose)
+    return DONE
 
 
 def modes(job: Path, /, *, out: Path | None = None, verbose: Verbose = False) -> int:

@@ -109,6 +109,20 @@ def _describe_candidates(content: Content, path: Path) -> str:
     )
 
 
+def _describe_location(content: Content, path: Path) -> str:
+    rows = [
+        [one["place"], one["kind"], _format_number(one["log_evidence"])]
+        for one in content["elements"]
+    ]
+    return "\n".join(
+        [
+            f"Location of a nonlinear element: {content['statement']}",
+            text_table(("place", "kind", "log evidence"), rows, left=(0, 1)),
+            _refer_to(path, "compare.html", "the same as a page"),
+        ]
+    )
+
+
 def _describe_plan(content: Content, path: Path) -> str:
     rows = [[one["name"], _format_number(one["std"])] for one in content["parameters"]]
     return "\n".join(
@@ -127,6 +141,7 @@ _JSON = (
     _JsonKind(("plant", "conversions", "band"), _describe_control),
     _JsonKind(("rows", "unknowns", "stopped"), _describe_comparison),
     _JsonKind(("criterion", "candidates", "bands"), _describe_candidates),
+    _JsonKind(("statement", "elements", "places"), _describe_location),
     _JsonKind(("criterion", "responses", "references"), _describe_plan),
 )
 

@@ -221,6 +221,7 @@ JOB_TABLES: Registry[JobTable] = Registry(
     {
         "plan": "updyn.job.planning:PLAN",
         "candidates": "updyn.job.candidates:CANDIDATES",
+        "locate": "updyn.job.location:LOCATE",
         "modes": "updyn.job.identification:MODES",
         "uncertainty": "updyn.job.uncertainty:UNCERTAINTY",
         "levels": "updyn.job.levels:LEVELS",

@@ -66,7 +66,8 @@ def _parse_sensors(given: object) -> object:
     raise ValueError("expected 'all' or labels, such as ['5:Z', '7:Z']")
 
 
-def _parse_dofs(given: object) -> object:
+def parse_dofs(given: object) -> object:
+    """Return the DOFs of an element; ValueError if it is none of their forms."""
     if isinstance(given, str):
         return given
     if isinstance(given, Mapping) and given and all(is_number(w) for w in given.values()):
@@ -144,7 +145,7 @@ class ElementTable(Table):
 
     name: str
     kind: str
-    dofs: Annotated[str | tuple[str, ...] | dict[str, float], BeforeValidator(_parse_dofs)]
+    dofs: Annotated[str | tuple[str, ...] | dict[str, float], BeforeValidator(parse_dofs)]
 
     @property
     def values(self) -> dict[str, object]:

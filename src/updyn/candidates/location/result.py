@@ -204,6 +204,45 @@ class NonlinearityLocation(Sequence[LocationRow]):
         ]
         return pd.DataFrame(rows)
 
+    def to_dict(self) -> dict[str, object]:
+        """Return the candidates as plain values, for JSON.
+
+        Returns
+        -------
+        dict
+            ``statement``, ``likely`` (whether an element is likelier than the linear model),
+            ``place_distinguishable``, ``distinguishable``, ``adequate``, ``linear`` (``residual``
+            and ``log_evidence``), ``places`` (residual by place) and ``elements``: a dict for each
+            candidate, with ``place``, ``kind``, ``parameters`` and ``std`` by name in SI units,
+            ``values`` of the linear unknowns, ``unknowns`` (their number), ``residual``,
+            ``log_evidence`` and ``probability``.
+        """
+        elements = []
+        for row, probability in zip(self.rows, self.probabilities, strict=True):
+            elements.append(
+                {
+                    "place": row.place,
+                    "kind": row.kind,
+                    "parameters": dict(list_parameters(row.element)),
+                    "std": dict(row.std),
+                    "values": dict(row.values),
+                    "unknowns": row.n_unknowns,
+                    "residual": row.residual,
+                    "log_evidence": row.log_evidence,
+                    "probability": probability,
+                }
+            )
+        return {
+            "statement": self.statement,
+            "likely": self.is_likely,
+            "place_distinguishable": self.place_is_distinguishable,
+            "distinguishable": self.distinguishable,
+            "adequate": self.is_adequate,
+            "linear": {"residual": self.linear_residual, "log_evidence": self.linear},
+            "places": dict(self.places),
+            "elements": elements,
+        }
+
     def summary(self) -> str:
         """Return the candidates as text: the outcome, a table of them, and one of the places.
 

@@ -338,8 +338,9 @@ def add_causes(verdict: Verdict, findings: Sequence[Finding]) -> Verdict:
 def explain_level_dependence(verdict: Verdict, statement: str) -> Verdict:
     """Return the verdict on a linear model fitted to data of several force levels that differ."""
     advice = (
-        "Add nonlinear elements to the model ([[element]] in the job), or update to one level and"
-        " use the result at this level."
+        "Find the place and the kind of the nonlinear element (updyn.locate_nonlinearity, or"
+        " [locate] in the job and updyn compare) and add it to the model ([[element]] in the job),"
+        " or update to one level and use the result at this level."
     )
     message = verdict.message
     if statement not in message:
