@@ -13,7 +13,8 @@ Harmonic Balance for Nonlinear Vibration Problems, 2019, chapters 2 and 3).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import ClassVar, Protocol
 
 import numpy as np
 
@@ -23,7 +24,14 @@ from updyn.dynamics.periodic.settings import BALANCE
 from updyn.dynamics.periodic.transfer import Transfer
 from updyn.nonlinear.element import NonlinearElement, PeriodForce
 
-__all__ = ["Balance", "ControlledBalance", "Evaluation", "make_fourier"]
+__all__ = [
+    "Balance",
+    "ControlledBalance",
+    "Evaluation",
+    "GrowingBalance",
+    "Residual",
+    "make_fourier",
+]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,6 +51,16 @@ class Evaluation:
     period: tuple[PeriodForce, ...]
 
 
+class Residual(Protocol):
+    """A residual of the coordinates x and a parameter, with its derivatives."""
+
+    #: Limit that the parameter does not reach.
+    least: ClassVar[float]
+
+    def evaluate(self, x: RealArray, omega: float) -> Evaluation:
+        """Return the residual and its derivatives; `omega` is the parameter."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Balance:
     """Elements on a linear transfer, with one force of the amplitude `level` in N (N m)."""
@@ -51,6 +69,8 @@ class Balance:
     transfer: Transfer
     fourier: Fourier
     level: float
+
+    least: ClassVar[float] = 0.0
 
     @property
     def n_elements(self) -> int:
@@ -121,6 +141,23 @@ class Balance:
         missing = np.linalg.norm(np.einsum("kef,fk->ek", H[:, :n, :n], T), axis=1)
         size = np.linalg.norm(found.x, axis=1)
         return float(np.max(missing / np.maximum(size, np.finfo(np.float64).tiny)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GrowingBalance:
+    """A balance at the frequency `at` in rad/s; the parameter is the share of its force."""
+
+    balance: Balance
+    at: float
+
+    #: Without damping, the force of a branch changes its sign.
+    least: ClassVar[float] = -np.inf
+
+    def evaluate(self, x: RealArray, omega: float) -> Evaluation:
+        """Return the balance at the share `omega` of the force."""
+        found, unit = self.balance.evaluate(x, self.at), self.balance.linear(self.at)
+        residual = found.residual + (1.0 - omega) * unit
+        return replace(found, omega=omega, residual=residual, by_omega=-unit)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -15,7 +15,7 @@ from typing import TypeAlias
 import numpy as np
 
 from updyn.arrays import RealArray
-from updyn.dynamics.periodic.balance import Balance, Evaluation
+from updyn.dynamics.periodic.balance import Evaluation, Residual
 from updyn.dynamics.periodic.newton import measure_amplitude, solve_at
 from updyn.dynamics.periodic.settings import BALANCE, CONTINUATION
 from updyn.errors import SolverError
@@ -67,18 +67,22 @@ class _Scale:
 _Step: TypeAlias = tuple[Evaluation, RealArray, float, list[BranchPoint]]
 
 
-def follow_branch(balance: Balance, start: Evaluation, lines: RealArray) -> Iterator[BranchPoint]:
+def follow_branch(
+    balance: Residual, start: Evaluation, lines: RealArray, *, limit: float | None = None
+) -> Iterator[BranchPoint]:
     """Yield the solutions from the first of `lines` (rad/s, monotonic) until the last is passed.
 
-    `start` is the solution at the first line. Raises SolverError if the branch cannot be followed.
+    `start` is the solution at the first line. Raises SolverError if the branch cannot be followed,
+    or turns back beyond `limit`.
     """
     yield BranchPoint(start, 0)
     if len(lines) == 1:
         return
     band = abs(lines[-1] - lines[0])
     forward = np.sign(lines[-1] - lines[0])
-    limit = lines[0] - forward * CONTINUATION.beyond_band * min(band, lines.min())
-    largest = measure_amplitude(start.x)
+    if limit is None:
+        limit = float(lines[0] - forward * CONTINUATION.beyond_band * min(band, lines.min()))
+    first = largest = measure_amplitude(start.x)
     now, step = start, CONTINUATION.first_step
     heading = np.zeros_like(start.x), float(forward)
     for _ in range(CONTINUATION.most_steps):
@@ -94,7 +98,10 @@ def follow_branch(balance: Balance, start: Evaluation, lines: RealArray) -> Iter
             raise SolverError(
                 f"the branch turns back beyond {_hertz(limit):g} Hz; begin with a line further away"
             )
-        largest = np.maximum(largest, measure_amplitude(after.x))
+        amplitude = measure_amplitude(after.x)
+        if (amplitude > CONTINUATION.unbounded * first).any():
+            raise SolverError(f"the motion is unbounded at {_hertz(after.omega):g} Hz: no damping")
+        largest = np.maximum(largest, amplitude)
         heading, now = scale.unpack(end), after
         growth = CONTINUATION.wanted_bend / max(bend, np.finfo(np.float64).tiny)
         most = CONTINUATION.largest_growth
@@ -106,7 +113,7 @@ def follow_branch(balance: Balance, start: Evaluation, lines: RealArray) -> Iter
 
 
 def _advance(
-    balance: Balance,
+    balance: Residual,
     scale: _Scale,
     now: Evaluation,
     t: RealArray,
@@ -139,22 +146,25 @@ def _goes_back(scale: _Scale, now: Evaluation, after: Evaluation, t: RealArray) 
 
 
 def _find_corner(
-    balance: Balance, scale: _Scale, now: Evaluation, t: RealArray, step: float
-) -> tuple[RealArray, RealArray]:
+    balance: Residual, scale: _Scale, now: Evaluation, t: RealArray, step: float
+) -> tuple[RealArray, ...]:
     """Return the tangent beyond a corner ahead, in both directions, that along `t` first.
 
     An element without a smooth force, such as a slider, gives a branch corners, at which it may
     turn by more than a right angle.
     """
     beyond = balance.evaluate(*scale.unpack(scale.pack(now.x, now.omega) + step * t))
-    n = np.linalg.svd(scale.border(beyond, t)[:-1])[2][-1]
+    slopes = scale.border(beyond, t)[:-1]
+    if not np.isfinite(slopes).all():  # at a resonance without damping
+        return ()
+    n = np.linalg.svd(slopes)[2][-1]
     if n @ t < 0.0:
         n = -n
     return n, -n
 
 
 def _take_step(
-    balance: Balance,
+    balance: Residual,
     scale: _Scale,
     now: Evaluation,
     t: RealArray,
@@ -177,14 +187,14 @@ def _take_step(
 
 
 def _correct(
-    balance: Balance, scale: _Scale, now: Evaluation, t: RealArray, step: float
+    balance: Residual, scale: _Scale, now: Evaluation, t: RealArray, step: float
 ) -> tuple[Evaluation, float] | None:
     """Return the next point and its distance from the tangent over the step; None if too far."""
     y0 = scale.pack(now.x, now.omega) + step * t
     y = y0
     for _ in range(CONTINUATION.most_iterations):
         x, omega = scale.unpack(y)
-        if omega <= 0.0:
+        if omega <= balance.least:
             return None
         found = balance.evaluate(x, omega)
         size = np.max(np.abs(found.residual) / measure_amplitude(x))
@@ -202,7 +212,7 @@ def _correct(
 
 
 def _solve_lines(
-    balance: Balance,
+    balance: Residual,
     scale: _Scale,
     now: Evaluation,
     after: Evaluation,

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from updyn.arrays import RealArray
-from updyn.dynamics.periodic.balance import Balance, Evaluation
+from updyn.dynamics.periodic.balance import Evaluation, Residual
 from updyn.dynamics.periodic.settings import BALANCE
 
-__all__ = ["measure_amplitude", "solve_at", "solve_first"]
+__all__ = ["measure_amplitude", "solve_at"]
 
 
 def measure_amplitude(x: RealArray) -> RealArray:
@@ -18,7 +16,7 @@ def measure_amplitude(x: RealArray) -> RealArray:
     return np.maximum(np.linalg.norm(x, axis=1, keepdims=True), np.finfo(np.float64).tiny)
 
 
-def solve_at(balance: Balance, x: RealArray, omega: float) -> Evaluation | None:
+def solve_at(balance: Residual, x: RealArray, omega: float) -> Evaluation | None:
     """Return the solution at a frequency near x, by damped Newton iterations, or None."""
     now = balance.evaluate(x, omega)
     for _ in range(BALANCE.most_iterations):
@@ -39,25 +37,3 @@ def solve_at(balance: Balance, x: RealArray, omega: float) -> Evaluation | None:
                 break
         now = tried
     return None
-
-
-def solve_first(balance: Balance, omega: float) -> Evaluation | None:
-    """Return the solution at a frequency that a slowly growing force reaches, or None."""
-    level, step = 0.0, 1.0
-    x = balance.linear(omega)
-    while True:
-        tried = min(level + step, 1.0)
-        part = replace(balance, level=tried * balance.level)
-        # The response is proportional to a small level.
-        start = x * (tried / level if level else 1.0)
-        found = solve_at(part, start, omega)
-        if found is None:
-            step *= 0.5
-            if step < BALANCE.least_level_step:
-                return None
-            if not level:
-                x = 0.5 * x
-        elif tried == 1.0:
-            return found
-        else:
-            level, x = tried, found.x

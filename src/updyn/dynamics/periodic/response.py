@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -11,9 +12,9 @@ from numpy.typing import ArrayLike
 
 from updyn.arrays import BoolArray, ComplexArray, IndexArray, RealArray
 from updyn.dofs import Dof, DofSet
-from updyn.dynamics.periodic.balance import Balance, ControlledBalance, make_fourier
+from updyn.dynamics.periodic.balance import Balance, ControlledBalance, Evaluation, make_fourier
 from updyn.dynamics.periodic.continuation import BranchPoint, follow_branch
-from updyn.dynamics.periodic.newton import solve_first
+from updyn.dynamics.periodic.first import solve_first
 from updyn.dynamics.periodic.settings import BALANCE
 from updyn.dynamics.periodic.stability import count_unstable
 from updyn.dynamics.periodic.transfer import Transfer
@@ -287,17 +288,47 @@ def _solve(balance: Balance, lines: RealArray, sweep: str) -> list[BranchPoint]:
     omega = 2.0 * np.pi * lines
     if sweep == "down":
         omega = omega[::-1]
-    start = solve_first(balance, float(omega[0]))
-    if start is None:
-        raise SolverError(
-            f"no periodic response was found at {omega[0] / (2.0 * np.pi):g} Hz; begin with another"
-            " line, or use more harmonics= or a lower level="
-        )
-    points = list(follow_branch(balance, start, omega))
+    points: list[BranchPoint] = []
+    begin = 0
+    while begin < len(omega):
+        start = solve_first(balance, float(omega[begin]))
+        found = [] if start is None else _follow(balance, start, omega, np.arange(begin, len(omega)))
+        points += found
+        # A branch ends at a resonance without damping; a line beyond it begins another one.
+        begin = 1 + max([begin, *(point.line for point in found)])
+    points += _fill(balance, omega, points)
     if sweep == "down":
         last = len(lines) - 1
         points = [BranchPoint(p.found, last - p.line if p.line >= 0 else -1) for p in points]
     return points
+
+
+def _follow(
+    balance: Balance, start: Evaluation, omega: RealArray, lines: IndexArray
+) -> list[BranchPoint]:
+    """Return the points of a branch over some lines, as far as it can be followed."""
+    points = []
+    with contextlib.suppress(SolverError):
+        for point in follow_branch(balance, start, omega[lines]):
+            line = int(lines[point.line]) if point.line >= 0 else -1
+            points.append(BranchPoint(point.found, line))
+    return points
+
+
+def _fill(balance: Balance, omega: RealArray, points: list[BranchPoint]) -> list[BranchPoint]:
+    """Return points at lines that a growing force does not reach, from those of other lines."""
+    found = {point.line: point.found for point in reversed(points) if point.line >= 0}
+    missing = np.setdiff1d(np.arange(len(omega)), list(found))
+    if not found:
+        return []
+    out = []
+    for line in missing.tolist():
+        known = np.array(list(found))
+        source = int(known[np.abs(known - line).argmin()])
+        step = 1 if line > source else -1
+        reached = _follow(balance, found[source], omega, np.arange(source, line + step, step))
+        out += [point for point in reached if point.line == line][:1]
+    return out
 
 
 def _first_at_lines(

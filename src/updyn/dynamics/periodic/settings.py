@@ -116,6 +116,9 @@ class ContinuationSettings:
     #: [1] Smallest amplitude in the scale of an element, as a share of its largest so far. Effort:
     #: smaller motions are followed less closely.
     least_amplitude: float = 0.01
+    #: [1] Amplitude of an element, over that at the start, at which a branch ends. Effort: only a
+    #: resonance without damping exceeds it.
+    unbounded: float = 1e9
     #: [1] Share of the band, beyond its ends, within which a branch may turn. Effort: a rule of
     #: thumb.
     beyond_band: float = 0.5

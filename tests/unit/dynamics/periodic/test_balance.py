@@ -7,7 +7,8 @@ import pytest
 
 import updyn
 from periodic_cases import balance_of, oscillator, two_masses
-from updyn.dynamics.periodic.newton import solve_at, solve_first
+from updyn.dynamics.periodic.first import solve_first
+from updyn.dynamics.periodic.newton import solve_at
 
 ELEMENTS = {
     "cubic": updyn.CubicSpring(30.0),

@@ -12,7 +12,7 @@ import updyn
 from periodic_cases import balance_of, oscillator, two_masses
 from updyn.dynamics.periodic.balance import Balance, Evaluation
 from updyn.dynamics.periodic.continuation import follow_branch
-from updyn.dynamics.periodic.newton import solve_first
+from updyn.dynamics.periodic.first import solve_first
 from updyn.dynamics.periodic.stability import count_unstable
 from updyn.nonlinear.element import NonlinearElement
 
