@@ -1,7 +1,8 @@
 """Updates of linear groups and nonlinear elements to FRFs at three force levels.
 
-Six structures of 7 to 1,944 degrees of freedom with one to three elements; sine tests at a fifth of
-a middle level, at this level and at five times it; 1 % noise and a floor of 0.1 % of the rms. The
+Seven structures of 7 to 1,944 degrees of freedom with one to three elements; sine tests at a fifth of
+a middle level, at this level and at five times it (one is the gear train of Bao, Wang & Cheng with
+a gap in its mesh instead of one beside it, and Coulomb friction at its motor); 1 % noise and a floor of 0.1 % of the rms. The
 start has stiffnesses and loss factors off by up to 30 % and parameters of elements off by a factor
 of three, up or down at random. Each fit is compared with one from the truth:
 
@@ -35,6 +36,7 @@ import trains
 from cases import chain12
 
 import updyn
+from updyn.demos import loose_train
 from updyn.nonlinear.element import NonlinearElement
 from updyn.nonlinear.parameters import change_parameters, list_parameters
 from updyn.updating.problem.parameters import ParameterSet
@@ -52,6 +54,7 @@ SOUGHT = {
     updyn.Backlash: ("stiffness", "gap"),
     updyn.JenkinsElement: ("stiffness", "slip_force"),
     updyn.IwanJoint: ("stiffness", "slip_force"),
+    updyn.CoulombFriction: ("level",),
 }
 
 Maker = Callable[[float, float], NonlinearElement]
@@ -85,8 +88,10 @@ class Structure:
     sensors: Sequence[str]
     force: str
     freq: np.ndarray
-    elements: Mapping[str, tuple[Maker, list[str]]]
+    elements: Mapping[str, tuple[Maker, list[str] | dict[str, float]]]
     stiffness: str = "all"
+    #: Middle level of the force in N (N m).
+    middle: float = 1.0
 
     def truth(self) -> updyn.Model:
         """Return the model with elements; the middle force level is 1 N.
@@ -118,6 +123,14 @@ def band(model: updyn.Model, count: int, lines: int) -> np.ndarray:
     return np.linspace(0.6 * elastic[0], 1.15 * elastic[min(count, len(elastic)) - 1], lines)
 
 
+@dataclass(frozen=True)
+class LooseTrain(Structure):
+    """The gear train with a gap in one mesh, which nothing bridges, and friction at the motor."""
+
+    def truth(self) -> updyn.Model:
+        return loose_train.true_model()
+
+
 def make_structures() -> dict[str, Callable[[], Structure]]:
     return {
         "shaft": _shaft,
@@ -126,6 +139,7 @@ def make_structures() -> dict[str, Callable[[], Structure]]:
         "building": _building,
         "long chain": _long_chain,
         "solid": _solid,
+        "gear train": _gear_train,
     }
 
 
@@ -176,6 +190,15 @@ def _solid() -> Structure:
     return Structure(true, at, at[0], band(true, 4, 100), {"stop": (cubic, [end])})
 
 
+def _gear_train() -> Structure:
+    true = loose_train.true_model()
+    elements = {name: (gap, dict(local.weights)) for name, local in true.nonlinear.items()}
+    at, motor, freq = loose_train.SENSORS, loose_train.MOTOR, loose_train.lines()
+    middle = loose_train.LEVELS[1]
+    linear = replace(true, nonlinear={})
+    return LooseTrain(linear, at, motor, freq, elements, "unit [13-6]", middle)
+
+
 @dataclass(frozen=True)
 class Start:
     """A start off the truth; the true unknowns in terms of this start, and of the true model."""
@@ -209,6 +232,7 @@ class Start:
 
 
 def measure(true: updyn.Model, s: Structure, level: float, rng: np.random.Generator) -> updyn.FRF:
+    level *= s.middle
     frf = updyn.response(true, s.freq, s.sensors, [s.force], level=level).frf
     size = np.sqrt(
         (NOISE["relative"] * np.abs(frf.values)) ** 2
@@ -304,16 +328,17 @@ def run_added(name: str, seeds: range) -> None:
         rng = np.random.default_rng(seed)
         tests = [measure(true, s, level, rng) for level in LEVELS[:2]]
         few = updyn.update(true, tests, unknowns, noise=NOISE, starts=0)
-        for one in updyn.assess_levels(few, ADDED).candidates:
-            more = [*tests, measure(true, s, one.level, rng)]
+        candidates = updyn.assess_levels(few, [s.middle * level for level in ADDED]).candidates
+        for level, one in zip(ADDED, candidates, strict=True):
+            more = [*tests, measure(true, s, level, rng)]
             found = updyn.update(true, more, unknowns, noise=NOISE, starts=0)
             size = {p.name: p.start for p in unknowns}
             kept = [k for k, std in found.std.items() if std < DETERMINED * abs(size[k])]
-            ratios[one.level] += [one.std[k] / found.std[k] for k in kept]
+            ratios[level] += [one.std[k] / found.std[k] for k in kept]
             both = [k for k in kept if np.isfinite(few.std[k])]
             obtained = np.mean([np.log(found.std[k] / few.std[k]) for k in both])
             predicted = np.mean([np.log(one.std[k] / few.std[k]) for k in both])
-            gains[one.level].append((1.0 - np.exp(predicted), 1.0 - np.exp(obtained)))
+            gains[level].append((1.0 - np.exp(predicted), 1.0 - np.exp(obtained)))
     for level in ADDED:
         low, middle, high = np.quantile(ratios[level], (0.05, 0.5, 0.95))
         predicted, obtained = 100.0 * np.mean(gains[level], axis=0)

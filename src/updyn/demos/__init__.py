@@ -120,6 +120,11 @@ for _demo in (
         "updyn.demos.gear_train",
     ),
     Demo(
+        "backlash",
+        "the gear train with a gap in a mesh and friction at the motor: three torques, one model",
+        "updyn.demos.loose_train",
+    ),
+    Demo(
         "antenna",
         "a 4 m antenna with its drives, rotors locked and free: two tests, one model",
         "updyn.control.demo",

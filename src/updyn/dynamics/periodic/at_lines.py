@@ -13,10 +13,13 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 
 from updyn.arrays import BoolArray, ComplexArray, IndexArray, NumberArray, RealArray
+from updyn.dynamics.periodic.balance import Evaluation
+from updyn.dynamics.periodic.first import follow_force
 from updyn.dynamics.periodic.fourier import Fourier
 from updyn.dynamics.periodic.settings import LINE_BALANCE
 from updyn.nonlinear.element import NonlinearElement
@@ -153,10 +156,12 @@ class LineBalance:
         Q[:, :, f.first] = self.level[:, None] * self.H[:, f.first, :n, n]
         return self._to_real(Q)
 
-    def grow(self, x: RealArray, at: IndexArray) -> tuple[RealArray, BoolArray]:
+    def grow(
+        self, x: RealArray, at: IndexArray, end: float = 1.0
+    ) -> tuple[RealArray, BoolArray]:
         """Return the solutions at lines that a growing force reaches, and whether each was found.
 
-        `x` are the deformations without the elements.
+        `x` are the deformations without the elements; `end` is the last share of the force.
         """
 
         def advance(
@@ -164,7 +169,7 @@ class LineBalance:
         ) -> tuple[RealArray, BoolArray]:
             # The response is proportional to a small level.
             ratio = after / np.where(before > 0.0, before, 1.0)
-            return self.solve(x * ratio[:, None, None], at[some], after)
+            return self.solve(x * ratio[:, None, None], at[some], end * after)
 
         return _follow(x, advance, cut=0.25, least=LINE_BALANCE.least_level_step)
 
@@ -239,9 +244,22 @@ class LineBalance:
         missing = np.flatnonzero(~is_solved)
         x[missing], is_solved[missing] = self.grow(linear[missing], missing)
         x, is_solved = self.fill(x, is_solved)
+        for i in np.flatnonzero(~is_solved).tolist():
+            turned = self._turn(i)
+            if turned is not None:
+                x[i], is_solved[i] = turned, True
         if n > 1:
             found += [one for e in range(n) for one in self.scan(x, e)]
         return [(x, is_solved), *found]
+
+    def _turn(self, line: int) -> RealArray | None:
+        """Return the solution at a line on the branch of small forces, through turning points."""
+        share, at = LINE_BALANCE.small_share, np.array([line])
+        x, is_solved = self.grow(share * self.linear()[at], at, share)
+        if not is_solved[0]:
+            return None
+        found = follow_force(_GrowingLine(self, line), x[0], share)
+        return None if found is None else found.x
 
     def jumps(self, x: RealArray) -> IndexArray:
         """Return the lines before a jump of an amplitude."""
@@ -333,6 +351,26 @@ class LineBalance:
         rows = self._to_real(right.reshape(p * m, *right.shape[2:])).reshape(p, m, -1)
         X = np.linalg.solve(J, rows.transpose(1, 2, 0))
         return np.asarray(X.transpose(2, 0, 1).reshape(p, m, self.n_elements, -1))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _GrowingLine:
+    """The balance at one line; the parameter is the share of the force."""
+
+    balance: LineBalance
+    line: int
+
+    least: ClassVar[float] = -np.inf
+
+    def evaluate(self, x: RealArray, omega: float) -> Evaluation:
+        """Return the balance at the share `omega` of the force."""
+        b, f, at = self.balance, self.balance.fourier, np.array([self.line])
+        now, n = b.evaluate(x[None], at, omega), b.n_elements
+        unit = np.zeros((n, len(f.harmonics)), dtype=np.complex128)
+        unit[:, f.first] = b.level[self.line] * b.H[self.line, f.first, :n, n]
+        return Evaluation(
+            x, omega, now.residual[0], now.jacobian[0], -f.to_real(unit), now.forces[0], ()
+        )
 
 
 def _follow(

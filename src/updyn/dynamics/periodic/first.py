@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 
 from updyn.arrays import RealArray
-from updyn.dynamics.periodic.balance import Balance, Evaluation, GrowingBalance
+from updyn.dynamics.periodic.balance import Balance, Evaluation, GrowingBalance, Residual
 from updyn.dynamics.periodic.continuation import follow_branch
 from updyn.dynamics.periodic.newton import solve_at
 from updyn.dynamics.periodic.settings import BALANCE
 from updyn.errors import SolverError
 
-__all__ = ["solve_first"]
+__all__ = ["follow_force", "solve_first"]
 
 
 def solve_first(balance: Balance, omega: float) -> Evaluation | None:
@@ -33,24 +33,24 @@ def solve_first(balance: Balance, omega: float) -> Evaluation | None:
         if found is None:
             step *= 0.5
             if step < BALANCE.least_level_step:
-                return _turn(balance, x, omega, level) if level else None
+                break
             if not level:
                 x = 0.5 * x
         elif tried == 1.0:
             return found
         else:
             level, x = tried, found.x
+    turned = follow_force(GrowingBalance(balance, omega), x, level) if level else None
+    return None if turned is None else balance.evaluate(turned.x, omega)
 
 
-def _turn(balance: Balance, x: RealArray, omega: float, share: float) -> Evaluation | None:
-    """Return the solution at the force on the branch of that at a share of it, or None."""
-    growing = GrowingBalance(balance, omega)
+def follow_force(balance: Residual, x: RealArray, share: float) -> Evaluation | None:
+    """Return the solution at the whole force on the branch of that at a share of it, or None."""
+    start, ends = balance.evaluate(x, share), np.array([share, 1.0])
     try:
-        for point in follow_branch(
-            growing, growing.evaluate(x, share), np.array([share, 1.0]), limit=-1.0
-        ):
+        for point in follow_branch(balance, start, ends, limit=-1.0):
             if point.line == 1:
-                return balance.evaluate(point.found.x, omega)
+                return point.found
     except SolverError:
         pass
     return None

@@ -59,6 +59,9 @@ class LineBalanceSettings:
     most_stalls: int = 3
     #: [1] Smallest step of the force amplitude, as a share of its end. Effort: a rule of thumb.
     least_level_step: float = 0.01
+    #: [1] Share of the force from which a branch is followed through turning points of the force.
+    #: Effort: below it, most elements do not act yet.
+    small_share: float = 0.01
     #: [1] Smallest step from a line to the next, as a share of their distance. Effort: a rule of
     #: thumb.
     least_move: float = 0.05
