@@ -1,10 +1,11 @@
 """Updates of linear groups and nonlinear elements to FRFs at three force levels.
 
-Seven structures of 7 to 1,944 degrees of freedom with one to three elements; sine tests at a fifth of
-a middle level, at this level and at five times it (one is the gear train of Bao, Wang & Cheng with
-a gap in its mesh instead of one beside it, and Coulomb friction at its motor); 1 % noise and a floor of 0.1 % of the rms. The
-start has stiffnesses and loss factors off by up to 30 % and parameters of elements off by a factor
-of three, up or down at random. Each fit is compared with one from the truth:
+Seven structures of 7 to 1,944 degrees of freedom with one to three elements; sine tests at a fifth
+of a middle level, at this level and at five times it; 1 % noise and a floor of 0.1 % of the rms.
+One is the free gear train of Bao, Wang & Cheng with a gap in a mesh, which no spring bridges, and
+Coulomb friction at its motor. The start has stiffnesses and loss factors off by up to 30 % and
+parameters of elements off by a factor of three, up or down at random. Each fit is compared with one
+from the truth:
 
 - recovered: every determined unknown is that of the fit from the truth, within a tenth of its
   standard deviation;

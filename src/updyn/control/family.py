@@ -27,8 +27,8 @@ from updyn.model import Model
 from updyn.population.result import PopulationResult
 from updyn.sensitivity import Unknowns
 from updyn.uncertainty.draws import Draws
+from updyn.uncertainty.gaussian import draw_normal, draw_values, name_undetermined
 from updyn.uncertainty.restored import AT_MINIMUM
-from updyn.updating.problem.coordinates import Coordinates
 from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.result import JointResult, UpdateResult, find_result
 
@@ -461,37 +461,19 @@ def _check_ended(result: UpdateResult) -> UpdateResult:
 
 def _draw_from_covariance(result: UpdateResult, n: int, seed: int) -> _ParameterDraws:
     parameters = result.parameters
-    unsure = [p.name for p in parameters if not np.isfinite(result.std[p.name])]
+    unsure = name_undetermined(result)
     if unsure:
-        few = ", ".join(unsure[:6])
-        if len(unsure) > 6:
-            few += f" and {len(unsure) - 6} more"
         raise OptionError(
-            f"plant_family: the data do not determine {few}, so the error of the plant is"
+            f"plant_family: the data do not determine {unsure}, so the error of the plant is"
             f" unknown. {result.identifiability.advice} Or give draws= of a sampling, in which"
             " priors and bounds limit them."
         )
-    coordinates = Coordinates(parameters)
-    x = coordinates.to_x(np.array([result.values[name] for name in parameters.names]))
-    slope = coordinates.slope(x)
-    size, axes = np.linalg.eigh(result.covariance / slope / slope[:, None])
-    # The symmetric root does not depend on the sign or order of eigenvectors.
-    root = (axes * np.sqrt(np.maximum(size, 0.0))) @ axes.T
-
-    def values(z: RealArray) -> tuple[RealArray, BoolArray]:
-        drawn = x + z @ root
-        within = np.clip(drawn, *coordinates.bounds)
-        found = np.clip(coordinates.to_values(within), parameters.lower, parameters.upper) + 0.0
-        return found, drawn != within
-
-    z = np.empty((n, len(x)))
-    for number in range(n):
-        z[number] = np.random.default_rng((seed, number)).standard_normal(len(x))
-    drawn, clipped = values(z)
+    drawn, clipped = draw_values(result, draw_normal(len(parameters), n, seed))
     cut = _name_shares(parameters, clipped)
-    training = np.random.default_rng(0).standard_normal((_count_training(len(x)), len(x)))
-    wide = PLANT_FAMILY.training_spread * training
-    return _ParameterDraws(drawn, values(wide)[0], "covariance", cut=cut)
+    size = len(parameters)
+    training = np.random.default_rng(0).standard_normal((_count_training(size), size))
+    wide = draw_values(result, PLANT_FAMILY.training_spread * training)[0]
+    return _ParameterDraws(drawn, wide, "covariance", cut=cut)
 
 
 def _find_mean(population: PopulationResult, name: str | None) -> UpdateResult:

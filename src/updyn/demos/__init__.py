@@ -122,7 +122,7 @@ for _demo in (
     Demo(
         "backlash",
         "the gear train with a gap in a mesh and friction at the motor: three torques, one model",
-        "updyn.demos.loose_train",
+        "updyn.control.backlash_demo",
     ),
     Demo(
         "antenna",

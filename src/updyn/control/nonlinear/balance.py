@@ -13,12 +13,13 @@ System Design, 1968, chapter 3).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from scipy.optimize import brentq, minimize_scalar
+from scipy.stats import t as student_t
 
 from updyn.arrays import ComplexArray, RealArray
 from updyn.control.nonlinear.around import LinearLoop, linear_loop
@@ -49,7 +50,9 @@ class LimitCycle:
     (`loeb`) holds and no other pole of the loop under the oscillation is unstable; an unstable
     cycle is a boundary between decay and growth. `third` is the neglected third harmonic |S(3 i
     omega) T_3| / A. `doubt`, if not empty, is the reason for a simulation: the prediction may be
-    off by more than a tenth, or the cycle may not exist.
+    off by more than a tenth, or the cycle may not exist. Of a loop with members,
+    `amplitude_interval` and `frequency_interval` are 95 % intervals, and `share` is the share of
+    the members that have the cycle.
     """
 
     amplitude: float
@@ -60,11 +63,20 @@ class LimitCycle:
     third: float
     unit: str
     doubt: str = ""
+    amplitude_interval: tuple[float, float] | None = None
+    frequency_interval: tuple[float, float] | None = None
+    share: float = 1.0
 
     def __str__(self) -> str:
         kind = _STABLE[self.stable]
         doubt = f" (doubtful: {self.doubt})" if self.doubt else ""
-        return f"{kind}, amplitude {self.amplitude:.5g} {self.unit}, {self.frequency:.5g} Hz{doubt}"
+        text = f"{kind}, amplitude {self.amplitude:.5g} {self.unit}, {self.frequency:.5g} Hz"
+        if self.amplitude_interval is not None and self.frequency_interval is not None:
+            (small, large), (low, high) = self.amplitude_interval, self.frequency_interval
+            text += f" (95 %: {small:.5g} to {large:.5g}, {low:.5g} to {high:.5g} Hz)"
+        if self.share < 1.0:
+            text += f" ({100.0 * self.share:.0f} % of the members have it)"
+        return text + doubt
 
 
 class LimitCycles(tuple[LimitCycle, ...]):
@@ -110,6 +122,7 @@ def limit_cycles(
     measured: str | Sequence[str] | None = None,
     band: Sequence[float] | None = None,
     pade: int = 6,
+    members: Sequence[tuple[Plant, Nonlinearity]] = (),
 ) -> LimitCycles:
     """Predict the limit cycles of a loop with backlash or friction.
 
@@ -138,6 +151,9 @@ def limit_cycles(
         highest frequency of the loop.
     pade : int
         Order of the Pade approximation of the controller's dead time.
+    members : sequence of (Plant, Backlash or CoulombFriction)
+        Plants and nonlinearities at draws of the unknowns, such as those of `open_element`, from
+        which the intervals of the cycles follow.
 
     Returns
     -------
@@ -158,6 +174,10 @@ def limit_cycles(
     (Gelb & Vander Velde 1968, chapter 3). Describing functions assume an unbiased sinusoidal
     oscillation and neglect the breakaway torque.
 
+    The intervals are those of Student's distribution for the logarithms of amplitude and frequency,
+    with their root mean square deviation over the members. They contain the uncertainty of the
+    unknowns, not the error of the method.
+
     Examples
     --------
     >>> import numpy as np
@@ -177,6 +197,48 @@ def limit_cycles(
     0
     """
     names = {"torque": torque, "velocity": velocity, "position": position, "measured": measured}
+    found = _find_cycles(plant, controller, nonlinearity, at, names, band, pade)
+    if not members:
+        return found
+    drawn = [
+        _find_cycles(member, controller, law, at, names, band, pade) for member, law in members
+    ]
+    return LimitCycles(
+        [_add_intervals(cycle, drawn) for cycle in found], found.band, found.linear_stable
+    )
+
+
+def _add_intervals(cycle: LimitCycle, members: Sequence[LimitCycles]) -> LimitCycle:
+    """Return a cycle with the intervals of those of the members nearest to it."""
+    own = np.log([cycle.amplitude, cycle.frequency])
+    off = []
+    for cycles in members:
+        same = [one for one in cycles if one.stable == cycle.stable]
+        if same:
+            each = np.log([[one.amplitude, one.frequency] for one in same]) - own
+            off.append(each[np.linalg.norm(each, axis=1).argmin()])
+    if not off:
+        return replace(cycle, share=0.0)
+    width = student_t.ppf(0.975, len(off)) * np.sqrt(np.mean(np.square(off), axis=0))
+    low, high = np.exp(own - width).tolist(), np.exp(own + width).tolist()
+    return replace(
+        cycle,
+        amplitude_interval=(low[0], high[0]),
+        frequency_interval=(low[1], high[1]),
+        share=len(off) / len(members),
+    )
+
+
+def _find_cycles(
+    plant: Plant,
+    controller: Controller | StateSpace | tuple[object, ...] | None,
+    nonlinearity: Nonlinearity,
+    at: str | tuple[str, str],
+    names: Mapping[str, str | Sequence[str] | None],
+    band: Sequence[float] | None,
+    pade: int,
+) -> LimitCycles:
+    """Return the limit cycles of one plant."""
     system = linear_loop(plant, controller, nonlinearity, at, names, pade)
     whole = _closed_mesh_values(nonlinearity)
     poles = np.concatenate([np.linalg.eigvals(system.A), system.poles_with(*whole)])

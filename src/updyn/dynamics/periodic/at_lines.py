@@ -156,9 +156,7 @@ class LineBalance:
         Q[:, :, f.first] = self.level[:, None] * self.H[:, f.first, :n, n]
         return self._to_real(Q)
 
-    def grow(
-        self, x: RealArray, at: IndexArray, end: float = 1.0
-    ) -> tuple[RealArray, BoolArray]:
+    def grow(self, x: RealArray, at: IndexArray, end: float = 1.0) -> tuple[RealArray, BoolArray]:
         """Return the solutions at lines that a growing force reaches, and whether each was found.
 
         `x` are the deformations without the elements; `end` is the last share of the force.

@@ -292,7 +292,8 @@ def _solve(balance: Balance, lines: RealArray, sweep: str) -> list[BranchPoint]:
     begin = 0
     while begin < len(omega):
         start = solve_first(balance, float(omega[begin]))
-        found = [] if start is None else _follow(balance, start, omega, np.arange(begin, len(omega)))
+        rest = np.arange(begin, len(omega))
+        found = [] if start is None else _follow(balance, start, omega, rest)
         points += found
         # A branch ends at a resonance without damping; a line beyond it begins another one.
         begin = 1 + max([begin, *(point.line for point in found)])

@@ -56,9 +56,7 @@ def integrate(model: updyn.Model, omega: float, F: float, start: np.ndarray, per
 def test_a_loose_free_drive_is_the_time_response(friction: float, freq: float) -> None:
     """Torque at the motor beyond that at which the motion leaves the gap."""
     model, F, omega = drive(friction=friction), 6.0, 2 * np.pi * freq
-    found = updyn.response(
-        model, [freq], LABELS, LABELS[:1], level=F, harmonics=41, samples=8192
-    )
+    found = updyn.response(model, [freq], LABELS, LABELS[:1], level=F, harmonics=41, samples=8192)
     assert found.stable.all()
     A = found.harmonics[0, :, :, 0]
     twist, expected = sample(A @ MESH[:, None])[0], sample(A, rate=omega)
