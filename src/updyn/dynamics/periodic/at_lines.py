@@ -243,14 +243,14 @@ class LineBalance:
         x[missing], is_solved[missing] = self.grow(linear[missing], missing)
         x, is_solved = self.fill(x, is_solved)
         for i in np.flatnonzero(~is_solved).tolist():
-            turned = self._turn(i)
+            turned = self.turn(i)
             if turned is not None:
                 x[i], is_solved[i] = turned, True
         if n > 1:
             found += [one for e in range(n) for one in self.scan(x, e)]
         return [(x, is_solved), *found]
 
-    def _turn(self, line: int) -> RealArray | None:
+    def turn(self, line: int) -> RealArray | None:
         """Return the solution at a line on the branch of small forces, through turning points."""
         share, at = LINE_BALANCE.small_share, np.array([line])
         x, is_solved = self.grow(share * self.linear()[at], at, share)

@@ -7,7 +7,9 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import updyn
-from periodic_cases import sample
+from periodic_cases import balance_of, sample
+from updyn.dynamics.periodic.at_lines import LineBalance
+from updyn.dynamics.periodic.first import solve_first
 
 M = np.diag([2.0, 1.0, 1.5, 4.0])
 MESH = np.array([0.0, 1.0, -1.0, 0.0])
@@ -102,3 +104,22 @@ def test_lines_beyond_an_undamped_resonance_are_found() -> None:
             F = 6.0 * (k == 1) * np.eye(4)[0] - MESH * T[k] / 256.0
             error = (SHAFTS - (k * omega) ** 2 * M) @ Q[k] - F
             assert np.abs(error).max() < 1e-8 * 6.0
+
+
+def test_a_line_of_an_update_is_reached_through_turning_points() -> None:
+    model = updyn.Model.from_groups(
+        {"inertias": updyn.Group(mass=np.diag([1.0, 1.0]), viscous=np.diag([0.01, 0.01]))},
+        ["1:RZ", "2:RZ"],
+    ).with_elements({"mesh": (updyn.Backlash(100.0, gap=2.0), ["1:RZ", "2:RZ"])})
+    balance, omega = balance_of(model, 3, level=50.0), 5.0
+    expected = solve_first(balance, omega)
+    assert expected is not None
+    H = balance.receptances(omega)[0][None]
+    level = np.array([50.0])
+    lines = LineBalance(
+        balance.elements, balance.fourier, np.array([omega]), level, H[:, :, :2, :2]
+    )
+    found, is_found = lines.grow(lines.linear(), np.array([0]))
+    assert not is_found[0]
+    found = lines.turn(0)
+    assert found == pytest.approx(expected.x, rel=1e-6)
