@@ -29,6 +29,7 @@ from updyn.modal.refine import (
     Errors,
     LineWindow,
     Weights,
+    WindowFit,
     deviance,
     estimate_errors,
     estimate_pole_deviation,
@@ -266,6 +267,44 @@ def _is_in_several_runs(residues: ComplexArray, runs: IndexArray) -> bool:
     return float(np.sum(share)) ** 2 >= least
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _RunFit:
+    """Fit of the channels of a run; poles that it does not contain have strayed and are common."""
+
+    channels: BoolArray
+    fit: WindowFit
+    weights: Weights
+    has_strayed: BoolArray
+
+
+def _fit_each_run(
+    criterion: _Criterion,
+    runs: IndexArray,
+    begin: ComplexArray,
+    fixed_poles: ComplexArray,
+    least: float,
+) -> list[_RunFit] | None:
+    """Return the fits of all runs from the poles `begin`; None if the gain is not above `least`."""
+    fit, window, count = criterion.fit, criterion.fit.window, int(runs.max()) + 1
+    fits: list[_RunFit] = []
+    cost = 0.0
+    for run in range(count):
+        in_run = runs == run
+        alone = LineWindow(
+            window.basis, window.x, window.Y[in_run], fixed_poles, envelope=window.envelope
+        )
+        weights = fit.weights.of_channels(in_run)
+        one = fit_poles(alone, begin, weights)
+        has_strayed = _have_strayed(fit, criterion.bundle, one.poles)
+        if has_strayed.any():
+            one = fit_residues(alone, np.where(has_strayed, begin, one.poles), weights)
+        cost += one.cost
+        if criterion.gain(cost, len(begin) * count, len(begin)) <= least:
+            return None
+        fits.append(_RunFit(in_run, one, weights, has_strayed))
+    return fits
+
+
 def _find_modes_by_run(
     criterion: _Criterion, runs: IndexArray, modes: int, least: float
 ) -> _ModesByRun | None:
@@ -275,28 +314,22 @@ def _find_modes_by_run(
     others = np.delete(fit.window_fit.poles, bundle)
     fixed_poles = np.concatenate([window.fixed_poles, others])
     begin = take_means(fit, bundle, modes)
+    count = int(runs.max()) + 1
+    fits = _fit_each_run(criterion, runs, begin, fixed_poles, least)
+    if fits is None:
+        return None
+    cost = sum(run.fit.cost for run in fits)
     residues, noise = np.zeros((modes, p), dtype=np.complex128), np.zeros((modes, p))
     common: list[list[ComplexArray]] = [[] for _ in begin]
-    cost, found, deviations, fitted = 0.0, [], [], 0.0
+    found, deviations, fitted = [], [], 0.0
     squares = np.zeros(window.Y.shape)
-    count = int(runs.max()) + 1
-    for run in range(count):
-        in_run = runs == run
-        alone = LineWindow(
-            window.basis, window.x, window.Y[in_run], fixed_poles, envelope=window.envelope
-        )
-        weights = fit.weights.of_channels(in_run)
-        one = fit_poles(alone, begin, weights)
-        has_strayed = _have_strayed(fit, bundle, one.poles)  # the run does not contain the mode
-        if has_strayed.any():
-            one = fit_residues(alone, np.where(has_strayed, begin, one.poles), weights)
-        cost, fitted = cost + one.cost, fitted + deviance(one)
-        if criterion.gain(cost, modes * count, modes) <= least:
-            return None
+    for run in fits:
+        one, alone, weights, in_run = run.fit, run.fit.window, run.weights, run.channels
+        fitted += deviance(one)
         residues[:, in_run], squares[in_run] = one.residues, one.squared_error
         found.append(one.poles)
         deviations.append(
-            np.where(has_strayed, np.inf, estimate_pole_deviation(alone, one, weights))
+            np.where(run.has_strayed, np.inf, estimate_pole_deviation(alone, one, weights))
         )
         for r, errors in enumerate(estimate_errors(alone, one, weights)):
             noise[r, in_run] = errors.noise
