@@ -73,14 +73,9 @@ def drop_explained_symptoms(
     detections: Sequence[Detection],
     frf: FRF,
     findings: Sequence[Finding],
-    thin_data: tuple[FRF, FRF],
     rigid: RigidShapes | None = None,
 ) -> list[Detection]:
-    """Return the faults that data show, except symptoms that other findings explain.
-
-    `thin_data` has some lines of the data, before and after the model-based correction of the
-    findings that no change of the data alone corrects.
-    """
+    """Return the faults that data show, except symptoms that repaired data do not show."""
     symptoms = [one for one in detections if one.fault.is_symptom]
     if not symptoms:
         return list(detections)
@@ -90,14 +85,7 @@ def drop_explained_symptoms(
             with suppress(UpdynError):  # a repair that leaves too little
                 repaired = finding.repair(repaired)
     after = {one.fault.kind for one in detect_data_faults(repaired, rigid)}
-    before, corrected = (
-        {one.fault.kind for one in detect_data_faults(data, rigid)} for data in thin_data
-    )
-    removed = before - corrected
-    explained = [
-        one for one in symptoms if one.fault.kind not in after or one.fault.kind in removed
-    ]
-    return [one for one in detections if one not in explained]
+    return [one for one in detections if not one.fault.is_symptom or one.fault.kind in after]
 
 
 def mask_symptoms(detections: Sequence[Detection], frf: FRF) -> FRF:

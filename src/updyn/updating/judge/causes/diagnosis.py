@@ -192,10 +192,7 @@ class _SearchedPart:
         if remaining and explained.mean_square_above_noise(masked, remaining) > gross:
             # Model and data differ too much for the likeliest fault to be meaningful.
             return stated + _try_other_units(part, remaining)
-        corrected = _restrict_weights(explained.part.frf, part.frf)
-        reported = drop_explained_symptoms(
-            detections, whole.frf, explained.findings, (part.frf, corrected), self.rigid
-        )
+        reported = drop_explained_symptoms(detections, whole.frf, explained.findings, self.rigid)
         return [make_finding(one, part.name) for one in reported] + list(explained.findings)
 
 
