@@ -383,34 +383,29 @@ def _find_likeliest(
     """Return the likeliest fault and those that cannot be distinguished from it; may be empty."""
     home = part.coordinates.start
     current = trial_models.prepare_part(part, [home, *points])
-    for _ in range(CAUSE_SEARCH.most_refinements):
-        start = raise_loss_factors(current, home)
-        without = run_trial(current, None, [*points, start])
-        if without is None:
-            return []
-        current, without = _refine_fit(part, current, trial_models, without)
-        if has_small_residual(without):
-            weighted = weight_by_noise(current, without, noise).frf
-            part = adapt_losses(part.with_data(weighted), without.x)
-            current = trial_models.prepare_part(part, [without.x])
-            without = run_trial(current, None, [without.x]) or without
-        fresh = select_candidates(current, without, start, stated, variants)
-        ranked = _rank_by_trials(current, fresh, without)
-        if not _is_likely(ranked):
-            return []
-        refined = trial_models.prepare_part(part, [ranked[0].trial.x])
-        if refined.solver is current.solver:
-            break
+    start = raise_loss_factors(current, home)
+    without = run_trial(current, None, [*points, start])
+    if without is None:
+        return []
+    current, without = _refine_fit(part, current, trial_models, without)
+    if has_small_residual(without):
+        weighted = weight_by_noise(current, without, noise).frf
+        part = adapt_losses(part.with_data(weighted), without.x)
+        current = trial_models.prepare_part(part, [without.x])
+        without = run_trial(current, None, [without.x]) or without
+    fresh = select_candidates(current, without, start, stated, variants)
+    ranked = _rank_by_trials(current, fresh, without)
+    if not _is_likely(ranked):
+        return []
+    refined = trial_models.prepare_part(part, [ranked[0].trial.x])
+    if refined.solver is not current.solver:
+        # The apparent fault may be an error of the reduced model, which is now smaller.
         current, without = refined, run_trial(refined, None, [without.x]) or without
         in_reach = [one for one in ranked if is_in_reach(one, ranked[0])]
         starts = [(one.fault, one.trial.x) for one in in_reach[: CAUSE_CANDIDATES.most_fitted]]
         ranked = _rank_by_trials(current, starts, without)
-        if _is_likely(ranked):
-            break
-        # The apparent fault was an error of the reduced model, which is now smaller.
-    if not _is_likely(ranked):
-        return []
-    assert without is not None
+        if not _is_likely(ranked):
+            return []
     # The fit with the fault may only have helped the unknowns out of a poor minimum.
     better = run_trial(current, None, [ranked[0].trial.x])
     if better is not None and better.gain(without) > 0.0:
