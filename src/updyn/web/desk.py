@@ -12,8 +12,9 @@ import warnings
 from collections.abc import Callable
 from contextlib import suppress
 from multiprocessing.connection import Connection
+from multiprocessing.context import SpawnProcess
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import TypeVar, cast
 
 from updyn.engines.interrupts import block_interrupts
 from updyn.errors import InputError, UpdynError, UpdynWarning
@@ -38,11 +39,11 @@ class Desk:
         self._seconds = seconds
         self._memory = memory
         self._context = multiprocessing.get_context("spawn")
-        self._process: Any = None
+        self._process: SpawnProcess | None = None
         self._line: Connection | None = None
         self._turn = threading.Lock()
 
-    def ask(self, function: Callable[..., T], *arguments: Any) -> T:
+    def ask(self, function: Callable[..., T], *arguments: object) -> T:
         """Call a module-level function with plain data in the process; concurrent calls wait.
 
         The result is plain data. An `UpdynError` of the function is raised here; an `InputError` if
@@ -116,7 +117,7 @@ def _answer_calls(line: Connection, folder: Path, memory: int) -> None:
         line.send(_answer(function, arguments))
 
 
-def _answer(function: Callable[..., Any], arguments: tuple[Any, ...]) -> tuple[str, Any]:
+def _answer(function: Callable[..., object], arguments: tuple[object, ...]) -> tuple[str, object]:
     """Return the kind and content of the result of a call; the run itself reports warnings."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UpdynWarning)

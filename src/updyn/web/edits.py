@@ -177,7 +177,7 @@ def match_sensor(sensor: str, dof: str) -> Edit:
     return edit
 
 
-def set_key(table: str, key: str, value: Any) -> Edit:
+def set_key(table: str, key: str, value: object) -> Edit:
     """Return the edit that sets a key of a table, or removes it if the value is None."""
 
     def edit(document: TOMLDocument) -> None:
@@ -190,7 +190,7 @@ def set_key(table: str, key: str, value: Any) -> Edit:
     return edit
 
 
-def set_keys(table: str, values: Mapping[str, Any]) -> Edit:
+def set_keys(table: str, values: Mapping[str, object]) -> Edit:
     """Return the edit that sets keys of a table as `set_key`, and removes the table if empty."""
 
     def edit(document: TOMLDocument) -> None:
@@ -363,7 +363,7 @@ def set_bounds(name: str, low: float, high: float, groups: Sequence[str]) -> Edi
     return edit
 
 
-def _match_groups(groups: Sequence[str], patterns: Any) -> list[str]:
+def _match_groups(groups: Sequence[str], patterns: object) -> list[str]:
     found: set[str] = set()
     for text in _as_texts(patterns):
         found.update(groups if text == "all" else match_names(groups, text))
@@ -389,7 +389,7 @@ def _keep_lines(document: TOMLDocument, keep: Callable[[float], bool]) -> None:
         method["lines"] = kept
 
 
-def _as_texts(given: Any) -> list[str]:
+def _as_texts(given: object) -> list[str]:
     return (
         [str(item) for item in given]
         if isinstance(given, Sequence) and not isinstance(given, str)
@@ -435,7 +435,7 @@ def _get_parameter_tables(document: TOMLDocument) -> AoT:
     return found
 
 
-def _set_key(table: Table, key: str, value: Any) -> None:
+def _set_key(table: Table, key: str, value: object) -> None:
     """Set a key; a new one precedes the comments about the next table."""
     if key in table or not isinstance(table, Table):
         table[key] = value

@@ -138,7 +138,7 @@ def written_table(text: str, table: str) -> Mapping[str, Any]:
     return found if isinstance(found, dict) else {}
 
 
-def _as_text(value: Any) -> str:
+def _as_text(value: object) -> str:
     if value is None:
         return ""
     if isinstance(value, list):

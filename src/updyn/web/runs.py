@@ -215,7 +215,7 @@ def _read_job(run: RunFolder) -> dict[str, str]:
     return dict(_flatten(content))
 
 
-def _flatten(content: Any, key: str = "") -> list[tuple[str, str]]:
+def _flatten(content: object, key: str = "") -> list[tuple[str, str]]:
     """Return the entries of nested tables with their dotted keys."""
     if isinstance(content, dict):
         inner = [(f"{key}.{name}" if key else name, value) for name, value in content.items()]
@@ -226,9 +226,9 @@ def _flatten(content: Any, key: str = "") -> list[tuple[str, str]]:
     return [entry for name, value in inner for entry in _flatten(value, name)]
 
 
-def _as_records(given: Any) -> list[RunRecord]:
+def _as_records(given: object) -> list[RunRecord]:
     return [_as_mapping(item) for item in given] if isinstance(given, list) else []
 
 
-def _as_mapping(given: Any) -> RunRecord:
+def _as_mapping(given: object) -> RunRecord:
     return given if isinstance(given, Mapping) else {}

@@ -16,7 +16,7 @@ import warnings
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from updyn.errors import UpdynError, UpdynWarning
 from updyn.foreign.confinement import confine
@@ -86,7 +86,7 @@ def _finite(value: float) -> float | None:
     return None if math.isnan(value) else value
 
 
-def write(kind: str, **content: Any) -> None:
+def write(kind: str, **content: object) -> None:
     """Write a line with plain data; `kind` is plan, progress, stage, note, error or done."""
     with suppress(BrokenPipeError):  # the server has ended; the results are written all the same
         sys.stdout.write(json.dumps({"kind": kind, **content}) + "\n")
@@ -112,7 +112,7 @@ def main(task: str, job: str, out: str, folder: str, *, resume: bool = False) ->
 
 
 def _write_warning(
-    message: Warning | str, category: type[Warning], *_where: Any, **_more: Any
+    message: Warning | str, category: type[Warning], *_where: object, **_more: object
 ) -> None:
     if issubclass(category, UpdynWarning):
         write("note", text=str(message))

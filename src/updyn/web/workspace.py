@@ -121,7 +121,7 @@ class Workspace:
         self._desk = Desk(self.project.folder, WEB_TASK.answer_seconds, _memory_limit())
         self._forms: dict[str, Form] = {}
         self._opened_paths: set[Path] = set()
-        self._answers: dict[Callable[..., Any], object] = {}
+        self._answers: dict[Callable[..., object], object] = {}
         self._asked: tuple[Path, str] | None = None
         self._asking = threading.RLock()
         self._stamp = self.project.stamp()

@@ -156,5 +156,5 @@ def _strip_sign(label: str) -> str:
     return label.replace("-", "").replace("+", "")
 
 
-def _texts(given: Any) -> list[str]:
+def _texts(given: object) -> list[str]:
     return [str(item) for item in given] if isinstance(given, list) else []

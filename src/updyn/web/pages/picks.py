@@ -20,7 +20,7 @@ window.addEventListener("message", (event) => {
 """
 
 
-def listen_for_picks(handle: Callable[[Mapping[str, Any]], Any]) -> None:
+def listen_for_picks(handle: Callable[[Mapping[str, Any]], None]) -> None:
     """Call `handle` with each pick in an embedded page; its message is not validated."""
 
     def forward(event: events.GenericEventArguments) -> None:

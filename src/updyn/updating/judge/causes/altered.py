@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, cast
+from typing import Any, TypeVar, cast
 
 import numpy as np
 
@@ -25,6 +25,9 @@ __all__ = [
     "replace_channels",
     "replace_system",
 ]
+
+
+_Part = TypeVar("_Part", bound=FRFPart)
 
 
 class Alteration(ABC):
@@ -65,8 +68,7 @@ class AlteredPart(FRFPart):
     @classmethod
     def of(cls, part: FRFPart, alteration: Alteration) -> AlteredPart:
         """Return a part with an altered model; an earlier alteration is replaced."""
-        values: list[Any] = [*_list_field_values(part), alteration]
-        return cls(*values)
+        return _copy_as(cls, part, alteration)
 
     def __reduce__(self) -> tuple[object, ...]:
         return _rebuild, (self.unaltered_part, self.alteration)
@@ -74,7 +76,7 @@ class AlteredPart(FRFPart):
     @property
     def unaltered_part(self) -> FRFPart:
         """The part with the unaltered model."""
-        return FRFPart(*_list_field_values(self))
+        return _copy_as(FRFPart, self)
 
     def block(self, x: RealArray, lines: slice, *, derivatives: bool = True) -> LineBlock:
         """Return the altered model and the data at a block of lines."""
@@ -121,11 +123,23 @@ def replace_system(part: FRFPart, system: AffineSystem) -> FieldSolver:
     return found
 
 
-def _list_field_values(part: FRFPart) -> tuple[Any, ...]:
-    values = (part.solver, part.unknowns, part.coordinates, part.frf)
-    channels = (part.rows, part.columns, part.sign)
-    rest = part.session, part.name, part.as_read, part.variants, part.forward
-    return (*values, *channels, *rest)
+def _copy_as(kind: Callable[..., _Part], part: FRFPart, *further: Alteration) -> _Part:
+    """Return a part of another type with the same fields, and further ones."""
+    return kind(
+        part.solver,
+        part.unknowns,
+        part.coordinates,
+        part.frf,
+        part.rows,
+        part.columns,
+        part.sign,
+        part.session,
+        part.name,
+        part.as_read,
+        part.variants,
+        part.forward,
+        *further,
+    )
 
 
 def _rebuild(part: FRFPart, alteration: Alteration) -> AlteredPart:

@@ -216,7 +216,7 @@ class Fault(ABC):
         return not cls.needs_forces or frf.quantity != TRANSMISSIBILITY
 
     @classmethod
-    def propose_faults(cls, evidence: Evidence) -> Iterable[Self]:
+    def propose_faults(cls, evidence: Evidence) -> Iterable[Fault]:
         """Return the faults of this kind that are worth testing at a point.
 
         By default none: for kinds that are found in another way than at a point.

@@ -51,12 +51,13 @@ class MissingElement(AlteringFault):
         yield from list_directed_places(part.frf)
 
     @classmethod
-    def propose_faults(cls, evidence: Evidence) -> Iterable[Self]:
+    def propose_faults(cls, evidence: Evidence) -> Iterable[Fault]:
         """Yield the elements that explain most, to first order."""
-        return cls._find_best(evidence, MISSING_ELEMENT.most)
+        return cls.find_best(evidence, MISSING_ELEMENT.most)
 
     @classmethod
-    def _find_best(cls, evidence: Evidence, most: int) -> list[Self]:
+    def find_best(cls, evidence: Evidence, most: int) -> list[Self]:
+        """Return the elements that explain most, to first order."""
         every = [
             AddedElement(cls.quantity, *at, 0.0, cls.loss) for at in cls.list_places(evidence.part)
         ]
@@ -65,7 +66,7 @@ class MissingElement(AlteringFault):
 
     def list_other_places(self, evidence: Evidence) -> Iterable[Fault]:
         """Return the elements at other places that explain most, to first order."""
-        best = self._find_best(evidence, MISSING_ELEMENT.next_places)
+        best = self.find_best(evidence, MISSING_ELEMENT.next_places)
         others = [one for one in best if one.channels != self.channels]
         return [replace(one, n_places=self.n_places) for one in others]
 

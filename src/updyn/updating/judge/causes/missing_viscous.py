@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from updyn.updating.judge.causes.evidence import Evidence
+from updyn.updating.judge.causes.fault import Fault
 from updyn.updating.judge.causes.loss_over_frequency import LossOverFrequency
 from updyn.updating.judge.causes.missing_element import MissingElement
 from updyn.updating.judge.causes.proportional import ProportionalDamping
 from updyn.updating.judge.causes.rates import list_fixed_coefficients
+from updyn.updating.judge.causes.settings import MISSING_ELEMENT
 from updyn.updating.problem.problem import FRFPart
 
 __all__ = ["MissingViscous", "count_viscous_places"]
@@ -31,7 +33,7 @@ class MissingViscous(MissingElement):
     units: ClassVar[tuple[str, str]] = ("N s/m", "N m s/rad")
 
     @classmethod
-    def propose_faults(cls, evidence: Evidence) -> Iterable[Any]:
+    def propose_faults(cls, evidence: Evidence) -> Iterable[Fault]:
         """Yield the dashpots that explain most, to first order, and the damping of each group."""
         varying_loss_factors = {
             viscous.channels: one
@@ -39,7 +41,9 @@ class MissingViscous(MissingElement):
             for viscous in one.viscous
         }
         n_places = count_viscous_places(evidence.part)
-        yield from (replace(one, n_places=n_places) for one in super().propose_faults(evidence))
+        yield from (
+            replace(one, n_places=n_places) for one in cls.find_best(evidence, MISSING_ELEMENT.most)
+        )
         for one in ProportionalDamping.propose_faults(evidence):
             yield replace(
                 one, n_places=n_places, varying_loss_factor=varying_loss_factors.get(one.channels)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -101,7 +101,7 @@ class _Difference:
         """Median difference, which ignores the few lines of slightly shifted resonances."""
         return float(np.sqrt(np.median(np.abs(self.log_ratio) ** 2)))
 
-    def divide_by(self, log_factor: Any) -> _Difference:
+    def divide_by(self, log_factor: complex | ComplexArray) -> _Difference:
         """Return the difference after division by a factor, with phases between -pi and pi."""
         remaining = self.log_ratio - log_factor
         return replace(self, log_ratio=remaining.real + 1j * np.angle(np.exp(1j * remaining.imag)))
@@ -117,14 +117,14 @@ class _Difference:
     def explain(self) -> str:
         """Return the explanation of the difference by one or two numbers, if there is one."""
         factor, late = float(np.median(self.log_ratio.real)), self.estimate_delay()
-        delay_phase = -2j * np.pi * self.freq * late
+        delay_phase: ComplexArray = np.asarray(-2j * np.pi * self.freq * late)
         times = f"a factor of {np.exp(factor):.3g}"
-        explanations: list[tuple[object, str]] = [
+        explanations: list[tuple[complex | ComplexArray, str]] = [
             (1j * np.pi, "the sign"),
             (factor, times),
             (factor + 1j * np.pi, f"the sign and {times}"),
             (delay_phase, f"a delay of {late:.2g} s"),
-            (factor + delay_phase, f"a delay of {late:.2g} s and {times}"),
+            (np.asarray(factor + delay_phase), f"a delay of {late:.2g} s and {times}"),
         ]
         for log_factor, text in explanations:
             if self.divide_by(log_factor).size < DATA_FAULT.explained_difference * self.size:

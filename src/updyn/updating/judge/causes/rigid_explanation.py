@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -61,12 +60,13 @@ def _try_faults(motion: RigidMotion, i: int, wrong: Sequence[int]) -> Iterator[E
     sensor = _Sensor.of(motion, motion.leave_out(wrong), i)
     dof = motion.sensors[i]
     own = sensor.predict([dof])[0]
-    yield Explanation("the opposite sign", f"sign:{dof}", sensor.compare(-own))
+    yield Explanation("the opposite sign", f"sign:{dof}", float(sensor.compare(-own)))
     for k in wrong:
         if k != i:
             there = motion.sensors[k]
             other = _Sensor.of(motion, sensor.rows, k)
-            deviation = max(sensor.compare(sensor.predict([there])[0]), other.compare(own))
+            both = sensor.compare(sensor.predict([there])[0]), other.compare(own)
+            deviation = float(max(both))
             pair = ",".join(str(motion.sensors[one]) for one in sorted((i, k)))
             words = "an exchange of " + pair.replace(",", " and ")
             yield Explanation(words, f"swapped:{pair}", deviation)
@@ -75,7 +75,7 @@ def _try_faults(motion: RigidMotion, i: int, wrong: Sequence[int]) -> Iterator[E
     gain = sensor.fit_gain(own)
     if gain > 0.0:
         text = f"calibration:{dof}={np.log(gain):.4g}"
-        yield Explanation(f"a factor of {gain:.3g}", text, sensor.compare(gain * own))
+        yield Explanation(f"a factor of {gain:.3g}", text, float(sensor.compare(gain * own)))
 
 
 def _try_places(sensor: _Sensor, dof: Dof) -> Iterator[Explanation]:
@@ -165,9 +165,9 @@ class _Sensor:
         """Return the motion of DOFs by that of the other sensors, shape (k, m)."""
         return np.asarray(self.motion.rigid.at(dofs) @ self.amplitudes)
 
-    def compare(self, values: ComplexArray) -> Any:
+    def compare(self, values: ComplexArray) -> RealArray:
         """Return the largest deviation from values of shape (..., m), shape (...)."""
-        return np.max(np.abs(self.values - values) / self.std, axis=-1)
+        return np.asarray(np.max(np.abs(self.values - values) / self.std, axis=-1))
 
     def fit_gain(self, own: ComplexArray) -> float:
         """Return the real factor of its motion that best explains the values."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, Self
+from typing import ClassVar, Self
 
 import numpy as np
 
@@ -63,15 +63,16 @@ class TurnedSensor(Fault):
         left, right = (
             side.rotation(-np.radians(self.value)) for side in (turn.responses, turn.references)
         )
-        parts: dict[str, Any] = {"values": left @ frf.values @ right.T}
-        if frf.variance is not None:
-            parts["variance"] = left**2 @ frf.variance @ (right**2).T
-        if frf.coherence is not None:
+        variance, coherence = frf.variance, frf.coherence
+        if variance is not None:
+            variance = left**2 @ variance @ (right**2).T
+        if coherence is not None:
             # The coherence of a mixture is at most the smallest of its parts.
-            worst = np.where(left[:, :, None] != 0.0, frf.coherence[:, None], 1.0).min(axis=2)
+            worst = np.where(left[:, :, None] != 0.0, coherence[:, None], 1.0).min(axis=2)
             mixed = right.T[None, None] != 0.0
-            parts["coherence"] = np.where(mixed, worst[:, :, :, None], 1.0).min(axis=2)
-        return replace(frf, **parts)
+            coherence = np.where(mixed, worst[:, :, :, None], 1.0).min(axis=2)
+        values = left @ frf.values @ right.T
+        return replace(frf, values=values, variance=variance, coherence=coherence)
 
     def slope(self, evidence: Evidence) -> ComplexArray:
         """Return d ln(measured) / d angle, from the model, shape (n_f, n_i, n_j)."""
