@@ -56,7 +56,7 @@ from updyn.updating.judge.causes.candidates import has_small_residual
 from updyn.updating.judge.causes.catalogue import CAUSES
 from updyn.updating.judge.causes.data_alone import with_variance
 from updyn.updating.judge.causes.diagnosis import weight_by_noise
-from updyn.updating.judge.causes.element import AddedElement
+from updyn.updating.judge.causes.element import AddedElement, ElementVectors
 from updyn.updating.judge.causes.evidence import Evidence, stack_real_imag
 from updyn.updating.judge.causes.fault import Fault
 from updyn.updating.judge.causes.loss_over_frequency import LossOverFrequency
@@ -538,7 +538,10 @@ def missing_element(bench, frf, rng, cause):
     for i in rng.permutation(len(places)):
         labels, between = places[i]
         element = AddedElement(cause.quantity, labels, between, 1.0, cause.loss)
-        size = rng.uniform(0.1, 0.4) / evidence.receptances.flexibility(element)
+        R = evidence.receptances
+        stiffness = element.unit_stiffness(R.s)
+        (flexibility,) = ElementVectors(R, [element]).list_flexibilities(stiffness)
+        size = rng.uniform(0.1, 0.4) / flexibility
         sized = replace(element, value=size)
         if is_imitated(evidence, size * evidence.receptances.slope(replace(element, value=0.0))):
             continue

@@ -13,14 +13,14 @@ from typing import Self
 import numpy as np
 
 from updyn import sensitivity
-from updyn.arrays import ComplexArray, IndexArray, RealArray
+from updyn.arrays import ComplexArray, IndexArray, NumberArray, RealArray
 from updyn.frf import FRF, TRANSMISSIBILITY
 from updyn.updating.judge.causes.altered import Alteration, replace_channels
 from updyn.updating.judge.causes.labels import list_unsigned_labels
 from updyn.updating.problem.channels import Gains
 from updyn.updating.problem.problem import FRFPart, LineBlock
 
-__all__ = ["AddedElement", "MeasuredDofs", "Receptances"]
+__all__ = ["AddedElement", "ElementVectors", "MeasuredDofs", "Receptances"]
 
 
 #: Power of s in the dynamic stiffness of an element.
@@ -188,11 +188,71 @@ class Receptances:
         G = element._effective_stiffness(U.T @ self.H[:, at][:, :, at] @ U, self.s)
         return self._channel_response(), left @ G @ right
 
-    def flexibility(self, element: AddedElement) -> float:
-        """Return the median over the lines of |D(s) u^T H u| for an element of size 1."""
-        U, at = element.incidence, self.dofs.find_positions(element.labels)
-        own_receptance = U.T @ self.H[:, at][:, :, at] @ U
-        sizes = np.abs(np.einsum("fkk->fk", own_receptance)).max(axis=1) * np.abs(
-            element.unit_stiffness(self.s)
-        )
-        return float(np.median(sizes))
+    def derive_by_product(self, unit_stiffness: ComplexArray) -> ComplexArray:
+        """Return the slope of ln H' at size 0 over (h_i u) (u^T h_j), shape (n_f, n_i, n_j)."""
+        H = self._channel_response()
+        return np.asarray(-unit_stiffness[:, None, None] / np.where(H == 0.0, 1.0, H))
+
+
+class ElementVectors:
+    """Incidence vectors of several elements of one kind, and products of receptances with them."""
+
+    # A vector is 1 at `first` and -1 at `second`: another DOF, or the ground, which is the last one.
+
+    def __init__(self, receptances: Receptances, elements: Sequence[AddedElement]) -> None:
+        dofs = receptances.dofs
+        position = {label: i for i, label in enumerate(dofs.labels)}
+        ground = len(dofs.labels)
+        pairs: list[tuple[int, int]] = []
+        starts: list[int] = []
+        for one in elements:
+            starts.append(len(pairs))
+            at = [position[label] for label in one.labels]
+            pairs += [(at[0], at[1])] if one.between else [(i, ground) for i in at]
+        self.first, self.second = np.array(pairs, dtype=np.intp).T
+        self.starts = np.array(starts, dtype=np.intp)
+        H, n_f = receptances.H, len(receptances.s)
+        self.own = np.zeros((n_f, ground + 1, ground + 1), dtype=np.complex128)
+        self.own[:, :-1, :-1] = H[:, :, :ground]
+        self.left = np.zeros((n_f, len(dofs.rows), ground + 1), dtype=np.complex128)
+        self.left[:, :, :-1] = H[:, dofs.rows, :ground]
+        self.right = np.zeros((n_f, ground + 1, len(dofs.columns)), dtype=np.complex128)
+        self.right[:, :-1] = H[:, :, dofs.columns]
+
+    def _form(self, G: NumberArray) -> NumberArray:
+        """Return u^T G u of each vector, for G of shape (..., m, m)."""
+        a, b = self.first, self.second
+        return np.asarray(G[..., a, a] - G[..., a, b] - G[..., b, a] + G[..., b, b])
+
+    def list_flexibilities(self, unit_stiffness: ComplexArray) -> RealArray:
+        """Return the median over the lines of |D(s) u^T H u| for each element of size 1."""
+        own = np.maximum.reduceat(np.abs(self._form(self.own)), self.starts, axis=1)
+        return np.asarray(np.median(own * np.abs(unit_stiffness)[:, None], axis=0))
+
+    def sum_products(self, factor: ComplexArray) -> RealArray:
+        """Return the real part of the sum of factor (h_i u) (u^T h_j) for each element."""
+        weighted = factor @ self.right.swapaxes(1, 2)
+        n = self.left.shape[2]
+        G = (self.left.reshape(-1, n).T @ weighted.reshape(-1, n)).real
+        return np.asarray(np.add.reduceat(self._form(G), self.starts))
+
+    def sum_squares(self, factor: ComplexArray, chunk: int) -> RealArray:
+        """Return the sum of |factor (h_i u) (u^T h_j)|^2 for each element."""
+        ends = np.append(self.starts[1:], len(self.first))
+        out = np.empty(len(self.starts))
+        square = np.abs(factor) ** 2
+        single = np.flatnonzero(ends - self.starts == 1)
+        for some in np.split(single, range(chunk, len(single), chunk)):
+            left, right = self._products(self.starts[some])
+            by_response = square @ (np.abs(right) ** 2).swapaxes(1, 2)
+            out[some] = np.einsum("fie,fie->e", np.abs(left) ** 2, by_response)
+        for k in np.flatnonzero(ends - self.starts > 1):
+            left, right = self._products(np.arange(self.starts[k], ends[k]))
+            out[k] = np.sum(np.abs(factor * (left @ right)) ** 2)
+        return out
+
+    def _products(self, at: IndexArray) -> tuple[ComplexArray, ComplexArray]:
+        """Return h_i u and u^T h_j of some vectors, shape (n_f, n_i, k) and (n_f, k, n_j)."""
+        a, b = self.first[at], self.second[at]
+        left, right = self.left, self.right
+        return left[:, :, a] - left[:, :, b], right[:, a] - right[:, b]

@@ -9,7 +9,7 @@ import numpy as np
 
 from updyn.arrays import ComplexArray, RealArray
 from updyn.settings import ROUNDING
-from updyn.updating.judge.causes.element import AddedElement
+from updyn.updating.judge.causes.element import AddedElement, ElementVectors
 from updyn.updating.judge.causes.evidence import Evidence, stack_real_imag
 from updyn.updating.judge.causes.settings import CAUSE_MISFIT, MISSING_ELEMENT
 
@@ -31,16 +31,16 @@ def select_elements(
     evidence: Evidence, elements: Sequence[AddedElement], most: int
 ) -> list[AddedElement]:
     """Return the elements that explain the data best, to first order, with starting sizes."""
+    if not elements:
+        return []
     screening = _Screening(evidence)
-    flexibility = [evidence.receptances.flexibility(one) for one in elements]
+    unit_stiffness = elements[0].unit_stiffness(evidence.receptances.s)
+    flexibility = ElementVectors(evidence.receptances, elements).list_flexibilities(unit_stiffness)
     # At a moving base an element changes nothing.
-    least = ROUNDING.receptance_share * max(flexibility, default=0.0)
-    elements = [one for one, size in zip(elements, flexibility, strict=True) if size > least]
-    units = [1.0 / size for size in flexibility if size > least]
-    starts = range(0, len(elements), MISSING_ELEMENT.chunk)
-    chunks = [slice(start, start + MISSING_ELEMENT.chunk) for start in starts]
-    gains = [screening.compute_gains(elements[chunk], units[chunk]) for chunk in chunks]
-    chosen = np.argsort(-np.concatenate([*gains, np.zeros(0)]))[: MISSING_ELEMENT.most_sized]
+    moves = flexibility > ROUNDING.receptance_share * flexibility.max()
+    elements = [one for one, is_free in zip(elements, moves, strict=True) if is_free]
+    units = (1.0 / flexibility[moves]).tolist()
+    chosen = np.argsort(-screening.compute_gains(elements))[: MISSING_ELEMENT.most_sized]
     found = [screening.find_best_size(elements[i], units[i]) for i in chosen]
     found.sort(key=lambda one: one.squared_error)
     return [one.element for one in found[:most]]
@@ -60,16 +60,26 @@ class _Screening:
     def _stack_slope(self, element: AddedElement) -> RealArray:
         return self._stack(self.evidence.weight * self.evidence.receptances.slope(element))
 
-    def compute_gains(self, elements: Sequence[AddedElement], units: Sequence[float]) -> RealArray:
-        """Return the decrease of the sum of squares by each element, to first order from size 0."""
-        D = np.array([self._stack_slope(replace(one, value=0.0)) for one in elements])
-        D *= np.asarray(units)[:, None]
-        along = np.maximum(D @ self.evidence.adapted_misfit, 0.0)
-        imitated = D @ self.evidence.orthonormal_basis[0]
-        size = np.sum(D**2, axis=1)
+    def compute_gains(self, elements: Sequence[AddedElement]) -> RealArray:
+        """Return the decrease of the sum of squares by elements of one kind, from size 0."""
+        # To first order, an element u changes the misfit by c (h_i u) (u^T h_j), with c by value.
+        # Its products with the misfit and with the basis of the unknowns are forms u^T G u.
+        if not elements:
+            return np.zeros(0)
+        evidence, R = self.evidence, self.evidence.receptances
+        vectors = ElementVectors(R, elements)
+        slope = R.derive_by_product(elements[0].unit_stiffness(R.s))
+        c = np.asarray(evidence.weight / evidence.rms_misfit * slope)
+
+        def multiply(v: RealArray) -> RealArray:
+            real, imaginary = v[: c.size], v[c.size : 2 * c.size]
+            return vectors.sum_products(np.asarray((real - 1j * imaginary).reshape(c.shape) * c))
+
+        along = np.maximum(multiply(evidence.adapted_misfit), 0.0)
+        imitated = sum(multiply(v) ** 2 for v in evidence.orthonormal_basis[0].T)
+        size = vectors.sum_squares(c, MISSING_ELEMENT.chunk)
         least = CAUSE_MISFIT.dependent_share**2 * size + _TINY
-        free = np.maximum(size - np.sum(imitated**2, axis=1), least)
-        return np.asarray(along**2 / free)
+        return np.asarray(along**2 / np.maximum(size - imitated, least))
 
     def find_best_size(self, element: AddedElement, unit: float) -> _ScreenedElement:
         """Return the element with the trial size that leaves the least residual after a step."""

@@ -319,7 +319,7 @@ class MissingElementSettings:
     most: int = 4
     #: [places] Places for comparison after a fit of one. Effort: a rule of thumb.
     next_places: int = 8
-    #: [elements] Elements whose slopes are in memory at a time. Effort: limit of memory.
+    #: [elements] Elements whose products are in memory at a time. Effort: limit of memory.
     chunk: int = 256
     #: [elements] Elements that are tried with several sizes. Effort: a rule of thumb.
     most_sized: int = 24

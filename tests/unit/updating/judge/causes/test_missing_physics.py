@@ -11,7 +11,7 @@ import updyn
 from updyn.updating.judge.causes import diagnosis
 from updyn.updating.judge.causes.altered import AlteredPart
 from updyn.updating.judge.causes.element import AddedElement
-from updyn.updating.judge.causes.evidence import Evidence
+from updyn.updating.judge.causes.evidence import Evidence, stack_real_imag
 from updyn.updating.judge.causes.fault import divide_odds
 from updyn.updating.judge.causes.halves import compare_band_halves
 from updyn.updating.judge.causes.misfit import WeightedData
@@ -19,7 +19,7 @@ from updyn.updating.judge.causes.missing_mass import MissingMass
 from updyn.updating.judge.causes.missing_spring import MissingSpring
 from updyn.updating.judge.causes.missing_viscous import MissingViscous
 from updyn.updating.judge.causes.proportional import ProportionalDamping
-from updyn.updating.judge.causes.screening import select_elements
+from updyn.updating.judge.causes.screening import _Screening, select_elements
 from updyn.updating.judge.causes.trial import run_trial
 from updyn.updating.judge.causes.window import WindowDamping
 from updyn.updating.problem.noise import choose_noise
@@ -311,6 +311,26 @@ def solid_part(solid, model):
     frf = updyn.response(model, np.linspace(2.0, 40.0, 50), sensors, ["1:X"], "accelerance")
     frf = replace(frf, variance=1e-4 * np.abs(frf.values) ** 2)
     return FRFPart.build(solid, frf, updyn.parameters(solid, stiffness="all"))
+
+
+@pytest.mark.parametrize("kind", [MissingSpring, MissingMass])
+def test_the_gain_of_an_element_is_that_of_one_more_column(solid, kind):
+    """A mass acts in three directions, a spring in one or between two."""
+    true = with_element(solid, AddedElement("mass", ("1:X", "1:Y", "1:Z"), False, 0.1))
+    part = solid_part(solid, true)
+    evidence = Evidence(part, part.coordinates.start)
+    elements = [AddedElement(kind.quantity, *at, 0.0, kind.loss) for at in kind.list_places(part)]
+    gains = _Screening(evidence).compute_gains(elements)
+    A, b = evidence.jacobian_with_prior, evidence.misfit_with_prior
+    without = np.linalg.lstsq(A, b)[1][0]
+    for element, gain in zip(elements, gains, strict=True):
+        change = evidence.weight * evidence.receptances.slope(element) / evidence.rms_misfit
+        column = np.concatenate([stack_real_imag(change), np.zeros(part.n)])
+        column /= np.linalg.norm(column)
+        x, remaining, *_ = np.linalg.lstsq(np.column_stack([A, column]), b)
+        expected = without - remaining[0] if x[-1] > 0.0 else 0.0
+        assert gain == pytest.approx(expected, rel=1e-6, abs=1e-9 * without)
+    assert gains.max() > 0.01 * without
 
 
 def test_a_mass_acts_in_all_translations_of_a_measured_node(solid):
