@@ -12,6 +12,7 @@ import numpy as np
 from updyn.arrays import ComplexArray, RealArray
 from updyn.errors import SolverError
 from updyn.frf import FRF
+from updyn.linalg.threads import use_one_thread
 from updyn.updating.judge.causes.candidates import FaultStart, has_small_residual, select_candidates
 from updyn.updating.judge.causes.data_alone import (
     detect_data_faults,
@@ -372,6 +373,7 @@ def weight_by_noise(part: FRFPart, trial: Trial, noise: NoiseModel) -> FRFPart:
     return part.with_data(remove_weight(weighted, is_weightless))
 
 
+@use_one_thread
 def _find_likeliest(
     part: FRFPart,
     trial_models: TrialModels,

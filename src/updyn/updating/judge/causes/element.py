@@ -197,7 +197,7 @@ class Receptances:
 class ElementVectors:
     """Incidence vectors of several elements of one kind, and products of receptances with them."""
 
-    # A vector is 1 at `first` and -1 at `second`: another DOF, or the ground, which is the last one.
+    # A vector is 1 at `first` and -1 at `second`: another DOF, or the ground, which is the last.
 
     def __init__(self, receptances: Receptances, elements: Sequence[AddedElement]) -> None:
         dofs = receptances.dofs
