@@ -91,3 +91,53 @@ def without_loss(seed: int = 0, relative: float = 0.02) -> updyn.UpdateResult:
     )
     unknowns = updyn.parameters(true, stiffness="all", loss_factor="all")
     return updyn.update(true, frf, unknowns, noise={"relative": relative}, starts=0)
+
+
+#: Lines of `two_masses` in Hz.
+LINES = np.linspace(1.0, 9.0, 30)
+
+
+def two_masses() -> updyn.Model:
+    groups = {
+        "base": updyn.Group(springs((0, 1, 1000.0), n=2), np.diag([1.0, 0.0]), loss_factor=0.03),
+        "top": updyn.Group(springs((1, 2, 600.0), n=2), np.diag([0.0, 1.0]), loss_factor=0.05),
+    }
+    return updyn.Model.from_groups(groups, ["1:X", "2:X"])
+
+
+def fit_lower(seed: int, noise: dict[str, float] | None = None) -> updyn.UpdateResult:
+    """Only the lower mass is measured; its noise is relative 3 %."""
+    true = two_masses()
+    frf = noisy(updyn.response(true, LINES, ["1:X"], ["1:X"]), seed, 0.03)
+    unknowns = updyn.parameters(true, stiffness="all", loss_factor="all")
+    return updyn.update(true, frf, unknowns, noise=noise or {"relative": 0.03}, starts=0)
+
+
+def ungrounded_chain() -> tuple[updyn.Model, updyn.FRF, updyn.ParameterSet]:
+    """A model of six masses, the FRF of a chain with one more spring to ground, and unknowns."""
+    spring, masses = np.zeros((6, 6)), np.diag([1.0, 1.1, 0.9, 1.0, 0.8, 0.7])
+    spring[3, 3] = 150.0
+    stiffness = (3e4, 2.5e4, 2e4, 2.2e4, 1.5e4, 1.2e4)
+    groups = {"masses": updyn.Group(mass=masses)}
+    for g in range(3):
+        parts = [(i - 1, i, stiffness[i]) for i in (2 * g, 2 * g + 1)]
+        groups[f"part{g}"] = updyn.Group(chained(parts), loss_factor=0.015)
+    labels = [f"{i + 1}:X" for i in range(6)]
+    model = updyn.Model.from_groups(groups, labels)
+    true = updyn.Model.from_groups({**groups, "ground": updyn.Group(spring)}, labels)
+    freq = np.linspace(6.0, 60.0, 80)
+    sprung = [f"part{g}" for g in range(3)]
+    unknowns = updyn.parameters(model, stiffness=sprung, loss_factor=sprung)
+    return model, updyn.response(true, freq, labels, ["6:X"]), unknowns
+
+
+def chained(springs: list[tuple[int, int, float]]) -> np.ndarray:
+    """Stiffness of six masses with springs between two, or from -1, the ground."""
+    K = np.zeros((6, 6))
+    for i, j, k in springs:
+        v = np.zeros(6)
+        v[j] = 1.0
+        if i >= 0:
+            v[i] = -1.0
+        K += k * np.outer(v, v)
+    return K

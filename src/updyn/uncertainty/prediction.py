@@ -121,13 +121,13 @@ def predict(
     about = find_update(source)
     draws = source if isinstance(source, Draws) else None
     result = find_result(about, test)
-    problem = _build_part(result, freq, responses, references, quantity, as_read=noise)
+    problem = build_predicted(result, freq, responses, references, quantity, as_read=noise)
     x = problem.coordinates.to_x(estimate_of(result))
     at = x[None] if draws is None else _select_draws(draws, problem)
     posterior = errors = None
     if draws is None:
         posterior = Posterior.of(about)
-        errors = _find_model_errors(about, posterior)
+        errors = find_model_errors(about, posterior)
     if errors is None:
         problem = _reduce_if_faster(result, problem, x, at, accuracy)
     variance = None
@@ -136,15 +136,26 @@ def predict(
     if draws is not None:
         return _propagate_draws(problem, x, at, draws.kind, level, variance, seed)
     assert posterior is not None
+    H, dH = solve_with_slopes(problem, x)
     mean_square = None
     if errors is not None:
-        number = [one is result for one in about.results.values()].index(True)
-        mean_square = errors.mean_square(problem, x, number)
+        mean_square = errors.mean_square(problem, x, find_test(about, result))
     freedom = result.noise.get("degrees_of_freedom")
-    return _propagate_covariance(problem, x, posterior, level, variance, freedom, mean_square)
+    found = find_limits(H, dH, posterior, level, freedom, noise=variance, mean_square=mean_square)
+    angle = np.angle(H)
+    return Band(
+        _frf(problem, H), level, "Laplace", noise,
+        found.lower, found.upper, angle - found.turn, angle + found.turn,
+        found.std_real, found.std_imag,
+    )  # fmt: skip
 
 
-def _find_model_errors(
+def find_test(source: UpdateResult | JointResult, result: UpdateResult) -> int:
+    """Return the position of the result of a test."""
+    return [one is result for one in source.results.values()].index(True)
+
+
+def find_model_errors(
     source: UpdateResult | JointResult, posterior: Posterior
 ) -> LocalErrors | None:
     """Return the model errors in the residual; None if it shows none, or has no likelihood."""
@@ -173,14 +184,14 @@ def differentiate_frf(
     """
     if quantity is None and not isinstance(result.data, FRF):
         quantity = "receptance"
-    part = _build_part(result, freq, responses, references, quantity, as_read=False)
+    part = build_predicted(result, freq, responses, references, quantity, as_read=False)
     x = part.coordinates.to_x(estimate_of(result))
     part = _reduce_if_faster(result, part, x, x[None], REDUCTION.accuracy)
-    H, dH = _solve(part, x)
-    return _frf(part, H), np.moveaxis(dH, 0, -1) / part.coordinates.slope(x)
+    H, dH = solve_with_slopes(part, x)
+    return _frf(part, H), np.moveaxis(dH, 0, -1)
 
 
-def _build_part(
+def build_predicted(
     result: UpdateResult,
     freq: ArrayLike,
     responses: Iterable[str | Dof],
@@ -189,6 +200,7 @@ def _build_part(
     *,
     as_read: bool,
 ) -> FRFPart:
+    """Return the model of an update with an FRF to predict, its values zero."""
     lines, rows, columns = check_lines(freq), DofSet(responses), DofSet(references)
     blank = np.zeros((len(lines), len(rows), len(columns)), dtype=np.complex128)
     frf = FRF(lines, blank, rows, columns, quantity or result.frf.quantity)
@@ -247,47 +259,57 @@ def _unit_numbers(frf: FRF) -> NDArray[np.int_]:
     return np.asarray(rotates, dtype=np.int_)
 
 
-def _propagate_covariance(
-    part: FRFPart,
-    x: RealArray,
+@dataclass(frozen=True, slots=True, eq=False)
+class Limits:
+    """Limits of magnitudes, half-widths of phases in rad, and standard deviations; equal shapes."""
+
+    lower: RealArray
+    upper: RealArray
+    turn: RealArray
+    std_real: RealArray
+    std_imag: RealArray
+
+
+def find_limits(
+    H: ComplexArray,
+    dH: ComplexArray,
     posterior: Posterior,
     level: float,
-    noise: RealArray | None,
     freedom: int | None,
-    mean_square: RealArray | None,
-) -> Band:
-    """Return the band by the delta method.
+    *,
+    noise: RealArray | None = None,
+    mean_square: RealArray | None = None,
+) -> Limits:
+    """Return the limits of complex values, shape (...), by the delta method.
 
-    `mean_square`, shape (3, n_f, n_i, n_j), is that of errors of the model, unknowns included.
+    `dH`, shape (n, ...), are derivatives by the values of the unknowns; `noise` is E|dH|^2;
+    `mean_square`, shape (3, ...), that of errors of the model, unknowns included.
     """
-    H, dH = _solve(part, x)
-    slope = part.coordinates.slope(x)
-    free = posterior.null_space / slope[:, None]
     of_unknowns = np.zeros((3, *H.shape))
     if mean_square is None:
-        covariance = posterior.covariance / slope / slope[:, None]
-        real, imag = dH.real, dH.imag
-        for k, (one, other) in enumerate(((real, real), (imag, imag), (real, imag))):
-            of_unknowns[k] = np.einsum("kfij,kl,lfij->fij", one, covariance, other)
+        parts = (dH.real, dH.real), (dH.imag, dH.imag), (dH.real, dH.imag)
+        for k, (one, other) in enumerate(parts):
+            of_unknowns[k] = np.sum(one * np.tensordot(posterior.covariance, other, axes=1), axis=0)
     added = np.zeros_like(of_unknowns) if mean_square is None else mean_square.copy()
     if noise is not None:
         added[:2] += 0.5 * noise
+    size = np.abs(H)
+    change = np.abs(np.einsum("k...,kl->l...", dH, posterior.null_space))
+    is_open = (change > PREDICTED_BAND.open_change * size).any(axis=0)
     with np.errstate(divide="ignore", invalid="ignore"):
-        change = np.einsum("kfij,kl->lfij", dH, free)
-        is_open = (np.abs(change) > PREDICTED_BAND.open_change * np.abs(H)).any(axis=0)
-        size = np.abs(H)
         log_std = np.where(size > 0.0, np.sqrt(_radial(of_unknowns, H)) / size, 0.0)
         std = np.sqrt(np.where(size > 0.0, _radial(added, H), 0.5 * (added[0] + added[1])))
-        low, high = magnitude_limits(size, std, log_std, level, freedom)
-        turned = np.sqrt(_radial(of_unknowns + added, 1j * H)) / np.abs(H)
-        turn = interval_quantile(level, freedom) * turned
-    turn = np.where(is_open, np.pi, np.minimum(turn, np.pi))
-    low, high = np.where(is_open, 0.0, low), np.where(is_open, np.inf, high)
-    angle, variance = np.angle(H), np.where(is_open, np.inf, of_unknowns + added)
-    return Band(
-        _frf(part, H), level, "Laplace", noise is not None,
-        low, high, angle - turn, angle + turn, np.sqrt(variance[0]), np.sqrt(variance[1]),
-    )  # fmt: skip
+        turned = np.sqrt(_radial(of_unknowns + added, 1j * H)) / size
+    low, high = magnitude_limits(size, std, log_std, level, freedom)
+    turn = np.fmin(interval_quantile(level, freedom) * turned, np.pi)
+    deviations = np.sqrt(np.where(is_open, np.inf, (of_unknowns + added)[:2]))
+    return Limits(
+        np.where(is_open, 0.0, low),
+        np.where(is_open, np.inf, high),
+        np.where(is_open, np.pi, turn),
+        deviations[0],
+        deviations[1],
+    )
 
 
 def _radial(squares: RealArray, direction: ComplexArray) -> RealArray:
@@ -298,14 +320,15 @@ def _radial(squares: RealArray, direction: ComplexArray) -> RealArray:
     return np.asarray(np.maximum(found, 0.0))
 
 
-def _solve(part: FRFPart, x: RealArray) -> tuple[ComplexArray, ComplexArray]:
-    """Return H and its derivatives by the optimiser's coordinates, shape (n, n_f, n_i, n_j)."""
+def solve_with_slopes(part: FRFPart, x: RealArray) -> tuple[ComplexArray, ComplexArray]:
+    """Return H and its derivatives by the values of the unknowns, shape (n, n_f, n_i, n_j)."""
     H, dH = [], []
     for block in part.blocks(x):
         H.append(block.H)
         if block.dH is not None:
             dH.append(block.dH)
-    return np.concatenate(H), np.concatenate(dH, axis=1)
+    slope = part.coordinates.slope(x)[:, None, None, None]
+    return np.concatenate(H), np.concatenate(dH, axis=1) / slope
 
 
 def _select_draws(draws: Draws, part: FRFPart) -> RealArray:

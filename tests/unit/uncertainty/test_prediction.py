@@ -9,32 +9,23 @@ import numpy as np
 import pytest
 
 import updyn
-from uncertain_cases import in_series, noisy, one_spring, springs
+from uncertain_cases import (
+    LINES,
+    fit_lower,
+    in_series,
+    noisy,
+    one_spring,
+    springs,
+    two_masses,
+    ungrounded_chain,
+)
 from updyn.errors import DataError, DofError, OptionError
 from updyn.uncertainty.prediction import _select_draws
-
-LINES = np.linspace(1.0, 9.0, 30)
-
-
-def two_masses() -> updyn.Model:
-    groups = {
-        "base": updyn.Group(springs((0, 1, 1000.0), n=2), np.diag([1.0, 0.0]), loss_factor=0.03),
-        "top": updyn.Group(springs((1, 2, 600.0), n=2), np.diag([0.0, 1.0]), loss_factor=0.05),
-    }
-    return updyn.Model.from_groups(groups, ["1:X", "2:X"])
-
-
-def fit(seed: int, noise: dict[str, float] | None = None) -> updyn.UpdateResult:
-    """Only the lower mass is measured; its noise is relative 3 %."""
-    true = two_masses()
-    frf = noisy(updyn.response(true, LINES, ["1:X"], ["1:X"]), seed, 0.03)
-    unknowns = updyn.parameters(true, stiffness="all", loss_factor="all")
-    return updyn.update(true, frf, unknowns, noise=noise or {"relative": 0.03}, starts=0)
 
 
 @pytest.fixture(scope="module")
 def result() -> updyn.UpdateResult:
-    return fit(0)
+    return fit_lower(0)
 
 
 @pytest.mark.filterwarnings("ignore:.*the model has no mass")
@@ -106,30 +97,12 @@ def test_the_truth_lies_within_as_often_as_said() -> None:
     again = updyn.response(two_masses(), LINES, ["1:X"], ["1:X"])
     covered, measured = [], []
     for seed in range(40):
-        result = fit(seed)
+        result = fit_lower(seed)
         covered.append(updyn.predict(result, LINES, ["2:X"], ["1:X"]).covers(truth).mean())
         band = updyn.predict(result, LINES, ["1:X"], ["1:X"], noise=True)
         measured.append(band.covers(noisy(again, 1000 + seed, 0.03)).mean())
     assert np.mean(covered) == pytest.approx(0.95, abs=0.035)
     assert np.mean(measured) == pytest.approx(0.95, abs=0.02)
-
-
-def ungrounded_chain() -> tuple[updyn.Model, updyn.FRF, updyn.ParameterSet]:
-    """A model of six masses, the FRF of a chain with one more spring to ground, and unknowns."""
-    spring, masses = np.zeros((6, 6)), np.diag([1.0, 1.1, 0.9, 1.0, 0.8, 0.7])
-    spring[3, 3] = 150.0
-    stiffness = (3e4, 2.5e4, 2e4, 2.2e4, 1.5e4, 1.2e4)
-    groups = {"masses": updyn.Group(mass=masses)}
-    for g in range(3):
-        parts = [(i - 1, i, stiffness[i]) for i in (2 * g, 2 * g + 1)]
-        groups[f"part{g}"] = updyn.Group(chained(parts), loss_factor=0.015)
-    labels = [f"{i + 1}:X" for i in range(6)]
-    model = updyn.Model.from_groups(groups, labels)
-    true = updyn.Model.from_groups({**groups, "ground": updyn.Group(spring)}, labels)
-    freq = np.linspace(6.0, 60.0, 80)
-    sprung = [f"part{g}" for g in range(3)]
-    unknowns = updyn.parameters(model, stiffness=sprung, loss_factor=sprung)
-    return model, updyn.response(true, freq, labels, ["6:X"]), unknowns
 
 
 @pytest.mark.usefixtures("no_causes")
@@ -173,18 +146,6 @@ def test_two_tests_of_one_structure_share_the_error_of_its_model() -> None:
     assert np.median(ratio) == pytest.approx(1.0, rel=0.3)
 
 
-def chained(springs: list[tuple[int, int, float]]) -> np.ndarray:
-    """Stiffness of six masses with springs between two, or from -1, the ground."""
-    K = np.zeros((6, 6))
-    for i, j, k in springs:
-        v = np.zeros(6)
-        v[j] = 1.0
-        if i >= 0:
-            v[i] = -1.0
-        K += k * np.outer(v, v)
-    return K
-
-
 def test_draws_give_the_band_of_laplace_where_that_is_right(result) -> None:
     draws = updyn.bootstrap(result, 150)
     one, other = (updyn.predict(s, LINES[::3], ["1:X", "2:X"], ["1:X"]) for s in (result, draws))
@@ -212,7 +173,7 @@ def test_what_is_open_has_no_band_only_where_it_moves() -> None:
 
 
 def test_noise_with_a_floor_takes_the_level_of_its_unit() -> None:
-    result = fit(0, {"relative": 0.0, "floor": 0.05})
+    result = fit_lower(0, {"relative": 0.0, "floor": 0.05})
     plain, more = (updyn.predict(result, LINES, ["2:X"], ["1:X"], noise=n) for n in (False, True))
     level = np.sqrt(np.mean(np.abs(result.frf.values) ** 2))
     added = np.sqrt(more.std_real**2 - plain.std_real**2)
@@ -224,9 +185,10 @@ def test_noise_with_a_floor_takes_the_level_of_its_unit() -> None:
 
 
 def test_of_several_tests_one_answers() -> None:
-    one = fit(0)
+    one = fit_lower(0)
     tests = [
-        updyn.Test(one.start, fit(seed).frf, str(seed), noise={"relative": 0.03}) for seed in (0, 1)
+        updyn.Test(one.start, fit_lower(seed).frf, str(seed), noise={"relative": 0.03})
+        for seed in (0, 1)
     ]
     joint = updyn.update_jointly(tests, one.parameters, starts=0)
     band = updyn.predict(joint, LINES, ["2:X"], ["1:X"], test="1")

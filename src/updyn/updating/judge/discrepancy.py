@@ -129,17 +129,21 @@ class LocalErrors:
     root: RealArray
     noise: float
 
-    def mean_square(self, part: FRFPart, x: RealArray, test: int) -> RealArray:
+    def mean_square(
+        self, part: FRFPart, x: RealArray, test: int, matrix: RealArray | None = None
+    ) -> RealArray:
         """Return the mean squares of the error of H, shape (3, n_f, n_i, n_j).
 
         They are those of real part and imaginary part, and of the product of both, for any lines,
-        responses and references of a test.
+        responses and references of a test; of a `matrix` times the responses if it is given.
         """
         effects = _LocalErrors(np.ones(part.frf.values.shape), self.dofs[test])
         n, is_effective = len(self.within), self.norms > 0.0
         found = []
         for lines in effects.partition(part):
             J = effects.on(part, lines).block(part, x, lines)[1]
+            if matrix is not None:
+                J = np.einsum("ri,kfij->kfrj", matrix, J)
             changes = J[n:][is_effective] / self.norms[is_effective][:, None, None, None]
             both = np.concatenate([changes, np.tensordot(self.within.T, J[:n], axes=1)])
             # The mean is one more column: the mean square is its square plus the variance.
