@@ -105,10 +105,10 @@ from .uncertainty.level_result import LevelAssessment as LevelAssessment
 from .uncertainty.levels import assess_levels as assess_levels
 from .uncertainty.mode_prediction import predict_modes as predict_modes
 from .uncertainty.prediction import predict as predict
+from .uncertainty.profile import profile as profile
 from .uncertainty.recovery import RecoveredBand as RecoveredBand
 from .uncertainty.recovery import Recovery as Recovery
 from .uncertainty.recovery import predict_recovered as predict_recovered
-from .uncertainty.profile import profile as profile
 from .uncertainty.sampling import sample as sample
 from .updating.diagnose import diagnose as diagnose
 from .updating.judge.causes.finding import Finding as Finding
