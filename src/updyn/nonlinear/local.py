@@ -30,6 +30,11 @@ class LocalElement:
     def __reduce__(self) -> tuple[object, ...]:
         return _rebuild, (self.element, dict(self.weights))
 
+    @property
+    def rotates(self) -> bool:
+        """Whether the deformation is a rotation in rad: it has no displacement in m."""
+        return all(label.partition(":")[2].startswith("R") for label in self.weights)
+
     def changed(self, values: Mapping[str, float]) -> LocalElement:
         """Return a copy with other values of some parameters."""
         return _rebuild(change_parameters(self.element, values), self.weights)

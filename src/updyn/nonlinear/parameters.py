@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import replace
 
@@ -26,11 +27,16 @@ def list_parameters(element: NonlinearElement) -> dict[str, float]:
     return out
 
 
-def parameter_unit(element: NonlinearElement, name: str) -> str:
-    """Return the unit of a parameter; empty if the element does not state it."""
+def parameter_unit(element: NonlinearElement, name: str, *, rotates: bool = False) -> str:
+    """Return the unit of a parameter on a displacement or a rotation; empty if it is not stated."""
     units: Mapping[str, str] = getattr(element, "units", {})
     plain, _, key = name.rpartition("_")
-    return units.get(name, units.get(plain, "").replace("^p", f"^{key}"))
+    unit = units.get(name, units.get(plain, "").replace("^p", f"^{key}"))
+    return re.sub(r"[Nm]", lambda found: _ABOUT_AN_AXIS[found[0]], unit) if rotates else unit
+
+
+#: Units of an element on a rotation, in place of those on a displacement.
+_ABOUT_AN_AXIS = {"N": "N m", "m": "rad"}
 
 
 def change_parameters(element: NonlinearElement, values: Mapping[str, float]) -> NonlinearElement:

@@ -97,3 +97,28 @@ def test_wrong_elements_are_refused(model, name, element, dofs, error, message) 
     with pytest.raises(error) as found:
         model.with_elements({name: (element, dofs)})
     assert message in str(found.value)
+
+
+@pytest.mark.parametrize(
+    ("element", "units"),
+    [
+        (updyn.Backlash(1e6, 1e-4), {"stiffness": "N m/rad", "gap": "rad", "offset": "rad"}),
+        (updyn.CoulombFriction(10.0, transition=0.1), {"level": "N m", "transition": "rad/s"}),
+        (updyn.QuadraticDamper(2.0), {"coefficient": "N m s2/rad2"}),
+        (updyn.PolynomialSpring({3: 1.0}), {"coefficients_3": "N m/rad^3"}),
+    ],
+)
+def test_parameters_on_a_rotation_have_its_units(element, units) -> None:
+    """Unknowns of an element between two rotations, and the same one between displacements."""
+    K = 1e4 * np.array([[2.0, -1.0], [-1.0, 1.0]])
+    for axis, expected in (("RZ", units), ("X", {})):
+        groups = {"k": updyn.Group(K), "m": updyn.Group(mass=np.eye(2))}
+        ends = [f"1:{axis}", f"2:{axis}"]
+        model = updyn.Model.from_groups(groups, ends).with_elements({"mesh": (element, ends)})
+        bounds = {"mesh.*": (-1.0, 1e7)}
+        unknowns = updyn.parameters(model, nonlinear="mesh", bounds=bounds)
+        for unknown in unknowns:
+            if axis == "RZ":
+                assert unknown.unit == expected[unknown.quantity]
+            else:
+                assert "rad" not in unknown.unit

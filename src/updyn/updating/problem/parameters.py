@@ -724,9 +724,9 @@ def _select_elements(
     items = []
     for key in (key for key in known if key in chosen):
         name, quantity = known[key]
-        element = model.nonlinear[name].element
-        start = list_parameters(element)[quantity]
-        unit = parameter_unit(element, quantity)
+        local = model.nonlinear[name]
+        start = list_parameters(local.element)[quantity]
+        unit = parameter_unit(local.element, quantity, rotates=local.rotates)
         ratio = UNKNOWN_DEFAULTS.element_ratio
         low, high = sorted((start / ratio, start * ratio)) if start else (-1.0, 1.0)
         unknown = Parameter(name, quantity, start, low, high, unit=unit, of_element=True)
