@@ -1,7 +1,9 @@
 """Draw the small pictures of the demos for the page Start of the window.
 
-A structure in three dimensions is drawn by its lines, any other by its first FRF: as measured, or
-of the model if few lines are measured. ``python tools/make_demo_pictures.py``
+A structure in three dimensions is drawn by its lines, any other by the first FRF of its last test:
+as measured, or of the model if few lines are measured and it is linear.
+
+    python tools/make_demo_pictures.py
 """
 
 from __future__ import annotations
@@ -53,8 +55,9 @@ def draw_structure(ready: Prepared) -> str:
 
 def draw_frf(ready: Prepared) -> str:
     """Return the magnitude of the first FRF as an SVG path."""
-    frf = ready.frf.select(responses=ready.frf.responses[:1], references=ready.frf.references[:1])
-    if len(frf.freq) < POINTS:
+    last = ready.tests[-1].frf
+    frf = last.select(responses=last.responses[:1], references=last.references[:1])
+    if len(frf.freq) < POINTS and not ready.model.nonlinear:
         grid = np.linspace(frf.freq[0], frf.freq[-1], POINTS)
         frf = response(ready.model, grid, frf.responses, frf.references, frf.quantity)
     level = np.log(np.abs(frf.values[:, 0, 0]))
