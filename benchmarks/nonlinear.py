@@ -6,11 +6,11 @@ degrees of freedom instead of the deformations of elements. The first structure 
 example of NLvib (Krack & Gross, Harmonic Balance for Nonlinear Vibration Problems, 2019), with a
 quasi-periodic range: unstable exponents are counted there by Floquet multipliers, too. Cost of a
 level of 200 lines of a solid over that of its linear FRFs. Linear structures that are reported
-nonlinear from noisy FRFs at several levels.
+nonlinear from noisy FRFs at several levels. FRFs under a random force against simulated tests.
 
     OMP_NUM_THREADS=1 python benchmarks/nonlinear.py [PART ...]
 
-with the parts closed, time, stability, pyharm, cost and linear.
+with the parts closed, time, stability, pyharm, cost, linear and random.
 """
 
 from __future__ import annotations
@@ -419,6 +419,103 @@ def linear() -> None:
     print(f"  {single} from one level")
 
 
+# -- random force -------------------------------------------------------------------------------
+def simulate_random(
+    structure: Structure, realisations: int, steps: int, seed: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """FRFs of random-phase multisines, (n_f, n), their standard errors, and the rms of motions.
+
+    The lines are those of the structure, multiples of their distance, whose inverse is the period.
+    The third period is evaluated.
+    """
+    rng, freq = np.random.default_rng(seed), structure.freq
+    spacing = freq[1] - freq[0]
+    n, half = len(structure.M), 1.0 / spacing / steps / 2.0
+    # Lines at the ends of the band belong to half of their interval.
+    share = np.full(len(freq), 1.0)
+    share[[0, -1]] = 0.5
+    amplitude = structure.level * np.sqrt(2.0 * share / (len(freq) - 1))
+    spectrum = np.zeros((realisations, steps + 1), dtype=np.complex128)
+    at = np.rint(freq / spacing).astype(int)
+    spectrum[:, at] = amplitude * np.exp(2j * np.pi * rng.random((realisations, len(at))))
+    force = np.fft.irfft(spectrum, 2 * steps) * steps
+    inverse, pull = np.diag(1.0 / np.diag(structure.M)), np.zeros(n)
+    pull[structure.forced] = 1.0
+    columns = [(element, structure.column(ends)) for element, ends in structure.elements]
+
+    def slope(y: np.ndarray, F: np.ndarray) -> np.ndarray:
+        q, v = y[:, :n], y[:, n:]
+        f = F[:, None] * pull - q @ structure.K - v @ structure.C
+        for element, w in columns:
+            f -= element.over_period(q @ w, v @ w).force[:, None] * w
+        return np.hstack([v, f @ inverse])
+
+    y = np.zeros((realisations, 2 * n))
+    motion = np.empty((steps, realisations, n))
+    for i in range(3 * steps):
+        at_i = 2 * (i % steps)
+        a, b, c = force[:, at_i], force[:, at_i + 1], force[:, (at_i + 2) % (2 * steps)]
+        motion[i % steps] = y[:, :n]
+        k1 = slope(y, a)
+        k2 = slope(y + half * k1, b)
+        k3 = slope(y + half * k2, b)
+        k4 = slope(y + 2.0 * half * k3, c)
+        y = y + half / 3.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
+    H = 2.0 / steps * np.fft.fft(motion, axis=0)[at] / spectrum[:, at].T[:, :, None]
+    error = H.std(axis=1) / np.sqrt(realisations - 1)
+    return H.mean(axis=1), error, motion.std(axis=(0, 1))
+
+
+def over_random() -> None:
+    """H1 of simulated random tests against statistical linearisation."""
+    freq = np.arange(4, 160) / 314.0
+    viscous, springs = 0.1 * np.eye(1), chain([1.0] * 4)
+
+    def one(name: str, element: NonlinearElement) -> Structure:
+        return Structure(
+            name, np.eye(1), np.eye(1), viscous, 0.0, [(element, [0])], 0, 0.4, freq, 7
+        )
+
+    def three(name: str, c: float, k: float) -> Structure:
+        elements: list[Element] = [
+            (updyn.CubicSpring(c), [0]),
+            (updyn.Backlash(k, gap=0.5), [1, 2]),
+        ]
+        C = 0.05 * np.eye(3) + 0.02 * springs
+        return Structure(name, np.eye(3), springs, C, 0.0, elements, 0, 0.4, freq, 7)
+
+    cases = [
+        one("cubic spring 0.02", updyn.CubicSpring(0.02)),
+        one("cubic spring 0.3", updyn.CubicSpring(0.3)),
+        one("dead zone 0.3", updyn.Backlash(0.3, gap=1.0)),
+        one("dead zone 3", updyn.Backlash(3.0, gap=1.0)),
+        one("friction 0.05", updyn.CoulombFriction(0.05, transition=0.05)),
+        one("friction 0.2", updyn.CoulombFriction(0.2, transition=0.05)),
+        one("quadratic damper 0.1", updyn.QuadraticDamper(0.1)),
+        three("chain, cubic spring 0.1 and gap 0.1", 0.1, 0.1),
+        three("chain, cubic spring 1 and gap 1", 1.0, 1.0),
+    ]
+    print("\nRandom force: simulated tests against statistical linearisation")
+    for case in cases:
+        H, error, rms = simulate_random(case, realisations=100, steps=4000, seed=1)
+        labels, forced = case.labels, [case.labels[case.forced]]
+        options = {"level": case.level, "excitation": "random"}
+        found = updyn.response(case.model(), freq, labels, forced, **options).values[..., 0]
+        bare = replace(case, elements=[]).model()
+        alone = updyn.response(bare, freq, labels, forced).values[..., 0]
+        size = np.linalg.norm(H)
+        share = np.ones(len(freq))
+        share[[0, -1]] = 0.5
+        density = case.level**2 / (len(freq) - 1) * share
+        ratio = np.sqrt(density @ np.abs(found) ** 2) / rms
+        peak = np.abs(found).max() / np.abs(H).max()
+        print(
+            f"  {case.name}: change {np.linalg.norm(alone - H) / size:.0%}, difference"
+            f" {np.linalg.norm(found - H) / size:.1%}, statistical error"
+            f" {np.linalg.norm(error) / size:.1%}, peak {peak:.2f}, rms {ratio.round(3)}"
+        )
+
+
 def main() -> None:
     warnings.simplefilter("ignore")
     parts = {
@@ -428,6 +525,7 @@ def main() -> None:
         "pyharm": pyharm,
         "cost": cost,
         "linear": linear,
+        "random": over_random,
     }
     for name in sys.argv[1:] or parts:
         parts[name]()

@@ -44,6 +44,7 @@ from .dofs import DofSet as DofSet
 from .dynamics.condensation import condense as condense
 from .dynamics.modes import modes as modes
 from .dynamics.periodic.response import PeriodicResponse as PeriodicResponse
+from .dynamics.random_response import RandomResponse as RandomResponse
 from .dynamics.response import response as response
 from .errors import UpdynError as UpdynError
 from .errors import UpdynWarning as UpdynWarning

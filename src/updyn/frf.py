@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 __all__ = [
+    "EXCITATIONS",
     "FRF",
     "QUANTITIES",
     "ROUNDING",
@@ -45,6 +46,8 @@ QUANTITIES = {"receptance": 0, "mobility": 1, "accelerance": 2}
 TRANSMISSIBILITY = "transmissibility"
 #: Directions in which the frequency of a sine changes.
 SWEEPS = ("up", "down")
+#: Kinds of force that a level can be of.
+EXCITATIONS = ("sine", "random")
 #: Suffix to the unit of displacement.
 _POWER_UNITS = {"receptance": "", "mobility": "/s", "accelerance": "/s²"}
 #: Dimensions of the variables of a dataset.
@@ -147,6 +150,9 @@ class FRF:
     sweep : {"up", "down"}, optional
         Direction in which the frequency of a stated level changed, which selects one of several
         steady responses.
+    excitation : {"sine", "random"}, optional
+        Force of a stated level: a sine of this amplitude (the default), or a random force of this
+        RMS.
 
     Raises
     ------
@@ -180,6 +186,7 @@ class FRF:
     force: Dof | None
     level: RealArray | None
     sweep: str | None
+    excitation: str | None
 
     def __init__(
         self,
@@ -198,6 +205,7 @@ class FRF:
         force: str | Dof | None = None,
         level: ArrayLike | None = None,
         sweep: str | None = None,
+        excitation: str | None = None,
     ) -> None:
         set_ = partial(object.__setattr__, self)
         set_("quantity", check_quantity(quantity))
@@ -227,6 +235,7 @@ class FRF:
         self._check_excitation()
         set_("level", None if level is None else self._check_level(level))
         set_("sweep", None if sweep is None else self._check_sweep(sweep))
+        set_("excitation", None if excitation is None else self._check_kind(excitation))
 
     def _check_level(self, level: ArrayLike) -> RealArray:
         """Return the force amplitude of each line, shape (n_f,)."""
@@ -259,6 +268,18 @@ class FRF:
             if self.level is None:
                 raise DataError("sweep: given without a level; state the force amplitude, too")
         return str(sweep)
+
+    def _check_kind(self, excitation: object) -> str:
+        with key_path("excitation"):
+            if excitation not in EXCITATIONS:
+                raise DataError(
+                    f"excitation {excitation!r}: {suggest(str(excitation), EXCITATIONS)}"
+                )
+            if self.level is None:
+                raise DataError("excitation: given without a level; state the force, too")
+            if excitation == "random" and self.sweep is not None:
+                raise DataError("sweep: of a sine, but the excitation is random")
+        return str(excitation)
 
     def _check_excitation(self) -> None:
         """Refuse a base or a force that the quantity does not have, and both at once."""
@@ -360,13 +381,19 @@ class FRF:
 
     @property
     def level_text(self) -> str:
-        """Force amplitude and direction of the sweep as text; empty if no level is stated."""
+        """Level and kind of the force as text; empty if no level is stated."""
         if self.level is None:
             return ""
         units = {"N m" if "R" in label else "N" for label in self.references.labels}
         low, high = (f"{limit:.6g}" for limit in (self.level.min(), self.level.max()))
         size = low if low == high else f"{low} to {high}"
-        return f"level {size} {' or '.join(sorted(units))}{f' {self.sweep}' if self.sweep else ''}"
+        kind = " random" if self.is_random else f" {self.sweep}" if self.sweep else ""
+        return f"level {size} {' or '.join(sorted(units))}{kind}"
+
+    @property
+    def is_random(self) -> bool:
+        """Whether the level is the RMS of a random force."""
+        return self.excitation == "random"
 
     # -- conversion ----------------------------------------------------------------------------
     @property
@@ -466,15 +493,19 @@ class FRF:
         more: dict[str, Any] = {"base": base, "force": force}
         return replace(self, **more)
 
-    def with_level(self, level: ArrayLike | None, sweep: str | None = None) -> FRF:
+    def with_level(
+        self, level: ArrayLike | None, sweep: str | None = None, excitation: str | None = None
+    ) -> FRF:
         """Return the same values with another statement of their level.
 
         Parameters
         ----------
         level : float or array_like of float, shape (n_f,), or None
-            Force amplitude in N (N m), of all lines or of each line.
+            Force amplitude in N (N m), of all lines or of each line; of a random force the RMS.
         sweep : {"up", "down"}, optional
             Direction in which the frequency changed.
+        excitation : {"sine", "random"}, optional
+            Kind of the force; by default a sine.
 
         Returns
         -------
@@ -494,7 +525,7 @@ class FRF:
         array([20., 20.])
         """
         checked = None if level is None else self._check_level(level)
-        return replace(self, level=checked, sweep=sweep)
+        return replace(self, level=checked, sweep=sweep, excitation=excitation)
 
     # -- selection -----------------------------------------------------------------------------
     def select(
@@ -726,6 +757,8 @@ class FRF:
             attrs["force"] = str(self.force)
         if self.sweep is not None:
             attrs["sweep"] = self.sweep
+        if self.excitation is not None:
+            attrs["excitation"] = self.excitation
         if self.level is not None:
             data["level"] = (_DIMS[:1], self.level)
         coords = {
@@ -851,6 +884,7 @@ class FRF:
             force=str(data.attrs["force"]) if "force" in data.attrs else None,
             level=_level(data),
             sweep=str(data.attrs["sweep"]) if "sweep" in data.attrs else None,
+            excitation=str(data.attrs["excitation"]) if "excitation" in data.attrs else None,
             **arrays,
         )
 

@@ -73,3 +73,50 @@ def integrate(
     options = {"method": "DOP853", "rtol": 1e-11, "atol": 1e-13}
     found = solve_ivp(slope, (0.0, times[-1]), state, t_eval=times, **options)
     return found.y[:n_dofs]
+
+
+def simulate_random(
+    model: updyn.Model,
+    K: np.ndarray,
+    C: np.ndarray,
+    freq: np.ndarray,
+    level: float,
+    *,
+    realisations: int,
+    steps: int,
+) -> tuple[np.ndarray, np.ndarray]:
+    """H1 of unit masses under multisines of random phase at the first, with standard errors.
+
+    Lines are multiples of their distance, whose inverse is the period; the fourth-order Runge-Kutta
+    method passes two periods before the one that is evaluated. The results are (n_f, n).
+    """
+    rng, n, spacing = np.random.default_rng(1), len(K), freq[1] - freq[0]
+    h, at = 1.0 / spacing / steps, np.rint(freq / spacing).astype(int)
+    share = np.ones(len(freq))  # the ends belong to half of their interval
+    share[[0, -1]] = 0.5
+    amplitude = level * np.sqrt(2.0 * share / (len(freq) - 1))
+    F = np.zeros((realisations, steps + 1), dtype=complex)
+    F[:, at] = amplitude * np.exp(2j * np.pi * rng.random((realisations, len(at))))
+    force = np.fft.irfft(F, 2 * steps) * steps
+    elements = [(one.element, one.column(model.dofs)) for one in model.nonlinear.values()]
+
+    def slope(y: np.ndarray, f: np.ndarray) -> np.ndarray:
+        q, v = y[:, :n], y[:, n:]
+        a = -q @ K - v @ C
+        a[:, 0] += f
+        for element, w in elements:
+            a -= element.over_period(q @ w, v @ w).force[:, None] * w
+        return np.hstack([v, a])
+
+    y, motion = np.zeros((realisations, 2 * n)), np.empty((steps, realisations, n))
+    for i in range(3 * steps):
+        now = 2 * (i % steps)
+        a, b, c = force[:, now], force[:, now + 1], force[:, (now + 2) % (2 * steps)]
+        motion[i % steps] = y[:, :n]
+        k1 = slope(y, a)
+        k2 = slope(y + 0.5 * h * k1, b)
+        k3 = slope(y + 0.5 * h * k2, b)
+        k4 = slope(y + h * k3, c)
+        y = y + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
+    H = 2.0 / steps * np.fft.fft(motion, axis=0)[at] / F[:, at].T[:, :, None]
+    return H.mean(axis=1), H.std(axis=1) / np.sqrt(realisations - 1)

@@ -81,6 +81,32 @@ def test_files_keep_the_level(tmp_path, suffix, level, sweep) -> None:
         assert np.array_equal(read.level, frf.level)
 
 
+@pytest.mark.parametrize("suffix", ["nc", "npz", "mat", "h5", "csv"])
+def test_files_keep_the_kind_of_force(tmp_path, suffix) -> None:
+    path = tmp_path / f"test.{suffix}"
+    updyn.write_frf(measure().with_level(5.0, excitation="random"), path)
+    read = updyn.read_frf(path)
+    assert (read.excitation, read.is_random, read.level[0]) == ("random", True, 5.0)
+
+
+@pytest.mark.parametrize(
+    ("level", "sweep", "excitation", "text"),
+    [
+        (5.0, None, "noise", "excitation 'noise': .*'sine'"),
+        (None, None, "random", "excitation: given without a level"),
+        (5.0, "up", "random", "sweep: of a sine"),
+    ],
+)
+def test_kinds_of_force_are_checked(level, sweep, excitation, text) -> None:
+    with pytest.raises(DataError, match=text):
+        measure().with_level(level, sweep, excitation)
+
+
+def test_a_random_repeat_of_a_sine_is_refused() -> None:
+    with pytest.raises(DataError, match="5 N random, the first the level 5 N"):
+        updyn.average([measure(5.0), measure().with_level(5.0, excitation="random")])
+
+
 def test_universal_files_lose_the_level_with_a_warning(tmp_path) -> None:
     with pytest.warns(updyn.UpdynWarning, match="cannot hold level and sweep"):
         updyn.write_frf(measure(5.0, "up"), tmp_path / "test.uff")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
-from typing import overload
+from typing import Literal, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,10 +20,11 @@ from updyn.dynamics.periodic.response import (
     respond_at_level,
 )
 from updyn.dynamics.periodic.settings import BALANCE
+from updyn.dynamics.random_response import RandomResponse, respond_at_random
 from updyn.dynamics.reduction import Reduction
 from updyn.dynamics.settings import REDUCTION
-from updyn.errors import OptionError, SolverError
-from updyn.frf import FRF, check_lines
+from updyn.errors import OptionError, SolverError, suggest
+from updyn.frf import EXCITATIONS, FRF, check_lines
 from updyn.linalg.solver import check_backend
 from updyn.model import Model
 
@@ -65,7 +66,22 @@ def response(
     harmonics: int = BALANCE.harmonics,
     samples: int = BALANCE.samples,
     sweep: str = "up",
+    excitation: Literal["sine"] = "sine",
 ) -> PeriodicResponse: ...
+@overload
+def response(
+    model: Model,
+    freq: ArrayLike,
+    responses: Iterable[str | Dof],
+    references: Iterable[str | Dof],
+    quantity: str = "receptance",
+    *,
+    tier: str | None = None,
+    backend: str | None = None,
+    accuracy: float = REDUCTION.accuracy,
+    level: float,
+    excitation: Literal["random"],
+) -> RandomResponse: ...
 @overload
 def response(
     model: Model,
@@ -102,12 +118,14 @@ def response(
     harmonics: int = BALANCE.harmonics,
     samples: int = BALANCE.samples,
     sweep: str = "up",
-) -> FRF | PeriodicResponse:
+    excitation: str = "sine",
+) -> FRF | PeriodicResponse | RandomResponse:
     """Compute frequency response functions exactly, with one full factorisation per line.
 
     With ``tier="reduced"`` they are computed by a reduced model of proven accuracy. It needs only a
     few real factorisations for any number of lines. With ``level=``, the periodic response of a
-    model with nonlinear elements to a force of that amplitude is computed instead.
+    model with nonlinear elements to a force of that amplitude is computed instead, or with
+    ``excitation="random"`` its FRFs under a random force of that RMS.
 
     Parameters
     ----------
@@ -134,7 +152,8 @@ def response(
     force : str or Dof, optional
         Of a transmissibility without `base`: DOF of the only force.
     level : float, optional
-        Force amplitude in N (N m), for models with nonlinear elements: one force after another.
+        Force amplitude in N (N m), for models with nonlinear elements: one force after another. Of
+        a random force the RMS.
     amplitude : float, optional
         Amplitude of a response instead, as a controller holds it: the first harmonic of `control`,
         in the unit of its quantity, such as m/s2 for an accelerance. The force is sinusoidal; its
@@ -148,14 +167,18 @@ def response(
     sweep : {"up", "down"}
         With `level` or `amplitude`: direction of the sweep, which decides between several solutions
         at a line.
+    excitation : {"sine", "random"}
+        With `level`: a sine, or a Gaussian random force with a constant one-sided spectral density
+        in the band of `freq`, level^2 / (freq[-1] - freq[0]) in N^2/Hz, and none outside.
 
     Returns
     -------
-    FRF or PeriodicResponse
+    FRF, PeriodicResponse or RandomResponse
         Values of shape (n_f, n_responses, n_references), in m/N, m/s/N or m/s2/N (rad and N m for
         rotations); a transmissibility has no unit. With `level` or `amplitude`, a
         `PeriodicResponse`: the first harmonic over the force, all harmonics, stability, and all
-        branches.
+        branches. With a random force, a `RandomResponse`: the FRFs of the linearised model, and the
+        motion, stiffness and damping of each element.
 
     Raises
     ------
@@ -170,7 +193,8 @@ def response(
         If an option cannot be used, or not with a level.
     SolverError
         If the dynamic stiffness is singular at a line, no reduced model of this accuracy was found,
-        or the periodic response cannot be followed to the last line.
+        the periodic response cannot be followed to the last line, or the statistical linearisation
+        does not settle.
 
     Notes
     -----
@@ -178,8 +202,15 @@ def response(
     T = -Z_ff^-1 Z_fb d for the free DOFs f and a unit motion d of the base b; with one force at k,
     T_ij = H_ik / H_jk (Maia, Silva & Ribeiro, Mech. Syst. Signal Process. 15 (2001) 129).
 
+    Under a random force each element is replaced by the spring and the damper whose force has the
+    least mean-square error for a Gaussian motion with the variances that follow from the FRFs
+    (Caughey, J. Acoust. Soc. Am. 35 (1963) 1706; Roberts & Spanos, Random Vibration and Statistical
+    Linearization, 1990, chapters 4 and 5). For elements with memory, the motion is assumed to have
+    a narrow band.
+
     Examples
     --------
+    >>> import numpy as np
     >>> from updyn.demos import chain
     >>> frf = updyn.response(chain.build(), [1.0, 2.0], ["12:X"], ["1:X"], "accelerance")
     >>> frf.values.shape
@@ -188,19 +219,42 @@ def response(
     >>> found = updyn.response(model, [1.0, 2.0], ["12:X"], ["1:X"], level=10.0)
     >>> bool(found.stable.all()), found.harmonics.shape
     (True, (2, 8, 1, 1))
+    >>> lines = np.linspace(0.5, 20.0, 40)
+    >>> options = {"level": 5.0, "excitation": "random"}
+    >>> found = updyn.response(model, lines, ["12:X"], ["12:X"], **options)
+    >>> found.values.shape, found.stiffness.shape
+    ((40, 1, 1), (1, 1))
     """
+    if excitation != "sine":
+        _check_random(excitation, level, (amplitude, control, base, force), decay)
+        if (harmonics, samples, sweep) != (BALANCE.harmonics, BALANCE.samples, "up"):
+            raise OptionError(
+                "excitation: expected no harmonics, samples or sweep; they are of a sine"
+            )
+        assert level is not None
+        return respond_at_random(
+            model,
+            freq,
+            responses,
+            references,
+            level,
+            quantity,
+            tier=tier,
+            backend=backend,
+            accuracy=accuracy,
+        )
     if level is not None or amplitude is not None:
-        excitation = _choose_excitation(level, amplitude, control)
+        sine = _choose_excitation(level, amplitude, control)
         if decay or base is not None or force is not None:
             raise OptionError(
-                f"{excitation.name}: expected no decay, base or force; they are of linear FRFs"
+                f"{sine.name}: expected no decay, base or force; they are of linear FRFs"
             )
         return respond_at_level(
             model,
             freq,
             responses,
             references,
-            excitation,
+            sine,
             quantity,
             harmonics=harmonics,
             samples=samples,
@@ -214,6 +268,26 @@ def response(
     zeros = np.zeros((len(lines), len(rows), len(columns)))
     like = FRF(lines, zeros, rows, columns, quantity, decay=decay, base=base, force=force)
     return response_like(model, like, tier=tier, backend=backend, accuracy=accuracy)
+
+
+def _check_random(
+    excitation: object, level: object, others: tuple[object, ...], decay: float
+) -> None:
+    """Raise OptionError for an unknown excitation, or options that a random force cannot have."""
+    if excitation not in EXCITATIONS:
+        raise OptionError(
+            f"excitation {excitation!r}: {suggest(str(excitation), EXCITATIONS)}",
+            key=("excitation",),
+        )
+    if level is None:
+        raise OptionError(
+            f"excitation {excitation!r}: of a level; expected level=, the RMS of the force in N",
+            key=("excitation",),
+        )
+    if decay or any(other is not None for other in others):
+        raise OptionError(
+            f"excitation {excitation!r}: expected no amplitude, control, decay, base or force"
+        )
 
 
 def _choose_excitation(

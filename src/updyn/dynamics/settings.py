@@ -287,6 +287,29 @@ class ShiftedSettings:
     moves_in_single: tuple[float, ...] = (0.0, 3e-3, 1e-2)
 
 
+@dataclass(frozen=True)
+class RandomSettings:
+    """Statistical linearisation of a model under a random force."""
+
+    #: [intervals] Intervals of the band in integrals over the frequency. Effort: a rule of thumb;
+    #: they are halved at resonances.
+    intervals: int = 32
+    #: [1] Largest relative change of standard deviations at which iterations end. Rounding: far
+    #: above that of the integrals, far below the error of the linearisation.
+    change: float = 1e-9
+    #: [iterations] Iterations. Effort: most cases take 20 to 40.
+    most_iterations: int = 500
+    #: [1] Share of the first step that is taken. Effort: a hardening spring without another one in
+    #: parallel needs a half.
+    first_step: float = 0.5
+    #: [1] Growth of that share while the change falls; it is halved otherwise. Effort: a rule of
+    #: thumb.
+    growth: float = 1.1
+    #: [1] Motion of an element at rest, over that without elements. Rounding: far above the
+    #: rounding of the linear model.
+    rest: float = 1e-9
+
+
 AFFINE = AffineSettings()
 BASIS = BasisSettings()
 CERTIFICATE = CertificateSettings()
@@ -295,6 +318,7 @@ LANCZOS = LanczosSettings()
 LINE_SOLVER = LineSolverSettings()
 STATIC_CONDENSATION = StaticCondensationSettings()
 PENCIL = PencilSettings()
+RANDOM = RandomSettings()
 REDUCTION = ReductionSettings()
 RESONANCE_LINES = ResonanceLineSettings()
 SHIFTED = ShiftedSettings()

@@ -455,6 +455,8 @@ def write_frf(frf: FRF, path: str | Path) -> None:
         head.append(f"# level: {' '.join(map(repr, levels.tolist()))}")
     if frf.sweep is not None:
         head.append(f"# sweep: {frf.sweep}")
+    if frf.excitation is not None:
+        head.append(f"# excitation: {frf.excitation}")
     if frf.source:
         head += [f"# source: {line}" for line in frf.source.split("\n")]
     parts = {"re": frf.values.real, "im": frf.values.imag}

@@ -37,7 +37,7 @@ _COMMENT = re.compile(r"#+\s*([^\W\d_][^:=]{0,30}?)\s*[:=][ \t]?(.*)")
 #: Names of comments that state the unit of all values.
 UNITS = ("unit", "units")
 #: Comments on the excitation of a transmissibility.
-EXCITATION = ("base", "force", "level", "sweep")
+EXCITATION = ("base", "force", "level", "sweep", "excitation")
 #: Names of comments that would change the meaning of the numbers and are not supported.
 _MEANINGS = {
     *UNITS,
@@ -141,7 +141,7 @@ def read_averages(head: Comments, path: str | Path) -> int | None:
 
 
 def read_excitation(head: Comments, path: str | Path) -> dict[str, Any]:
-    """Return base, force, level and sweep that comments state, as items."""
+    """Return base, force and level with its kind that comments state, as items."""
     stated = {name: single_comment(head, name, path) for name in EXCITATION}
     items: dict[str, Any] = {name: text for name, text in stated.items() if text is not None}
     if "base" in items:

@@ -30,6 +30,7 @@ and an FRF is::
                             force, optional
     level, sweep            amplitude of the force in N (N m), one number or n_f; "up" or "down";
                             optional
+    excitation              of a level: "sine" or "random" (the level is its RMS), optional
     nodes, xyz, lines, axes, faces
                             geometry, optional
 """
@@ -102,6 +103,7 @@ _FRF = (
     "force",
     "level",
     "sweep",
+    "excitation",
 )
 #: Names of the items of FRFs.
 FRF_ITEMS = (*_FRF, *_GEOMETRY, *_MARKS)
@@ -282,6 +284,7 @@ def build_frf(
             force=_text(items, "force", path) or None,
             level=_level(items, path),
             sweep=_text(items, "sweep", path) or None,
+            excitation=_text(items, "excitation", path) or None,
         )
 
 
@@ -410,6 +413,8 @@ def frf_items(frf: FRF) -> dict[str, Any]:
         items["level"] = frf.level
     if frf.sweep is not None:
         items["sweep"] = frf.sweep
+    if frf.excitation is not None:
+        items["excitation"] = frf.excitation
     return {**items, **_geometry_items(frf.geometry)}
 
 

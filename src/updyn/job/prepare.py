@@ -241,7 +241,7 @@ def _add_level(table: TestTable, frf: FRF) -> FRF:
                     " it out",
                     key=(key,),
                 )
-        return frf.with_level(level, table.sweep or frf.sweep)
+        return frf.with_level(level, table.sweep or frf.sweep, frf.excitation)
 
 
 def _estimate_from_records(job: Job) -> FRF:

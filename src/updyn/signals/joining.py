@@ -98,6 +98,7 @@ def joined_frfs(frfs: Sequence[FRF], names: Sequence[str]) -> FRF:
         decay=first.decay,
         level=first.level,
         sweep=first.sweep,
+        excitation=first.excitation,
     )
 
 

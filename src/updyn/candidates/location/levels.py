@@ -46,6 +46,11 @@ class LevelData:
         ordered = [_without_zero(test) for test in check_levels(tests)]
         if len(ordered) < 2:
             raise DataError("a nonlinearity is located by FRFs at two levels or more, found one")
+        if any(test.is_random for test in ordered):
+            raise DataError(
+                "excitation: the data are of a random force; a nonlinearity is located by FRFs of a"
+                " sine"
+            )
         part = FRFPart.build(model, ordered[0], unknowns)
         variances = [_find_variance(test, noise) for test in ordered]
         rate = (part.frf.s**part.frf.power)[:, None, None]

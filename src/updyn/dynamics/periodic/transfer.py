@@ -121,6 +121,17 @@ class Transfer:
             else replace(self.rational, columns=self.rational.columns[:, kept]),
         )
 
+    def keep_outputs(self, number: int) -> Transfer:
+        """Return the transfer with the first outputs alone."""
+        return replace(
+            self,
+            outputs=self.outputs[:number],
+            static=None if self.static is None else self.static[:number],
+            rational=None
+            if self.rational is None
+            else replace(self.rational, rows=self.rational.rows[:number]),
+        )
+
     def at(self, omega: RealArray, decay: float = 0.0) -> tuple[ComplexArray, ComplexArray]:
         """Return H and dH/domega at s = i omega + decay, both (n_lines, n_out, n_in).
 

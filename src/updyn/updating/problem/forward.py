@@ -230,6 +230,12 @@ def choose_forward(model: Model, frf: FRF, parameters: ParameterSet) -> Forward:
         )
     if frf.decay:
         raise DataError("level: expected no exponential window in the data of a sine test")
+    if frf.is_random:
+        raise DataError(
+            "excitation: the data are of a random force; a model with nonlinear elements is"
+            " compared with FRFs of a sine. Expected tests with a sine, or a linear model",
+            key=("excitation",),
+        )
     local = LocalElements.find(model, parameters)
     if frf.level is None:
         return EquivalentForward.at_rest(local, frf)
