@@ -31,6 +31,7 @@ from updyn.model import Model
 from updyn.nonlinear.element import NonlinearElement
 from updyn.nonlinear.gaussian import LinearForce, linearise
 from updyn.nonlinear.quadrature import integrate
+from updyn.nonlinear.settings import QUADRATURE
 
 __all__ = ["RandomResponse", "respond_at_random"]
 
@@ -217,7 +218,8 @@ class _Linearisation:
     def solve(self) -> _Motion:
         """Return the motion that agrees with its own linearisation, by damped iteration."""
         n = len(self.elements)
-        spread = self._spread([LinearForce(0.0, 0.0, 0.0)] * n)
+        # The resonances of a model without damping are finite with the first points.
+        spread = self._spread([LinearForce(0.0, 0.0, 0.0)] * n, most_halvings=0)
         # Below it, an element is at rest, as a slider that the force does not move.
         least = np.log(np.maximum(RANDOM.rest * spread, np.finfo(np.float64).tiny ** 0.25))
         mean, log = np.zeros(n), np.maximum(np.log(np.maximum(spread, np.exp(least))), least)
@@ -231,9 +233,8 @@ class _Linearisation:
                 float((np.abs(moved - mean) / motion.sigma).max()),
             )
             if change <= RANDOM.change:
+                self._check_stable(motion)
                 return motion
-            if not np.isfinite(change):
-                break
             share = min(1.0, RANDOM.growth * share) if change < last else 0.5 * share
             mean, log, last = mean + share * (moved - mean), log + share * (target - log), change
         raise SolverError(
@@ -258,7 +259,21 @@ class _Linearisation:
         excess = motion.mean + H[:, :n] @ force
         return np.asarray(motion.mean - np.linalg.solve(np.eye(n) + H[:, :n] * stiffness, excess))
 
-    def _spread(self, forces: Sequence[LinearForce]) -> RealArray:
+    def _check_stable(self, motion: _Motion) -> None:
+        """Raise SolverError if the linearised model has a negative stiffness."""
+        H, k = self.transfer.static, np.array([one.stiffness for one in motion.forces])
+        if H is None:
+            return
+        n = len(self.elements)
+        if np.linalg.eigvals(np.eye(n) + H[:, :n] * k).real.min() <= 0.0:
+            raise SolverError(
+                f"level {self.level:g}: the linearised model for a random force at {self.label} is"
+                " unstable, as an element softens; use a smaller level="
+            )
+
+    def _spread(
+        self, forces: Sequence[LinearForce], most_halvings: int = QUADRATURE.most_halvings
+    ) -> RealArray:
         """Return the standard deviations of deformations and velocities, (2, n_e)."""
 
         def density(f: RealArray) -> RealArray:
@@ -268,7 +283,17 @@ class _Linearisation:
 
         width = self.band[1] - self.band[0]
         edges = np.linspace(*self.band, 1 + RANDOM.intervals)
-        return np.asarray(self.level * np.sqrt(integrate(density, edges) / width))
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            try:
+                integral = integrate(density, edges, most_halvings)
+            except np.linalg.LinAlgError:  # at the resonance
+                integral = np.full((2, len(forces)), np.inf)
+        if not np.isfinite(integral).all():
+            raise SolverError(
+                f"level {self.level:g}: the model has a resonance without damping in the band,"
+                " whose motion under a random force is unbounded; add damping"
+            )
+        return np.asarray(self.level * np.sqrt(integral / width))
 
 
 def _stiffness(omega: RealArray, forces: Sequence[LinearForce]) -> ComplexArray:

@@ -14,11 +14,15 @@ __all__ = ["integrate"]
 _POINTS, _WEIGHTS = np.polynomial.legendre.leggauss(QUADRATURE.points)
 
 
-def integrate(function: Callable[[RealArray], RealArray], edges: RealArray) -> RealArray:
+def integrate(
+    function: Callable[[RealArray], RealArray],
+    edges: RealArray,
+    most_halvings: int = QUADRATURE.most_halvings,
+) -> RealArray:
     """Return the integrals of a function (n,) -> (n, ...) from the first edge to the last.
 
     Intervals between edges are halved until the Gauss-Legendre rule on both halves agrees with that
-    on the whole, relative to the integral of each component.
+    on the whole, relative to the integral of each component. Values that are not finite end it.
     """
 
     def apply_rule(a: RealArray, b: RealArray) -> RealArray:
@@ -31,7 +35,7 @@ def integrate(function: Callable[[RealArray], RealArray], edges: RealArray) -> R
     a, b = edges[:-1], edges[1:]
     whole = apply_rule(a, b)
     total, size = np.zeros(whole.shape[1:]), np.zeros(whole.shape[1:])
-    for _ in range(QUADRATURE.most_halvings):
+    for _ in range(most_halvings):
         middle = 0.5 * (a + b)
         halves = np.stack([apply_rule(a, middle), apply_rule(middle, b)])
         better = halves.sum(axis=0)
@@ -42,6 +46,6 @@ def integrate(function: Callable[[RealArray], RealArray], edges: RealArray) -> R
         rest = ~is_accurate
         a, b = np.concatenate([a[rest], middle[rest]]), np.concatenate([middle[rest], b[rest]])
         whole = np.concatenate(list(halves[:, rest]))
-        if not len(a):
+        if not len(a) or not np.isfinite(whole).all():
             break
     return np.asarray(total + whole.sum(axis=0))

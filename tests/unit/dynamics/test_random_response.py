@@ -190,6 +190,32 @@ def test_a_linearisation_that_does_not_settle_is_an_error(monkeypatch):
         respond(MODEL)
 
 
+def oscillate(element, *, viscous=0.1, level=0.4):
+    model = oscillator(viscous=viscous).with_elements({"e": (element, "1:X")})
+    freq = np.linspace(0.01, 0.48, 40)
+    return updyn.response(model, freq, ["1:X"], ["1:X"], level=level, excitation="random")
+
+
+def test_a_negative_stiffness_is_an_error():
+    """The iteration ends at a stiffness of -1.2 beside the spring of 1."""
+    with pytest.raises(SolverError, match="unstable, as an element softens"):
+        oscillate(updyn.CubicSpring(-1.0))
+
+
+def test_a_model_whose_elements_have_the_only_damping():
+    """sigma_v^2 = S / (4 c) with c = sqrt(8 / pi) d sigma_v, in a wide band."""
+    found = oscillate(updyn.QuadraticDamper(0.1), viscous=0.0)
+    np.testing.assert_allclose(found.damping, np.sqrt(8 / np.pi) * 0.1 * found.velocity, rtol=1e-7)
+    wide = (0.4**2 / 0.47 / 4 / (0.1 * np.sqrt(8 / np.pi))) ** (1 / 3)
+    assert found.velocity[0, 0] == pytest.approx(wide, rel=0.1)
+
+
+def test_a_model_without_damping_is_an_error():
+    # By rounding, the resonance is met exactly or nearly.
+    with pytest.raises(SolverError, match=r"resonance without damping|did not settle"):
+        oscillate(updyn.CubicSpring(0.1), viscous=0.0)
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
