@@ -9,6 +9,7 @@ import updyn
 from periodic_cases import oscillator, simulate_random, two_masses
 from updyn.dynamics import random_response
 from updyn.errors import DataError, ModelError, OptionError, SolverError
+from updyn.updating.judge.levels import of_run
 
 FREQ = np.linspace(0.5, 5.0, 60)
 ELEMENTS = {
@@ -239,3 +240,15 @@ def test_an_unknown_excitation_and_a_linear_model_are_refused():
         updyn.response(MODEL, FREQ, ["1:X"], ["1:X"], level=1.0, excitation="noise")
     with pytest.raises(ModelError, match="no nonlinear elements"):
         respond(two_masses())
+
+
+def test_levels_of_a_sine_and_of_a_random_force_are_not_compared():
+    """Amplitude and RMS are different numbers; random levels alone are compared."""
+    low, high = (respond(MODEL, level=level).frf for level in (0.3, 3.0))
+    noise = {"relative": 0.01, "floor": 0.001}
+    assert updyn.detect_nonlinearity([low, high], noise=noise).is_nonlinear
+    sine = low.with_level(0.3)
+    with pytest.raises(DataError, match="test 2: level 3 N random, test 1: level"):
+        updyn.detect_nonlinearity([sine, high], noise=noise)
+    groups = of_run._group_alike([sine, low, high])
+    assert [[frf.is_random for frf in group] for group in groups] == [[True, True]]

@@ -240,6 +240,11 @@ def _check_test(first: FRF, test: FRF, number: int) -> None:
                 f"test {number}: {what} {other} instead of {one}; expected the same channels in all"
                 " tests (FRF.select, FRF.converted)"
             )
+    if test.is_random != first.is_random:
+        raise DataError(
+            f"test {number}: {test.level_text}, test 1: {first.level_text}; expected a sine in all"
+            " tests, or a random force"
+        )
     if not np.array_equal(first.freq, test.freq):
         raise DataError(f"test {number}: other lines than test 1; expected the same (FRF.select)")
 

@@ -35,6 +35,6 @@ def _group_alike(tests: Iterable[FRF]) -> list[Sequence[FRF]]:
         if test.level is None:
             continue
         channels = *test.responses.labels, "", *test.references.labels
-        alike = channels, test.quantity, test.freq.tobytes()
+        alike = channels, test.quantity, test.is_random, test.freq.tobytes()
         groups.setdefault(alike, {}).setdefault(float(np.max(test.level)), test)
     return [list(group.values()) for group in groups.values() if len(group) > 1]
