@@ -53,7 +53,6 @@ def found(result) -> updyn.LevelAssessment:
 
 
 @cache
-@cache
 def difference_information(level: float) -> np.ndarray:
     """Return the information on the values by central differences of the responses."""
     H = measure(make_model(), level).values
