@@ -610,6 +610,11 @@ def compare(
                 " --fewest, which belong to a comparison of methods"
             )
         if compared == ["locate"]:
+            if workers is not None or cluster is not None or engine is not None:
+                raise OptionError(
+                    f"{job} has [locate], which runs in this process; leave out --workers,"
+                    " --cluster and --engine"
+                )
             return _locate(loaded, out, verbose=verbose)
         with open_engine(workers, cluster, engine) as opened:
             return _compare_models(loaded, out, opened, verbose=verbose)

@@ -227,7 +227,9 @@ class _Linearisation:
         for _ in range(RANDOM.most_iterations):
             motion = self._linearise(mean, np.exp(log))
             moved = self._balance(motion)
-            target = np.maximum(np.log(np.maximum(self._spread(motion.forces), 1e-300)), least)
+            target = np.maximum(
+                np.log(np.maximum(self._spread(motion.forces), np.finfo(np.float64).tiny)), least
+            )
             change = max(
                 float(np.abs(target - log).max()),
                 float((np.abs(moved - mean) / motion.sigma).max()),

@@ -31,9 +31,13 @@ class LocalElement:
         return _rebuild, (self.element, dict(self.weights))
 
     @property
-    def rotates(self) -> bool:
-        """Whether the deformation is a rotation in rad: it has no displacement in m."""
-        return all(label.partition(":")[2].startswith("R") for label in self.weights)
+    def rotates(self) -> bool | None:
+        """Whether the deformation is a rotation in rad; None if weights may convert it to m."""
+        rotates = {"R" in label for label in self.weights}
+        if rotates == {False}:
+            return False
+        is_plain = {abs(weight) for weight in self.weights.values()} == {1.0}
+        return True if rotates == {True} and is_plain else None
 
     def changed(self, values: Mapping[str, float]) -> LocalElement:
         """Return a copy with other values of some parameters."""

@@ -9,7 +9,7 @@ from dataclasses import replace
 from updyn.errors import ModelError, suggest
 from updyn.nonlinear.element import NonlinearElement
 
-__all__ = ["change_parameters", "list_parameters", "parameter_unit"]
+__all__ = ["change_parameters", "choose_unit", "list_parameters", "parameter_unit"]
 
 
 def list_parameters(element: NonlinearElement) -> dict[str, float]:
@@ -27,12 +27,20 @@ def list_parameters(element: NonlinearElement) -> dict[str, float]:
     return out
 
 
-def parameter_unit(element: NonlinearElement, name: str, *, rotates: bool = False) -> str:
-    """Return the unit of a parameter on a displacement or a rotation; empty if it is not stated."""
+def parameter_unit(element: NonlinearElement, name: str, *, rotates: bool | None = False) -> str:
+    """Return the unit of a parameter; `rotates` as for `choose_unit`, empty if it is not stated."""
     units: Mapping[str, str] = getattr(element, "units", {})
     plain, _, key = name.rpartition("_")
     unit = units.get(name, units.get(plain, "").replace("^p", f"^{key}"))
-    return re.sub(r"[Nm]", lambda found: _ABOUT_AN_AXIS[found[0]], unit) if rotates else unit
+    return choose_unit(unit, rotates)
+
+
+def choose_unit(unit: str, rotates: bool | None) -> str:
+    """Return the unit on a displacement, on a rotation, or both if it is not known which."""
+    if rotates is False:
+        return unit
+    turned = re.sub(r"[Nm]", lambda found: _ABOUT_AN_AXIS[found[0]], unit)
+    return turned if rotates or turned == unit else f"{unit} or {turned}"
 
 
 #: Units of an element on a rotation, in place of those on a displacement.

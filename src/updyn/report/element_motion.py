@@ -13,7 +13,7 @@ from updyn.errors import UpdynError
 from updyn.frf import FRF
 from updyn.nonlinear.local import LocalElement
 from updyn.nonlinear.over_lines import LineForces, describe_first_harmonic
-from updyn.nonlinear.parameters import list_parameters
+from updyn.nonlinear.parameters import choose_unit, list_parameters
 from updyn.report.settings import REPORT_COMPUTATION
 from updyn.updating.level_model import LevelModel
 from updyn.updating.result import UpdateResult, interval_quantile
@@ -90,12 +90,7 @@ def gather_motions(tests: Mapping[str, UpdateResult]) -> tuple[tuple[Motion, ...
 
 def find_units(local: LocalElement) -> ElementUnits:
     """Return the units of an element from the degrees of freedom that it acts on."""
-    rotates = {"R" in label for label in local.weights}
-    if rotates == {False}:
-        return ElementUnits("m", "N", "N/m")
-    if rotates == {True} and {abs(weight) for weight in local.weights.values()} == {1.0}:
-        return ElementUnits("rad", "N m", "N m/rad")
-    return ElementUnits("m or rad", "N or N m", "N/m or N m/rad")
+    return ElementUnits(*(choose_unit(unit, local.rotates) for unit in ("m", "N", "N/m")))
 
 
 def describe_element(

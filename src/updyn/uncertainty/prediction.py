@@ -119,27 +119,22 @@ def predict(
     """
     check_level(level)
     about = find_update(source)
-    draws = source if isinstance(source, Draws) else None
     result = find_result(about, test)
     problem = build_predicted(result, freq, responses, references, quantity, as_read=noise)
     x = problem.coordinates.to_x(estimate_of(result))
-    at = x[None] if draws is None else _select_draws(draws, problem)
-    posterior = errors = None
-    if draws is None:
-        posterior = Posterior.of(about)
-        errors = find_model_errors(about, posterior)
+    if isinstance(source, Draws):
+        X = _select_draws(source, problem)
+        problem = _reduce_if_faster(result, problem, x, X, accuracy)
+        variance = _noise_variance(result, problem, x) if noise else None
+        return _propagate_draws(problem, x, X, source.kind, level, variance, seed)
+    posterior, mean_square = Posterior.of(about), None
+    errors = find_model_errors(about, posterior)
     if errors is None:
-        problem = _reduce_if_faster(result, problem, x, at, accuracy)
-    variance = None
-    if noise:
-        variance = _noise_variance(result, problem, x, errors)
-    if draws is not None:
-        return _propagate_draws(problem, x, at, draws.kind, level, variance, seed)
-    assert posterior is not None
-    H, dH = solve_with_slopes(problem, x)
-    mean_square = None
-    if errors is not None:
+        problem = _reduce_if_faster(result, problem, x, x[None], accuracy)
+    else:
         mean_square = errors.mean_square(problem, x, find_test(about, result))
+    variance = _noise_variance(result, problem, x, errors) if noise else None
+    H, dH = solve_with_slopes(problem, x)
     freedom = result.noise.get("degrees_of_freedom")
     found = find_limits(H, dH, posterior, level, freedom, noise=variance, mean_square=mean_square)
     angle = np.angle(H)

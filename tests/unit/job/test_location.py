@@ -147,6 +147,12 @@ def test_errors_name_the_line(job, capsys, old, new, line, message) -> None:
     assert not job.with_name("job-compare").exists()
 
 
+def test_workers_are_refused(job, capsys) -> None:
+    assert main(["compare", str(job), "--workers", "2"]) == 2
+    assert "leave out --workers" in " ".join(capsys.readouterr().err.split())
+    assert not job.with_name("job-compare").exists()
+
+
 def test_one_level_is_not_enough(job, capsys) -> None:
     text = job.read_text(encoding="utf-8")
     start, end = text.index('[[test]]\nname = "high"'), text.index("[[parameter]]")

@@ -122,3 +122,12 @@ def test_parameters_on_a_rotation_have_its_units(element, units) -> None:
                 assert unknown.unit == expected[unknown.quantity]
             else:
                 assert "rad" not in unknown.unit
+
+
+def test_a_rotation_that_a_weight_may_convert_has_both_units() -> None:
+    """A weight other than 1 is a ratio of rotations, or a radius in m."""
+    groups = {"k": updyn.Group(np.eye(2)), "m": updyn.Group(mass=np.eye(2))}
+    model = updyn.Model.from_groups(groups, ["1:RZ", "2:RZ"])
+    mesh = (updyn.Backlash(1e6, 1e-4), {"1:RZ": 1.0, "2:RZ": -2.0})
+    unknowns = updyn.parameters(model.with_elements({"mesh": mesh}), nonlinear="mesh.gap")
+    assert [unknown.unit for unknown in unknowns] == ["m or rad"]

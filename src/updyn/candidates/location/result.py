@@ -70,7 +70,7 @@ class LocationRow:
     def parameters(self) -> str:
         """Estimated parameters of the element with their standard deviations and units."""
         parts, values = [], list_parameters(self.element)
-        rotates = any(local.rotates for local in self.model.nonlinear.values())
+        rotates = next((local.rotates for local in self.model.nonlinear.values()), False)
         for name, std in self.std.items():
             unit = parameter_unit(self.element, name, rotates=rotates)
             parts.append(f"{name} {values[name]:.4g} +- {std:.1g} {unit}".rstrip())

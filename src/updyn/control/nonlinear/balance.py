@@ -19,7 +19,6 @@ from typing import Any
 
 import numpy as np
 from scipy.optimize import brentq, minimize_scalar
-from scipy.stats import t as student_t
 
 from updyn.arrays import ComplexArray, RealArray
 from updyn.control.nonlinear.around import LinearLoop, linear_loop
@@ -31,6 +30,7 @@ from updyn.control.servo.state_space import StateSpace
 from updyn.errors import OptionError
 from updyn.group import is_number
 from updyn.nonlinear.backlash import Backlash
+from updyn.updating.result import interval_quantile
 
 __all__ = ["LimitCycle", "LimitCycles", "limit_cycles"]
 
@@ -219,7 +219,7 @@ def _add_intervals(cycle: LimitCycle, members: Sequence[LimitCycles]) -> LimitCy
             off.append(each[np.linalg.norm(each, axis=1).argmin()])
     if not off:
         return replace(cycle, share=0.0)
-    width = student_t.ppf(0.975, len(off)) * np.sqrt(np.mean(np.square(off), axis=0))
+    width = interval_quantile(0.95, len(off)) * np.sqrt(np.mean(np.square(off), axis=0))
     low, high = np.exp(own - width).tolist(), np.exp(own + width).tolist()
     return replace(
         cycle,

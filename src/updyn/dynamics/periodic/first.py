@@ -47,8 +47,9 @@ def solve_first(balance: Balance, omega: float) -> Evaluation | None:
 def follow_force(balance: Residual, x: RealArray, share: float) -> Evaluation | None:
     """Return the solution at the whole force on the branch of that at a share of it, or None."""
     start, ends = balance.evaluate(x, share), np.array([share, 1.0])
+    reversed_force = -1.0  # beyond it, the branch repeats with the opposite sign
     try:
-        for point in follow_branch(balance, start, ends, limit=-1.0):
+        for point in follow_branch(balance, start, ends, limit=reversed_force):
             if point.line == 1:
                 return point.found
     except SolverError:
