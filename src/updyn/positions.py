@@ -14,8 +14,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.spatial import KDTree
-from scipy.spatial.transform import Rotation
+import scipy  # loads scipy.spatial on use
 
 from updyn.arrays import BoolArray, IntArray, RealArray
 from updyn.errors import UpdynWarning
@@ -63,7 +62,8 @@ class CoordinateSystem:
     @property
     def turn(self) -> float:
         """Angle of the rotation in degrees."""
-        return float(np.degrees(Rotation.from_matrix(self.rotation).magnitude()))
+        turn = scipy.spatial.transform.Rotation.from_matrix(self.rotation)
+        return float(np.degrees(turn.magnitude()))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -89,7 +89,7 @@ def rigid_motion(x: Points, y: Points) -> tuple[Points, Points]:
         a, b = _along_line(a, b)
     if not a.any() or not b.any():
         return np.eye(3), y0 - x0
-    R = Rotation.align_vectors(b, a)[0].as_matrix()
+    R = scipy.spatial.transform.Rotation.align_vectors(b, a)[0].as_matrix()
     return R, y0 - R @ x0
 
 
@@ -207,12 +207,12 @@ class _Comparison:
 
     # -- distances
     @cached_property
-    def tree(self) -> tuple[KDTree, IntArray]:
+    def tree(self) -> tuple[scipy.spatial.KDTree, IntArray]:
         """Tree of the positions of the used nodes of the model, and these nodes."""
         geometry = self.model.geometry
         assert geometry is not None
         used = _has_dof_mask(self.model)
-        return KDTree(geometry.xyz[used]), geometry.nodes[used]
+        return scipy.spatial.KDTree(geometry.xyz[used]), geometry.nodes[used]
 
     def pair_vectors(self, system: CoordinateSystem) -> Points:
         """Return the vectors between the nodes of each pair, shape (n, 3)."""

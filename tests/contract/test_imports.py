@@ -84,7 +84,14 @@ def test_the_readers_load_no_identification_of_modes():
 def test_the_commands_load_neither_optimiser_nor_update():
     loaded = fresh("import sys\nimport updyn.cli.commands\nprint(*sys.modules)").split()
     unwanted = {"scipy.optimize", "updyn.modal", "updyn.updating.problem", "updyn.store.result"}
+    unwanted |= {"scipy.spatial"}
     assert not unwanted & set(loaded)
+
+
+def test_job_tables_load_no_part_of_scipy_that_they_may_not_need():
+    code = "import sys\nimport updyn.job\nimport updyn.control.job.job_tables\nprint(*sys.modules)"
+    unwanted = {"scipy.stats", "scipy.interpolate", "scipy.ndimage"}
+    assert not unwanted & set(fresh(code).split())
 
 
 def seconds(code: str) -> float:

@@ -7,12 +7,14 @@ its results written; 130 stopped by the user, 143 by SIGTERM.
 
 from __future__ import annotations
 
+import gc
 import sys
-from collections.abc import Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any
 
 from updyn import __version__
+from updyn.cli.settings import WAITING
 from updyn.cli.signals import end_on_signal, stop_code
 from updyn.cli.terminal import (
     BAD_INPUT,
@@ -127,9 +129,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return stop_code()  # interrupted while a message was printed
 
 
+@contextmanager
+def _collect_rarely() -> Iterator[None]:
+    """Search for unreachable objects less often."""
+    before = gc.get_threshold()
+    gc.set_threshold(WAITING.new_objects, *before[1:])
+    try:
+        yield
+    finally:
+        gc.set_threshold(*before)
+
+
 def _run(arguments: Sequence[str] | None) -> int:
     """Run a command, print its error if any, and return the exit code."""
-    with warnings_as_notes():
+    with warnings_as_notes(), _collect_rarely():
         try:
             with end_on_signal():
                 encode_anything()

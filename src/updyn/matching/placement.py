@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.spatial import KDTree
+import scipy  # loads scipy.spatial on use
 
 from updyn.arrays import IndexArray, RealArray
 from updyn.errors import InputError, UpdynWarning, suggest
@@ -205,7 +205,7 @@ class _Candidates:
         box = geometry.xyz[self.used]
         self.size = float(np.linalg.norm(np.ptp(box, axis=0)))
         self.centre = box.mean(axis=0)
-        self._trees: dict[frozenset[int], tuple[IndexArray, KDTree]] = {}
+        self._trees: dict[frozenset[int], tuple[IndexArray, scipy.spatial.KDTree]] = {}
         for need in set(needs):
             suitable = self.used.copy()
             if 0 in need:
@@ -218,7 +218,7 @@ class _Candidates:
                 raise MatchError(
                     f"no node of the model with a position has {what}, which the sensors measure"
                 )
-            self._trees[need] = rows, KDTree(geometry.xyz[rows])
+            self._trees[need] = rows, scipy.spatial.KDTree(geometry.xyz[rows])
 
     def nearest(self, points: Points, n: int) -> tuple[IndexArray, Points]:
         """Return geometry rows and distances (m) of the n nearest nodes; missing nodes have inf."""
@@ -462,7 +462,7 @@ def _warn_of_far_fit(placement: _Placement, attempt: _Attempt) -> None:
     used = placement.model_geometry.xyz[placement.candidates.used]
     if len(used) < 2:
         return
-    spacing = float(np.median(KDTree(used).query(attempt.points, k=[2])[0]))
+    spacing = float(np.median(scipy.spatial.KDTree(used).query(attempt.points, k=[2])[0]))
     if distances.max() > spacing / 2.0:
         warnings.warn(
             f"the fit to the nearest nodes moved the sensors by up to {distances.max():.3g} m,"

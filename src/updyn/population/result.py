@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.stats import chi2, norm, t
+from scipy.special import chdtri, ndtr, stdtrit
 
 from updyn.arrays import RealArray
 from updyn.notebook import card, table
@@ -141,7 +141,7 @@ class PopulationResult:
         -------
         dict of str to (float, float)
         """
-        quantile = t.ppf(0.5 + 0.5 * check_level(level), len(self.specimens) - 1)
+        quantile = stdtrit(len(self.specimens) - 1, 0.5 + 0.5 * check_level(level))
         mean = np.array(list(self.mean.values()))
         half = quantile * np.sqrt(np.diag(self.mean_covariance))
         return self._spans(mean - half, mean + half)
@@ -165,7 +165,7 @@ class PopulationResult:
         variance = np.diag(self.covariance)
         both = count * np.diag(self.mean_covariance)
         error = both - variance
-        low, high = ((count - 1) * both / chi2.isf(q, count - 1) for q in (tail, 1.0 - tail))
+        low, high = ((count - 1) * both / chdtri(count - 1, q) for q in (tail, 1.0 - tail))
         return self._spans(*(np.sqrt(np.maximum(ends - error, 0.0)) for ends in (low, high)))
 
     def prediction_intervals(self, level: float = 0.95) -> dict[str, tuple[float, float]]:
@@ -180,7 +180,7 @@ class PopulationResult:
         -------
         dict of str to (float, float)
         """
-        quantile = t.ppf(0.5 + 0.5 * check_level(level), len(self.specimens) - 1)
+        quantile = stdtrit(len(self.specimens) - 1, 0.5 + 0.5 * check_level(level))
         mean = np.array(list(self.mean.values()))
         half = quantile * np.sqrt(np.diag(self.covariance + self.mean_covariance))
         return self._spans(mean - half, mean + half)
@@ -206,7 +206,7 @@ class PopulationResult:
         for name, one in self.specimens.items():
             size = np.abs(list(one.deviation.values()))
             ratio = np.divide(size, std, out=np.zeros_like(size), where=std > 0.0)
-            share = 2.0 * norm.sf(ratio.max(initial=0.0)) * size.size * len(self.specimens)
+            share = 2.0 * ndtr(-ratio.max(initial=0.0)) * size.size * len(self.specimens)
             if share < 1.0 - level:
                 found[name] = float(share)
         return found

@@ -22,7 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg
 import scipy.optimize
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from updyn.arrays import RealArray
 from updyn.population.settings import SCATTER
@@ -129,7 +129,7 @@ def _test_equality(equal: _Fit, information: RealArray) -> float:
     """Return the probability of such differences of equal specimens (Cochran, 1954)."""
     square = np.einsum("mi,mij,mj->", equal.residual, information, equal.residual)
     ranks = np.linalg.matrix_rank(information, hermitian=True)
-    return float(chi2.sf(square, int(ranks.sum()) - len(equal.mean)))
+    return float(chdtrc(int(ranks.sum()) - len(equal.mean), square))
 
 
 def _scale(x: RealArray, information: RealArray) -> RealArray:

@@ -6,9 +6,9 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
+import scipy  # loads scipy.spatial on use
 import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial import KDTree
 
 from updyn.arrays import BoolArray, IndexArray, RealArray
 from updyn.dofs import DIRECTIONS, Dof, DofSet
@@ -155,7 +155,9 @@ def _find_neighbours(xyz: RealArray, ends: IndexArray) -> IndexArray:
     loose = np.setdiff1d(np.arange(len(xyz)), ends)
     if not loose.size or len(xyz) < 2:
         return np.empty((0, 2), dtype=np.intp)
-    away, near = KDTree(xyz).query(xyz[loose], k=min(len(xyz), FIGURES.neighbours + 1))
+    away, near = scipy.spatial.KDTree(xyz).query(
+        xyz[loose], k=min(len(xyz), FIGURES.neighbours + 1)
+    )
     found = set()
     for node, distances, others in zip(loose.tolist(), away, near, strict=True):
         for distance, other in zip(distances.tolist(), others.tolist(), strict=True):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import os
 import signal
@@ -14,7 +15,8 @@ import pytest
 
 import updyn
 from command_line import updyn_process
-from updyn.cli import main
+from updyn.cli import COMMANDS, main
+from updyn.cli.settings import WAITING
 from updyn.demos import chain
 from updyn.dynamics.response import response
 
@@ -46,6 +48,20 @@ def test_help_is_light() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.splitlines()[-1] == "[] 0"
+
+
+def test_a_command_searches_rarely_for_unreachable_objects(monkeypatch) -> None:
+    seen = []
+
+    def command() -> int:
+        seen.append(gc.get_threshold()[0])
+        return 0
+
+    monkeypatch.setitem(COMMANDS._entries, "look", command)
+    before = gc.get_threshold()
+    assert main(["look"]) == 0
+    assert seen == [WAITING.new_objects]
+    assert gc.get_threshold() == before
 
 
 def test_what_writes_results_is_loaded_before_the_fit(chain_folder: Path) -> None:

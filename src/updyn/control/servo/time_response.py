@@ -6,8 +6,8 @@ import math
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
+import scipy  # loads scipy.interpolate on use
 from numpy.typing import ArrayLike
-from scipy.interpolate import CubicHermiteSpline
 
 from updyn.arrays import ComplexArray, RealArray
 from updyn.control.servo.loops import Cascade
@@ -185,7 +185,7 @@ def step_figures(
     time: RealArray, value: RealArray, slope: RealArray, final: float, reference: bool
 ) -> StepFigures:
     """Return the figures of a step response, with cubic interpolation between samples."""
-    curve = CubicHermiteSpline(time, value, slope, extrapolate=False)
+    curve = scipy.interpolate.CubicHermiteSpline(time, value, slope, extrapolate=False)
     places = np.concatenate([time[[0, -1]], _within_record(curve.derivative().roots(), time)])
     heights = curve(places)
     top = int(np.argmax(np.abs(heights)))
@@ -209,7 +209,9 @@ def step_figures(
     return StepFigures(rise, overshoot, settles, peak, peak_time)
 
 
-def _first_crossing(curve: CubicHermiteSpline, time: RealArray, height: float) -> float | None:
+def _first_crossing(
+    curve: scipy.interpolate.CubicHermiteSpline, time: RealArray, height: float
+) -> float | None:
     places = _within_record(curve.solve(height), time)
     return float(places.min()) if len(places) else None
 

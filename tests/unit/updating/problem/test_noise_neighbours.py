@@ -5,7 +5,7 @@ import pytest
 
 import updyn
 from updyn.updating.problem.noise import Estimated, EstimatedByChannel, level_by_unit
-from updyn.updating.problem.noise.estimated import estimate_floor, find_own_floors
+from updyn.updating.problem.noise.estimated import estimate_floors
 from updyn.updating.problem.noise.neighbours import estimate_scatter
 from updyn.updating.problem.noise.settings import LINE_SCATTER
 
@@ -60,14 +60,14 @@ def test_scatter_of_a_window_by_numpy():
 def test_fewer_than_five_lines_say_nothing(n):
     data = frf(1.0 + np.arange(n), circular(2, (n, 2, 3)))
     assert (estimate_scatter(data) == np.zeros((n, 2, 3))).all()
-    assert estimate_floor(data) == 0.0
+    assert estimate_floors(data)[0] == 0.0
 
 
 def test_few_lines_over_many_resonances_are_no_noise(gear_train):
     """The paper's eight lines, exact: the floor seemed to be a tenth of the rms."""
     freq = np.array([5.0, 10.0, 20.0, 30.0, 50.0, 75.0, 100.0, 150.0]) / (2 * np.pi)
     data = updyn.response(gear_train, freq, [f"{i}:RZ" for i in range(1, 5)], ["2:RZ"])
-    assert estimate_floor(data) == 0.0
+    assert estimate_floors(data)[0] == 0.0
 
 
 def smooth(n=600):
@@ -93,7 +93,7 @@ def test_floor_is_found_without_a_model(floor, relative):
     for seed in range(5):
         noise = floor * level * circular(seed, values.shape)
         noise += relative * np.abs(values) * circular(seed + 100, values.shape)
-        found.append(estimate_floor(frf(f, values + noise)))
+        found.append(estimate_floors(frf(f, values + noise))[0])
     assert found == pytest.approx([floor] * 5, rel=0.2)
     assert np.mean(found) == pytest.approx(floor, rel=0.08)
 
@@ -101,15 +101,15 @@ def test_floor_is_found_without_a_model(floor, relative):
 def test_smooth_data_without_a_floor_have_a_tiny_one():
     """A hundredth of the relative noise, and of exact data next to nothing."""
     f, values = smooth()
-    assert estimate_floor(frf(f, values)) < 1e-5
+    assert estimate_floors(frf(f, values))[0] < 1e-5
     noisy = values * (1 + 0.01 * circular(0, values.shape))
-    assert estimate_floor(frf(f, noisy)) < 3e-4
+    assert estimate_floors(frf(f, noisy))[0] < 3e-4
 
 
 def test_resonances_of_sparse_lines_are_no_floor():
     """Lines as far apart as resonances are wide scatter about any curve, but with the level."""
     f, values = smooth(60)
-    assert estimate_floor(frf(f, values)) < 3e-3
+    assert estimate_floors(frf(f, values))[0] < 3e-3
 
 
 # -- by sensor -------------------------------------------------------------------------------------
@@ -152,7 +152,7 @@ def test_own_floors_are_those_of_the_sensors_by_name():
 def test_the_odds_from_which_a_floor_is_a_sensors_own():
     """100 to 1, a fifth of the values counting: ln(100) in all."""
     unlike = [with_floors((0.01, 0.01 * factor)) for factor in (1.15, 3.0)]
-    assert [bool(find_own_floors(one, estimate_floor(one))) for one in unlike] == [False, True]
+    assert [bool(estimate_floors(one)[1]) for one in unlike] == [False, True]
     assert np.log(100.0) == pytest.approx(LINE_SCATTER.own_floor_log_odds)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, TypeAlias
 
@@ -54,10 +55,8 @@ class Estimated(NoiseModel):
     @classmethod
     def of_data(cls, frf: FRF, tails: float = np.inf) -> Estimated:
         """Return the model before the first residual."""
-        common_floor = estimate_floor(frf)
-        return cls(
-            tails=tails, common_floor=common_floor, own_floors=find_own_floors(frf, common_floor)
-        )
+        common_floor, own_floors = estimate_floors(frf)
+        return cls(tails=tails, common_floor=common_floor, own_floors=own_floors)
 
     def initial_variance(self, frf: FRF) -> RealArray:
         """Return the square of the floor of neighbouring lines, shape (n_f, n_i, n_j)."""
@@ -203,39 +202,44 @@ def _student_cost(squared: RealArray, variance: RealArray, tails: float) -> Real
 _SHRUNK = 0.84129
 
 
-def estimate_floor(frf: FRF) -> float:
-    """Return the noise floor, as a share of the rms of its unit, from neighbouring lines."""
+def estimate_floors(frf: FRF) -> tuple[float, Floors]:
+    """Return the noise floor, as a share of the rms of its unit, and those of some responses."""
+    # 0 for fewer than twenty lines, because resonances fill every window.
+    if len(frf.freq) < LINE_SCATTER.least_lines:
+        return 0.0, ()
+    size, squared = np.abs(frf.values), estimate_scatter(frf)
+    level = np.broadcast_to(level_by_unit(frf), squared.shape)
+    common = _estimate_common_floor(size, level, squared)
+    if len(frf.responses) < 2:
+        return common, ()
+    return common, _find_own_floors(frf.responses.labels, size, level, squared, common)
+
+
+def _estimate_common_floor(size: RealArray, level: RealArray, squared: RealArray) -> float:
     # The scatter about a local polynomial also contains the shape of resonances if lines are not
     # dense. The shape is proportional to the level: it counts as relative noise, which is
-    # discarded. 0 for fewer than twenty lines, because resonances fill every window.
-    if len(frf.freq) < LINE_SCATTER.least_lines:
-        return 0.0
-    squared = estimate_scatter(frf)
-    level = np.broadcast_to(level_by_unit(frf), squared.shape)
+    # discarded.
     if not squared.any():
         return 0.0
-    tails = LINE_SCATTER.tail_freedoms
-    return fit_two_numbers(np.abs(frf.values), level, squared, tails)[1] / _SHRUNK
+    return fit_two_numbers(size, level, squared, LINE_SCATTER.tail_freedoms)[1] / _SHRUNK
 
 
-def find_own_floors(frf: FRF, common: float) -> Floors:
+def _find_own_floors(
+    labels: Sequence[str], size: RealArray, level: RealArray, squared: RealArray, common: float
+) -> Floors:
     """Return the floors of the responses whose lines contradict the common floor."""
     # The odds have to be 100 to 1, each with its best relative noise. Only one in five lines
     # counts, because windows overlap.
-    if len(frf.freq) < LINE_SCATTER.least_lines or len(frf.responses) < 2:
-        return ()
-    squared = estimate_scatter(frf)
-    level = np.broadcast_to(level_by_unit(frf), squared.shape)
     found = []
-    for i, label in enumerate(frf.responses.labels):
+    for i, label in enumerate(labels):
         n_values = squared[:, i].size
         stride = max(1, n_values // LINE_SCATTER.most_response_values)
-        size, share, squared_of_response = (
-            one[:, i].ravel()[::stride] for one in (np.abs(frf.values), level, squared)
+        own_size, own_level, own_squared = (
+            one[:, i].ravel()[::stride] for one in (size, level, squared)
         )
-        if not squared_of_response.any():
+        if not own_squared.any():
             continue
-        floor, gain = _estimate_own_floor(size, share, squared_of_response, common * _SHRUNK)
+        floor, gain = _estimate_own_floor(own_size, own_level, own_squared, common * _SHRUNK)
         if gain * n_values / LINE_SCATTER.window_lines > LINE_SCATTER.own_floor_log_odds:
             found.append((label, floor / _SHRUNK))
     return tuple(found)
@@ -314,10 +318,8 @@ class EstimatedByChannel(NoiseModel):
     @classmethod
     def of_data(cls, frf: FRF, tails: float = np.inf) -> EstimatedByChannel:
         """Return the model before the first residual."""
-        common_floor = estimate_floor(frf)
-        return cls(
-            tails=tails, common_floor=common_floor, own_floors=find_own_floors(frf, common_floor)
-        )
+        common_floor, own_floors = estimate_floors(frf)
+        return cls(tails=tails, common_floor=common_floor, own_floors=own_floors)
 
     def initial_variance(self, frf: FRF) -> RealArray:
         """Return the square of the floor of neighbouring lines, shape (n_f, n_i, n_j)."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import scipy.sparse
 from numpy.lib.stride_tricks import sliding_window_view
 
 from updyn.arrays import RealArray
@@ -24,9 +25,14 @@ def estimate_scatter(frf: FRF) -> RealArray:
     lines = sliding_window_view(frf.freq, width)
     at = lines - lines[:, width // 2, None]
     at /= np.abs(at).max(axis=1, keepdims=True)
-    basis = np.linalg.qr(at[:, :, None] ** np.arange(degree + 1))[0]
-    windows = sliding_window_view(values, width, axis=0).transpose(0, 2, 1)
-    residual = windows - basis @ (basis.transpose(0, 2, 1) @ windows)
-    squared = np.sum(np.abs(residual) ** 2, axis=1) / (width - degree - 1)
+    # The rows of D are orthonormal, and orthogonal to all parabolas over a window.
+    basis = np.linalg.qr(at[:, :, None] ** np.arange(degree + 1), mode="complete")[0]
+    free = width - degree - 1
+    complement = basis[:, :, degree + 1 :].transpose(0, 2, 1).ravel()
+    columns = np.repeat(sliding_window_view(np.arange(len(values)), width), free, axis=0).ravel()
+    D = scipy.sparse.csr_array((complement, columns, np.arange(0, len(columns) + 1, width)))
+    residual = D @ np.ascontiguousarray(values).view(np.float64)
+    shape = (len(lines), free, values.shape[1], 2)
+    squared = np.sum(np.square(residual, out=residual).reshape(shape), axis=(1, 3)) / free
     edge = width // 2
     return np.pad(squared, ((edge, edge), (0, 0)), mode="edge").reshape(frf.values.shape)
