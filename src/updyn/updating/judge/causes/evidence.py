@@ -344,10 +344,13 @@ class Evidence:
 
     def derive_misfit(self, frf: FRF, weight: RealArray) -> RealArray:
         """Return changes of the misfit at the channels of data by the unknowns, shape (2 m, n)."""
+        return np.stack([stack_real_imag(weight * one) for one in self.log_slopes(frf)], axis=1)
+
+    def log_slopes(self, frf: FRF) -> ComplexArray:
+        """Return d ln H / d x at the channels of data, shape (n, n_f, n_i, n_j)."""
         known = self._find_responses(frf)
         rows, columns = known.find_indices(frf)
-        slopes = known.slopes[:, :, rows[:, None], columns]
-        return np.stack([stack_real_imag(weight * one) for one in slopes], axis=1)
+        return np.asarray(known.slopes[:, :, rows[:, None], columns])
 
     def select_channels(self, rows: IndexArray, columns: IndexArray) -> Evidence:
         """Return the evidence of the given responses and references alone."""

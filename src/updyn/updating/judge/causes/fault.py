@@ -160,6 +160,12 @@ class Fault(ABC):
         Whether it concerns measured forces, which a transmissibility does not have.
     concerns_model : bool
         Whether it is an error of the model although a trial alters the data.
+    exchanges_data : bool
+        Whether it only exchanges the data of its two channels; all such faults are compared at
+        once.
+    moves_channel : bool
+        Whether only its first channel is at the place of its second one; all such faults are
+        compared at once.
     is_local : bool
         Whether its correction changes no other data than those of its channels.
     distinguishing_test : str
@@ -185,6 +191,8 @@ class Fault(ABC):
     alters_model: ClassVar[bool] = False
     needs_forces: ClassVar[bool] = False
     concerns_model: ClassVar[bool] = False
+    exchanges_data: ClassVar[bool] = False
+    moves_channel: ClassVar[bool] = False
     is_local: ClassVar[bool] = False
     distinguishing_test: ClassVar[str] = ""
     advice: ClassVar[str] = "Check this. If it is confirmed, write:"

@@ -24,6 +24,7 @@ class MisplacedSensor(Fault):
 
     kind: ClassVar[str] = "moved"
     pair_noun: ClassVar[str] = "places"
+    moves_channel: ClassVar[bool] = True
 
     @classmethod
     def propose_faults(cls, evidence: Evidence) -> Iterable[Self]:

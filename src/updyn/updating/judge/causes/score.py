@@ -18,7 +18,7 @@ from updyn.updating.judge.causes.misfit import add_perfect_fit
 from updyn.updating.judge.causes.quadratic import QuadraticMisfit
 from updyn.updating.judge.causes.settings import CAUSE_MISFIT
 
-__all__ = ["FirstOrderFit", "FirstOrderModel"]
+__all__ = ["ChannelRows", "FirstOrderFit", "FirstOrderModel"]
 
 
 _Fault = TypeVar("_Fault", bound=Fault)
@@ -42,7 +42,7 @@ class FirstOrderFit(Generic[_Fault]):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _ChannelRows:
+class ChannelRows:
     """Rows of the least-squares problem that belong to some channels.
 
     `misfit` has the shape (k,) and `basis`, orthonormal over all rows, (k, n). `coefficients`,
@@ -64,17 +64,17 @@ class FirstOrderModel:
     # A fault changes few channels. With b the misfit and P = 1 - Q Q^T the projection by which the
     # unknowns adapt, |P b|^2 = |b|^2 - |Q^T b|^2 needs only the rows of these channels.
     evidence: Evidence
-    _rows_by_channels: dict[tuple[str, ...], _ChannelRows] = field(default_factory=dict)
+    _rows_by_channels: dict[tuple[str, ...], ChannelRows] = field(default_factory=dict)
 
     @property
     def cost(self) -> float:
         """Cost without a fault: -2 ln of the likelihood, with the noise estimated, and prior."""
-        rows = self._every_row
-        return self._compute_cost(rows, rows.coefficients, self._squared_misfit)
+        rows = self.every_row
+        return self._compute_cost(rows, rows.coefficients, self.squared_misfit)
 
     def fit(self, fault: _Fault) -> FirstOrderFit[_Fault]:
         """Return the fault with the best size, with all unknowns adapted."""
-        rows, unit = self._find_rows(fault), self.evidence.rms_misfit
+        rows, unit = self.find_rows(fault.changed_channels), self.evidence.rms_misfit
         evidence, misfit = rows.evidence, rows.misfit
         if not (fault.has_free_size and fault.value == 0.0):
             frf = fault.repair_with_model(evidence)
@@ -83,7 +83,7 @@ class FirstOrderModel:
                 rows = self._exchange_rows(rows, frf)
         change = misfit - rows.misfit
         coefficients = rows.coefficients + change @ rows.basis
-        squared = self._squared_misfit + float(change @ (misfit + rows.misfit))
+        squared = self.squared_misfit + float(change @ (misfit + rows.misfit))
         slope, squared_slope, along = np.zeros_like(coefficients), 0.0, 0.0
         if fault.has_free_size:
             d = stack_real_imag(evidence.weight * fault.slope(evidence)) / unit
@@ -103,8 +103,8 @@ class FirstOrderModel:
         """Return the misfit to second order, of each fault with its size; without any of none."""
         R = self.evidence.orthonormal_basis[1]
         unit = self.evidence.rms_misfit**2
-        coefficients, slope = self._every_row.coefficients, None
-        squared = np.asarray(self._squared_misfit)
+        coefficients, slope = self.every_row.coefficients, None
+        squared = np.asarray(self.squared_misfit)
         if fits:
             coefficients = np.array([one.coefficients for one in fits])
             squared = np.array([one.squared_misfit for one in fits])
@@ -118,30 +118,43 @@ class FirstOrderModel:
         return QuadraticMisfit.at_point(self.evidence, gradient, unit * squared, slope)
 
     @cached_property
-    def _squared_misfit(self) -> float:
-        e = self._every_row.misfit
+    def squared_misfit(self) -> float:
+        """Squared misfit of the data, in units of the rms misfit."""
+        e = self.every_row.misfit
         return float(e @ e)
 
     def _compute_cost(
-        self, rows: _ChannelRows, coefficients: RealArray, squared_misfit: float
+        self, rows: ChannelRows, coefficients: RealArray, squared_misfit: float
     ) -> float:
+        offset = self.evidence.offset_to_start - rows.prior @ coefficients
+        explained = np.asarray(coefficients @ coefficients)
+        return float(self.compute_costs(np.asarray(squared_misfit), explained, offset))
+
+    def compute_costs(
+        self, squared_misfit: RealArray, explained: RealArray, offset: RealArray
+    ) -> RealArray:
+        """Return costs, shape (k,), for the offsets of the adapted unknowns, shape (k, n).
+
+        `explained` is the part of the squared misfit with prior that the unknowns explain.
+        """
         evidence = self.evidence
-        held = evidence.offset_to_start
-        total = squared_misfit + float(held @ held) - float(coefficients @ coefficients)
-        held = held - rows.prior @ coefficients
-        squared_distance = float(held @ held)
-        remaining = max(total - squared_distance, 0.0) * evidence.rms_misfit**2
-        power = 2.0 * remaining / len(self._every_row.misfit)
-        return evidence.n_values * float(np.log(add_perfect_fit(power))) + squared_distance
+        start = evidence.offset_to_start
+        squared_distance = np.sum(offset**2, axis=-1)
+        remaining = squared_misfit + start @ start - explained - squared_distance
+        remaining = np.maximum(remaining, 0.0) * evidence.rms_misfit**2
+        power = add_perfect_fit(2.0 * remaining / len(self.every_row.misfit))
+        return np.asarray(evidence.n_values * np.log(power) + squared_distance)
 
     @cached_property
-    def _every_row(self) -> _ChannelRows:
+    def every_row(self) -> ChannelRows:
+        """Rows of all channels."""
         Q, b = self.evidence.orthonormal_basis[0], self.evidence.misfit_with_prior
         m = len(b) - Q.shape[1]
-        return _ChannelRows(self.evidence, np.arange(m), b[:m], Q[:m], b @ Q, Q[m:])
+        return ChannelRows(self.evidence, np.arange(m), b[:m], Q[:m], b @ Q, Q[m:])
 
-    def _find_rows(self, fault: Fault) -> _ChannelRows:
-        channels, rows = fault.changed_channels, self._every_row
+    def find_rows(self, channels: tuple[str, ...]) -> ChannelRows:
+        """Return the rows of channels, by real and imaginary part, line, response and reference."""
+        rows = self.every_row
         if not channels:
             return rows
         if channels not in self._rows_by_channels:
@@ -163,7 +176,7 @@ class FirstOrderModel:
             )
         return self._rows_by_channels[channels]
 
-    def _exchange_rows(self, rows: _ChannelRows, frf: FRF) -> _ChannelRows:
+    def _exchange_rows(self, rows: ChannelRows, frf: FRF) -> ChannelRows:
         """Return the rows with the slopes of the model at other channels, those of data."""
         evidence, spread = self.evidence, self.evidence.spread
         A, (_, R), at = evidence.jacobian_with_prior, evidence.orthonormal_basis, rows.positions
@@ -174,10 +187,10 @@ class FirstOrderModel:
         if scaled.max() > CAUSE_MISFIT.largest_entry:
             exchanged = A.copy()
             exchanged[at] = new
-            Q, m = np.linalg.qr(exchanged)[0], len(self._every_row.misfit)
+            Q, m = np.linalg.qr(exchanged)[0], len(self.every_row.misfit)
             known = evidence.misfit_with_prior @ Q
             return replace(rows, basis=Q[at], coefficients=known, prior=Q[m:])
-        pull = self._every_row.coefficients @ R + rows.misfit @ (new - old)
+        pull = self.every_row.coefficients @ R + rows.misfit @ (new - old)
         columns = [spread[:, None] * new.T, spread[:, None] * pull[:, None], np.eye(len(R))]
         L = np.linalg.cholesky(scaled)
         found = scipy.linalg.solve_triangular(L, np.hstack(columns), lower=True)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +11,10 @@ import numpy as np
 from updyn.arrays import RealArray
 from updyn.errors import SolverError
 from updyn.updating.judge.causes.catalogue import CAUSES
+from updyn.updating.judge.causes.channel_costs import (
+    compute_exchange_costs,
+    compute_place_costs,
+)
 from updyn.updating.judge.causes.evidence import Evidence, find_held
 from updyn.updating.judge.causes.fault import Fault
 from updyn.updating.judge.causes.score import FirstOrderFit, FirstOrderModel
@@ -42,32 +47,57 @@ def score_faults(part: FRFPart, x: RealArray, *, promising: bool = False) -> lis
         without = model.cost
     except SolverError:
         return []
-    fits: list[FirstOrderFit[Fault]] = []
-    for kind in CAUSES:
-        if not CAUSES[kind].applies_to(part.frf):
+    costs: list[tuple[Fault, float]] = []
+    sized: list[FirstOrderFit[Fault]] = []
+    for kind in CAUSES.values():
+        part.session.check(often=True)
+        faults = _propose_faults(kind, model.evidence)
+        if kind.exchanges_data or kind.moves_channel:
+            costs += _compare_at_once(model, kind, faults)
             continue
-        for fault in CAUSES[kind].propose_faults(model.evidence):
-            part.session.check(often=True)
-            if fault.channels and model.evidence.noise_channels.issuperset(fault.channels):
-                continue
-            try:
-                fit = model.fit(fault)
-            except SolverError:  # a resonance without damping, under that hypothesis
-                continue
-            if fit.fault.is_plausible():
-                fits.append(fit)
-    gains = {id(one): 0.5 * (without - one.cost) for one in fits}
-    sized = [one for one in fits if one.fault.has_free_size]
+        fits = [one for one in _fit_each(model, faults) if one.fault.is_plausible()]
+        costs += [(one.fault, one.cost) for one in fits]
+        sized += [one for one in fits if one.fault.has_free_size]
+    gains = {id(fault): 0.5 * (without - cost) for fault, cost in costs}
     if promising and sized and find_held(part).any():
         for one, log_evidence in zip(sized, _compare_evidence(model, sized).tolist(), strict=True):
-            gains[id(one)] = max(gains[id(one)], log_evidence)
+            gains[id(one.fault)] = max(gains[id(one.fault)], log_evidence)
     found = []
-    for one in fits:
-        fault = one.fault
+    for fault, _ in costs:
         cost = 0.5 * fault.count_parameters(part.frf) * np.log(max(model.evidence.n_values, 2))
-        gain = gains[id(one)] + float(np.log(fault.prior) - cost)
+        gain = gains[id(fault)] + float(np.log(fault.prior) - cost)
         found.append(ScoredFault(fault, x, gain, gain - 0.5 * without))
     return sorted(found, key=lambda one: -one.gain)
+
+
+def _propose_faults(kind: type[Fault], evidence: Evidence) -> list[Fault]:
+    """Return the faults of a kind that are worth testing, except those of channels of noise."""
+    if not kind.applies_to(evidence.frf):
+        return []
+    noise = evidence.noise_channels
+    return [
+        one
+        for one in kind.propose_faults(evidence)
+        if not (one.channels and noise.issuperset(one.channels))
+    ]
+
+
+def _fit_each(model: FirstOrderModel, faults: Sequence[Fault]) -> Iterator[FirstOrderFit[Fault]]:
+    """Yield the fits of faults that can be solved."""
+    for fault in faults:
+        model.evidence.part.session.check(often=True)
+        with suppress(SolverError):  # a resonance without damping, under that hypothesis
+            yield model.fit(fault)
+
+
+def _compare_at_once(
+    model: FirstOrderModel, kind: type[Fault], faults: Sequence[Fault]
+) -> list[tuple[Fault, float]]:
+    """Return faults of a kind whose costs are computed together, with these."""
+    compute = compute_exchange_costs if kind.exchanges_data else compute_place_costs
+    with suppress(SolverError):
+        return list(zip(faults, compute(model, faults).tolist(), strict=True))
+    return []
 
 
 def select_likeliest(found: Iterable[ScoredFault]) -> list[ScoredFault]:

@@ -22,6 +22,7 @@ class SwappedChannels(Fault):
 
     kind: ClassVar[str] = "swapped"
     pair_noun: ClassVar[str] = "sensors"
+    exchanges_data: ClassVar[bool] = True
     is_local: ClassVar[bool] = True
 
     @classmethod

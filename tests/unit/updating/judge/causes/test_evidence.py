@@ -8,11 +8,16 @@ import pytest
 
 import updyn
 from updyn.updating.judge.causes.catalogue import read_fault
+from updyn.updating.judge.causes.channel_costs import (
+    compute_exchange_costs,
+    compute_place_costs,
+)
 from updyn.updating.judge.causes.evidence import Evidence, compute_spread, stack_real_imag
 from updyn.updating.judge.causes.misfit import WeightedData, compute_log_misfit, count_values
 from updyn.updating.judge.causes.moved import MisplacedSensor
 from updyn.updating.judge.causes.quadratic import QuadraticMisfit
 from updyn.updating.judge.causes.score import FirstOrderModel
+from updyn.updating.judge.causes.swapped import SwappedChannels
 from updyn.updating.judge.causes.trial import free_held_quantities
 from updyn.updating.problem.problem import FRFPart
 
@@ -104,6 +109,28 @@ def test_a_sensor_elsewhere_exchanges_its_rows(chain12, chain12_true):
     )
 
 
+@pytest.mark.parametrize("weighted", [False, True], ids=["log", "likelihood"])
+def test_costs_of_all_exchanges_and_places_are_those_of_all_rows(chain12, chain12_true, weighted):
+    """In any order, with two alternatives of one channel at a time, and with signs."""
+    frf = updyn.response(
+        chain12_true, np.linspace(0.6, 22.0, 20), ["2:X", "7:-X", "10:X"], ["12:X", "4:-X"]
+    )
+    frf = replace(frf, variance=1e-4 * np.abs(frf.values) ** 2)
+    if weighted:
+        frf = WeightedData.near_response(frf.values, frf, np.asarray(frf.variance))
+    part = FRFPart.build(chain12, frf, updyn.parameters(chain12, stiffness="all", mass="all"))
+    evidence = Evidence(part, part.coordinates.start)
+    model = FirstOrderModel(evidence)
+    for kind, compute in (
+        (SwappedChannels, compute_exchange_costs),
+        (MisplacedSensor, compute_place_costs),
+    ):
+        faults = list(kind.propose_faults(evidence))[::-1]
+        assert len(faults) > 3
+        expected = [cost_of(evidence, one) for one in faults]
+        assert compute(model, faults) == pytest.approx(expected, rel=1e-9)
+
+
 def test_a_sensor_elsewhere_beside_an_undamped_resonance(chain12, chain12_true):
     """The normal equations lose the prior there: an unknown moves a value by 1e9 times itself."""
     damping = {name: {"loss_factor": 0.0} for name in chain12.groups}
@@ -115,9 +142,9 @@ def test_a_sensor_elsewhere_beside_an_undamped_resonance(chain12, chain12_true):
     part = FRFPart.build(model, frf, updyn.parameters(model, stiffness="all", mass="all"))
     evidence = Evidence(part, part.coordinates.start)
     fault = MisplacedSensor(("7:X", "8:X"))
-    assert FirstOrderModel(evidence).fit(fault).cost == pytest.approx(
-        cost_of(evidence, fault), rel=1e-6
-    )
+    model = FirstOrderModel(evidence)
+    for cost in (model.fit(fault).cost, compute_place_costs(model, [fault])[0]):
+        assert cost == pytest.approx(cost_of(evidence, fault), rel=1e-6)
 
 
 @pytest.mark.parametrize("quantity", ["receptance", "mobility", "accelerance"])
