@@ -83,7 +83,7 @@ def compute_start_frf(test: PreparedTest, unknowns: ParameterSet | Selection) ->
         lines = np.union1d(lines, fine_grid([model], drawn, reduced=True))
     if model.nonlinear:
         return LevelModel.of(model, frf, lines, {"tier": tier}).frf
-    return response_like(model, frf, lines, tier=tier, backend=backend)
+    return response_like(model, frf, lines, tier=tier, backend=backend, certified=False)
 
 
 def start_correlation(test: PreparedTest, computed: FRF) -> Correlation:

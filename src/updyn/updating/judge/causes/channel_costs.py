@@ -88,7 +88,8 @@ class _Exchanges:
         coefficients = np.zeros((n, n, self.basis.shape[2]))
         squared = np.zeros((n, n))
         for k in range(1, n):
-            values, variance = (np.roll(one, -k, self.axis) for one in (frf.values, frf.variance))
+            values = np.roll(frf.values, -k, self.axis)
+            variance = np.roll(frf.variance, -k, self.axis)
             shifted = replace(frf, values=values, variance=variance)
             misfit = compute_log_misfit(self.H, shifted)[0] / self.unit
             misfit = _sort_by_channel(np.stack([misfit.real, misfit.imag]), self.axis + 1)
@@ -117,7 +118,7 @@ def compute_place_costs(model: FirstOrderModel, faults: Sequence[Fault]) -> Real
             actual = _Products.of(evidence, frf, axis)
             before = stated.select([position[one.channels[0]] for one in moved])
             costs[at[some]] = _cost_of_exchanged_rows(model, before, actual)
-    for i in np.flatnonzero(np.isnan(costs)):
+    for i in np.flatnonzero(np.isnan(costs)).tolist():
         costs[i] = model.fit(faults[i]).cost
     return costs
 
@@ -138,9 +139,9 @@ class _Products:
         """Return the products of data whose channels may be at other places than in `evidence`."""
         misfit = compute_log_misfit(evidence.model_response(frf), frf)[0]
         changes = evidence.weight * evidence.log_slopes(frf)
-        e = _sort_by_channel(misfit, axis).view(np.float64)
-        J = np.moveaxis(changes, axis + 1, 0)
-        J = np.ascontiguousarray(J).reshape(*J.shape[:2], -1).view(np.float64)
+        e: RealArray = _sort_by_channel(misfit, axis).view(np.float64)
+        by_channel = np.ascontiguousarray(np.moveaxis(changes, axis + 1, 0))
+        J: RealArray = by_channel.reshape(*by_channel.shape[:2], -1).view(np.float64)
         return cls(J @ J.swapaxes(1, 2), (J @ e[:, :, None])[:, :, 0], np.sum(e**2, axis=1))
 
     def select(self, at: Sequence[int]) -> _Products:
