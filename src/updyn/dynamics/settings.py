@@ -297,8 +297,14 @@ class RandomSettings:
     #: [1] Largest relative change of standard deviations at which iterations end. Rounding: far
     #: above that of the integrals, far below the error of the linearisation.
     change: float = 1e-9
-    #: [iterations] Iterations. Effort: most cases take 20 to 40.
-    most_iterations: int = 500
+    #: [iterations] Iterations from one start. Effort: most cases take 5 to 10, those of sliders
+    #: that stick 20.
+    most_iterations: int = 60
+    #: [1] Largest change of the logarithm of a standard deviation in a Newton step. Effort: the
+    #: equations are nearly linear in the logarithms over a factor of about ten.
+    largest_step: float = 2.0
+    #: [points] Points of an integral whose derivatives are computed together. Effort: memory.
+    block_points: int = 1024
     #: [1] Share of the first step that is taken. Effort: a hardening spring without another one in
     #: parallel needs a half.
     first_step: float = 0.5

@@ -7,7 +7,7 @@ import pytest
 
 import updyn
 from periodic_cases import oscillator, simulate_random, two_masses
-from updyn.dynamics import random_response
+from updyn.dynamics import linearisation
 from updyn.errors import DataError, ModelError, OptionError, SolverError
 from updyn.updating.judge.levels import of_run
 
@@ -185,8 +185,8 @@ def test_an_update_refuses_random_levels_of_a_nonlinear_model():
 
 
 def test_a_linearisation_that_does_not_settle_is_an_error(monkeypatch):
-    settings = random_response.RANDOM
-    monkeypatch.setattr(random_response, "RANDOM", type(settings)(most_iterations=3))
+    settings = linearisation.RANDOM
+    monkeypatch.setattr(linearisation, "RANDOM", type(settings)(most_iterations=3))
     with pytest.raises(SolverError, match="did not settle"):
         respond(MODEL)
 
@@ -252,3 +252,13 @@ def test_levels_of_a_sine_and_of_a_random_force_are_not_compared():
         updyn.detect_nonlinearity([sine, high], noise=noise)
     groups = of_run._group_alike([sine, low, high])
     assert [[frf.is_random for frf in group] for group in groups] == [[True, True]]
+
+
+def test_a_stiff_joint_holds_the_resonance_outside_of_the_band():
+    """From the motion without it, the iteration meets the resonance at the end of the band."""
+    joint = updyn.IwanJoint(3.0, 20_000.0, chi=-0.4, beta=0.3)
+    found = oscillate(joint, viscous=0.02, level=1.0)
+    assert found.stiffness[0, 0] > 1e4
+    # Far below its resonance, it moves as a spring.
+    static = 1.0 / abs(found.stiffness[0, 0] + 1.0 + 1j * 1.5 * found.damping[0, 0])
+    assert found.deformation[0, 0] == pytest.approx(static, rel=0.01)

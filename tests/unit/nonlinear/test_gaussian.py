@@ -16,9 +16,10 @@ from updyn.nonlinear.cubic import CubicSpring
 from updyn.nonlinear.damper import QuadraticDamper
 from updyn.nonlinear.element import AmplitudeElement
 from updyn.nonlinear.friction import CoulombFriction
-from updyn.nonlinear.gaussian import linearise
+from updyn.nonlinear.gaussian import derive_linear_force, linearise
 from updyn.nonlinear.iwan import IwanJoint
 from updyn.nonlinear.jenkins import JenkinsElement
+from updyn.nonlinear.parameters import change_parameters, list_parameters
 from updyn.nonlinear.polynomial import PolynomialSpring
 
 CASES = {
@@ -173,3 +174,27 @@ def test_a_force_of_deformation_and_velocity_is_refused():
 
     with pytest.raises(OptionError, match="depends on deformation and velocity"):
         linearise(Mixed(), 1.0, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "mean"),
+    [*((name, 0.0) for name in ELEMENTS), ("polynomial-spring", 0.05), ("backlash", 0.05)],
+)
+def test_derivatives_are_central_differences(name, mean):
+    """Those by parameters included; forces with kinks have derivatives that jump."""
+    element, at = CASES[name], np.array([mean, 0.3, 1.2])
+    known = list_parameters(element)
+    names, values = list(known), np.array(list(known.values()))
+
+    def force(y):
+        other = change_parameters(element, dict(zip(names, y[3:].tolist(), strict=True)))
+        found = linearise(other, y[1], y[2], y[0])
+        return np.array([found.mean, found.stiffness, found.damping])
+
+    y = np.concatenate([at, values])
+    steps = 1e-4 * np.maximum(np.abs(y), 0.1)
+    columns = [(force(y + h) - force(y - h)) / (2 * h.max()) for h in np.diag(steps)]
+    expected = np.stack(columns, axis=1)
+    found = derive_linear_force(element, 0.3, 1.2, mean)
+    size = np.abs(expected).max()
+    np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-6 * size)
