@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from updyn.arrays import ComplexArray, IndexArray, NumberArray, RealArray
 from updyn.dofs import Dof, DofSet
 from updyn.errors import DataError, DofError, in_all, key_path, suggest
+from updyn.force_spectrum import check_rms, check_spectrum, find_rms, make_flat_spectrum
 from updyn.geometry import Geometry
 from updyn.notebook import PlotCurve, card, curves
 from updyn.settings import NOTEBOOK, ROUNDING
@@ -153,6 +154,10 @@ class FRF:
     excitation : {"sine", "random"}, optional
         Force of a stated level: a sine of this amplitude (the default), or a random force of this
         RMS.
+    spectrum : array_like of float, shape (n_s, 2), optional
+        Of a random force: frequencies in Hz, and the one-sided power spectral density of the force
+        in N^2/Hz ((N m)^2/Hz) there, linear in between and zero outside. It gives the level. By
+        default it is constant from the first line to the last. Selections of lines keep it.
 
     Raises
     ------
@@ -187,6 +192,7 @@ class FRF:
     level: RealArray | None
     sweep: str | None
     excitation: str | None
+    spectrum: RealArray | None
 
     def __init__(
         self,
@@ -206,6 +212,7 @@ class FRF:
         level: ArrayLike | None = None,
         sweep: str | None = None,
         excitation: str | None = None,
+        spectrum: ArrayLike | None = None,
     ) -> None:
         set_ = partial(object.__setattr__, self)
         set_("quantity", check_quantity(quantity))
@@ -233,9 +240,13 @@ class FRF:
         set_("base", None if base is None else _check_base(base))
         set_("force", None if force is None else _check_force(force))
         self._check_excitation()
+        spectrum = None if spectrum is None else check_spectrum(spectrum)
+        if spectrum is not None and level is None:
+            level = find_rms(spectrum)
         set_("level", None if level is None else self._check_level(level))
         set_("sweep", None if sweep is None else self._check_sweep(sweep))
         set_("excitation", None if excitation is None else self._check_kind(excitation))
+        set_("spectrum", self._find_spectrum(spectrum))
 
     def _check_level(self, level: ArrayLike) -> RealArray:
         """Return the force amplitude of each line, shape (n_f,)."""
@@ -280,6 +291,28 @@ class FRF:
             if excitation == "random" and self.sweep is not None:
                 raise DataError("sweep: of a sine, but the excitation is random")
         return str(excitation)
+
+    def _find_spectrum(self, given: RealArray | None) -> RealArray | None:
+        """Return the spectrum of a random force; raise DataError if the level is another one."""
+        if not self.is_random or self.level is None:
+            if given is not None:
+                raise DataError(
+                    'spectrum: only of a random force; expected excitation="random"',
+                    key=("spectrum",),
+                )
+            return None
+        if given is None:
+            if len(self.freq) < 2:
+                raise DataError(
+                    "excitation: a random force has a band, but the data have one line; state its"
+                    " spectrum",
+                    key=("excitation",),
+                )
+            band = float(self.freq[0]), float(self.freq[-1])
+            given = make_flat_spectrum(band, float(self.level[0]))
+        check_rms(given, self.level)
+        given.flags.writeable = False
+        return given
 
     def _check_excitation(self) -> None:
         """Refuse a base or a force that the quantity does not have, and both at once."""
@@ -494,18 +527,26 @@ class FRF:
         return replace(self, **more)
 
     def with_level(
-        self, level: ArrayLike | None, sweep: str | None = None, excitation: str | None = None
+        self,
+        level: ArrayLike | None,
+        sweep: str | None = None,
+        excitation: str | None = None,
+        spectrum: ArrayLike | None = None,
     ) -> FRF:
         """Return the same values with another statement of their level.
 
         Parameters
         ----------
         level : float or array_like of float, shape (n_f,), or None
-            Force amplitude in N (N m), of all lines or of each line; of a random force the RMS.
+            Force amplitude in N (N m), of all lines or of each line; of a random force the RMS, or
+            None if the spectrum gives it.
         sweep : {"up", "down"}, optional
             Direction in which the frequency changed.
         excitation : {"sine", "random"}, optional
             Kind of the force; by default a sine.
+        spectrum : array_like of float, shape (n_s, 2), optional
+            Of a random force: frequencies in Hz and densities in N^2/Hz; by default constant from
+            the first line to the last.
 
         Returns
         -------
@@ -515,8 +556,9 @@ class FRF:
         Raises
         ------
         DataError
-            If a level is not above 0, the number of levels is not that of the lines, or the values
-            are a transmissibility.
+            If a level is not above 0, the number of levels is not that of the lines, the spectrum
+            has another level or is not that of a random force, or the values are a
+            transmissibility.
 
         Examples
         --------
@@ -524,8 +566,8 @@ class FRF:
         >>> frf.with_level(20.0, "up").level
         array([20., 20.])
         """
-        checked = None if level is None else self._check_level(level)
-        return replace(self, level=checked, sweep=sweep, excitation=excitation)
+        more: dict[str, Any] = {"level": level, "spectrum": spectrum}
+        return replace(self, sweep=sweep, excitation=excitation, **more)
 
     # -- selection -----------------------------------------------------------------------------
     def select(
@@ -761,6 +803,8 @@ class FRF:
             attrs["excitation"] = self.excitation
         if self.level is not None:
             data["level"] = (_DIMS[:1], self.level)
+        if self.spectrum is not None:
+            data["spectrum"] = (("spectrum_point", "spectrum_column"), self.spectrum)
         coords = {
             "freq": self.freq,
             "response": self.responses.labels,
@@ -770,6 +814,8 @@ class FRF:
         out["freq"].attrs["units"] = "Hz"
         if self.level is not None:
             out["level"].attrs["units"] = "N"
+        if self.spectrum is not None:
+            out["spectrum"].attrs["units"] = "Hz, N^2/Hz"
         if self.geometry is not None:
             out["node"] = ("node", self.geometry.nodes)
             out["xyz"] = (("node", "axis"), self.geometry.xyz, {"units": "m"})
@@ -885,6 +931,7 @@ class FRF:
             level=_level(data),
             sweep=str(data.attrs["sweep"]) if "sweep" in data.attrs else None,
             excitation=str(data.attrs["excitation"]) if "excitation" in data.attrs else None,
+            spectrum=data["spectrum"].values if "spectrum" in data.variables else None,
             **arrays,
         )
 

@@ -19,6 +19,9 @@ class RoundingSettings:
     #: [1] Excess of a coherence above 1 that is accepted as 1. Why: two units in the last place of
     #: single precision, in which analysers compute it.
     coherence_excess: float = 2.0**-22
+    #: [1] Relative difference up to which a stated RMS is that of a spectrum. Why: files in text
+    #: state six digits or more.
+    rms_difference: float = 1e-5
 
 
 @dataclass(frozen=True)

@@ -29,6 +29,7 @@ ORDER = (
     ("shapes",),
     ("dofs",),
     ("geometry",),
+    ("force_spectrum",),
     ("frf",),
     ("exchanged", "grouping"),
     ("group",),

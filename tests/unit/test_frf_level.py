@@ -131,3 +131,59 @@ def test_repeats_have_one_level() -> None:
     other = FRF(FREQ, measure().values * 1.01, ["2:X"], ["1:X"], "accelerance", level=2.0)
     with pytest.raises(DataError, match="repeat 2 has the level 2 N, the first the level 5 N"):
         updyn.average([measure(5.0), other])
+
+
+SPECTRUM = [[4.0, 0.5], [6.5, 0.1], [9.0, 0.5]]
+
+
+def test_a_random_force_has_the_spectrum_of_its_rms() -> None:
+    """By default, it is constant from the first line to the last."""
+    frf = measure().with_level(6.0, excitation="random")
+    assert frf.spectrum.tolist() == [[5.0, 12.0], [8.0, 12.0]]
+    assert measure(5.0).spectrum is None
+    shaped = measure().with_level(None, excitation="random", spectrum=SPECTRUM)
+    assert shaped.level.tolist() == pytest.approx([np.sqrt(1.5)] * 3)
+
+
+def test_lines_keep_the_spectrum() -> None:
+    frf = measure().with_level(6.0, excitation="random").band(5.0, 6.0)
+    assert frf.spectrum.tolist() == [[5.0, 12.0], [8.0, 12.0]]
+    assert frf.select(lines=[6.0]).spectrum.tolist() == [[5.0, 12.0], [8.0, 12.0]]
+    with pytest.raises(ValueError, match="read-only"):
+        frf.spectrum[0] = 1.0
+
+
+@pytest.mark.parametrize("suffix", ["nc", "npz", "mat", "h5", "csv"])
+def test_files_keep_the_spectrum(tmp_path, suffix) -> None:
+    frf = measure().with_level(None, excitation="random", spectrum=SPECTRUM)
+    path = tmp_path / f"test.{suffix}"
+    updyn.write_frf(frf, path)
+    assert updyn.read_frf(path).spectrum.tolist() == SPECTRUM
+
+
+@pytest.mark.parametrize(
+    ("level", "excitation", "spectrum", "text"),
+    [
+        (None, "random", [[4.0, 0.5]], r"found shape \(1, 2\)"),
+        (None, "random", [[4.0, 0.5], [4.0, 0.5]], "frequencies in Hz that increase"),
+        (None, "random", [[4.0, 0.5], [5.0, np.nan]], "expected finite"),
+        (None, "random", [[4.0, 0.5], [5.0, -1.0]], "spectrum at 5 Hz is -1"),
+        (None, "random", [[4.0, 0.0], [5.0, 0.0]], "one above 0"),
+        (None, "random", "flat", "not an array of numbers"),
+        (2.0, "random", SPECTRUM, "its spectrum has the RMS 1.22"),
+        ([1.0, 2.0, 3.0], "random", None, "level .* of a random force"),
+        (2.0, "sine", SPECTRUM, "spectrum: only of a random force"),
+        (None, None, SPECTRUM, "spectrum: only of a random force"),
+    ],
+)
+def test_spectra_are_checked(level, excitation, spectrum, text) -> None:
+    with pytest.raises(DataError, match=text):
+        measure().with_level(level, excitation=excitation, spectrum=spectrum)
+
+
+def test_a_spectrum_in_a_table_is_checked(tmp_path) -> None:
+    path = tmp_path / "test.csv"
+    updyn.write_frf(measure().with_level(6.0, excitation="random"), path)
+    path.write_text(path.read_text().replace("# spectrum: 5.0 12.0", "# spectrum: 5.0 high"))
+    with pytest.raises(FormatError, match="spectrum: expected pairs"):
+        updyn.read_frf(path)

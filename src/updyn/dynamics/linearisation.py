@@ -49,7 +49,7 @@ class LinearisedMotion:
     @property
     def mean(self) -> RealArray:
         """Mean deformations in m (rad), (n_e,)."""
-        return self.y[0]
+        return np.asarray(self.y[0])
 
     @property
     def spread(self) -> RealArray:

@@ -15,7 +15,9 @@ from updyn.arrays import ComplexArray, RealArray
 from updyn.dofs import Dof, DofSet
 from updyn.dynamics.linearisation import Linearisation, deform
 from updyn.dynamics.periodic.transfer import Transfer
+from updyn.dynamics.settings import RANDOM
 from updyn.errors import ModelError, OptionError, SolverError
+from updyn.force_spectrum import check_spectrum, find_rms, make_flat_spectrum
 from updyn.frf import FRF, QUANTITIES, check_force_quantity, check_lines
 from updyn.geometry import Geometry
 from updyn.group import is_number
@@ -40,6 +42,8 @@ class RandomResponse:
         ``"receptance"``, ``"mobility"`` or ``"accelerance"``.
     level : float
         RMS of the force in N (N m).
+    spectrum : ndarray of float, shape (n_s, 2)
+        Frequencies in Hz and one-sided power spectral density of the force in N^2/Hz.
     elements : tuple of str
         Names of the nonlinear elements.
     deformation, velocity : ndarray of float, shape (n_e, n_references)
@@ -71,6 +75,7 @@ class RandomResponse:
     references: DofSet
     quantity: str
     level: float
+    spectrum: RealArray
     elements: tuple[str, ...]
     deformation: RealArray
     velocity: RealArray
@@ -93,6 +98,7 @@ class RandomResponse:
             source=f"{self.source}, random force {self.level:g}",
             level=self.level,
             excitation="random",
+            spectrum=self.spectrum,
         )
 
 
@@ -101,7 +107,8 @@ def respond_at_random(
     freq: ArrayLike,
     responses: Iterable[str | Dof],
     references: Iterable[str | Dof],
-    level: float,
+    level: float | None,
+    spectrum: ArrayLike | None,
     quantity: str,
     *,
     tier: str | None,
@@ -110,7 +117,7 @@ def respond_at_random(
 ) -> RandomResponse:
     """Return the response to a random force; parameters and errors as `updyn.response`."""
     lines = check_lines(np.atleast_1d(freq) if np.isscalar(freq) else freq)
-    _check_options(lines, level)
+    force = _find_spectrum(lines, level, spectrum)
     power = QUANTITIES[check_force_quantity(quantity)]
     if not model.nonlinear:
         raise ModelError(
@@ -119,13 +126,13 @@ def respond_at_random(
         )
     rows, columns = DofSet(responses), DofSet(references)
     read, forced = model.dofs.match(rows, "response"), model.dofs.match(columns, "reference")
-    band = float(lines[0]), float(lines[-1])
+    band = float(force[0, 0]), float(force[-1, 0])
     transfer = Transfer.build(
         model,
         read.index,
         forced.index,
         band,
-        np.union1d(lines, 0.5 * (lines[1:] + lines[:-1])),
+        np.union1d(lines, np.linspace(*band, 1 + RANDOM.reduced_lines)[1:]),
         tier=tier,
         backend=backend,
         accuracy=accuracy,
@@ -144,11 +151,11 @@ def respond_at_random(
         own = column.keep_outputs(n)
         motion = Linearisation(
             elements,
-            lambda omega, own=own: own.at(omega)[0],
+            own.respond,
             None if own.static is None else own.static[:, :n],
-            np.array(band),
-            np.full(2, level**2 / (band[1] - band[0])),
-            f"level {level:g}, force at {label}",
+            force[:, 0],
+            force[:, 1],
+            f"level {find_rms(force):g} random, force at {label}",
         ).solve()
         H, _ = column.at(omega)
         D = motion.dynamic_stiffness(omega)
@@ -157,26 +164,37 @@ def respond_at_random(
         found.append(motion)
     values *= read.sign[:, None] * forced.sign
     values *= ((1j * omega) ** power)[:, None, None]
-    spread = np.stack([motion.spread for motion in found], axis=2)
+
+    def stack(arrays: Iterable[RealArray]) -> RealArray:
+        return np.stack(list(arrays), axis=1)
+
     return RandomResponse(
         lines,
         values,
         rows,
         columns,
         quantity,
-        float(level),
+        find_rms(force),
+        force,
         tuple(model.nonlinear),
-        *spread,
-        *(
-            np.stack([getattr(motion, name) for motion in found], axis=1)
-            for name in ("mean", "stiffness", "damping")
-        ),
+        stack(motion.spread[0] for motion in found),
+        stack(motion.spread[1] for motion in found),
+        stack(motion.mean for motion in found),
+        stack(motion.stiffness for motion in found),
+        stack(motion.damping for motion in found),
         transfer.source,
         model.geometry,
     )
 
 
-def _check_options(lines: RealArray, level: object) -> None:
+def _find_spectrum(lines: RealArray, level: object, spectrum: ArrayLike | None) -> RealArray:
+    """Return the spectrum of the force, (n_s, 2); by default constant over the lines."""
+    if spectrum is not None:
+        if level is not None:
+            raise OptionError(
+                "level and spectrum are stated; expected one of the two", key=("spectrum",)
+            )
+        return check_spectrum(spectrum)
     if not is_number(level) or not 0.0 < level < np.inf:
         raise OptionError(
             f"level {level!r}: expected the RMS of a random force above 0, in N (N m)",
@@ -185,6 +203,7 @@ def _check_options(lines: RealArray, level: object) -> None:
     if len(lines) < 2 or lines[0] <= 0.0:
         raise OptionError(
             "freq: a random force has the band from the first line to the last; expected two lines"
-            " or more, above 0 Hz",
+            " or more, above 0 Hz, or spectrum=",
             key=("freq",),
         )
+    return make_flat_spectrum((float(lines[0]), float(lines[-1])), float(level))

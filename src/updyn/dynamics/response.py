@@ -79,8 +79,9 @@ def response(
     tier: str | None = None,
     backend: str | None = None,
     accuracy: float = REDUCTION.accuracy,
-    level: float,
+    level: float | None = None,
     excitation: Literal["random"],
+    spectrum: ArrayLike | None = None,
 ) -> RandomResponse: ...
 @overload
 def response(
@@ -119,6 +120,7 @@ def response(
     samples: int = BALANCE.samples,
     sweep: str = "up",
     excitation: str = "sine",
+    spectrum: ArrayLike | None = None,
 ) -> FRF | PeriodicResponse | RandomResponse:
     """Compute frequency response functions exactly, with one full factorisation per line.
 
@@ -170,6 +172,9 @@ def response(
     excitation : {"sine", "random"}
         With `level`: a sine, or a Gaussian random force with a constant one-sided spectral density
         in the band of `freq`, level^2 / (freq[-1] - freq[0]) in N^2/Hz, and none outside.
+    spectrum : array_like of float, shape (n_s, 2), optional
+        Of a random force, in place of `level`: frequencies in Hz and one-sided power spectral
+        density in N^2/Hz ((N m)^2/Hz), linear in between and zero outside.
 
     Returns
     -------
@@ -226,22 +231,26 @@ def response(
     ((40, 1, 1), (1, 1))
     """
     if excitation != "sine":
-        _check_random(excitation, level, (amplitude, control, base, force), decay)
+        _check_random(excitation, level, spectrum, (amplitude, control, base, force), decay)
         if (harmonics, samples, sweep) != (BALANCE.harmonics, BALANCE.samples, "up"):
             raise OptionError(
                 "excitation: expected no harmonics, samples or sweep; they are of a sine"
             )
-        assert level is not None
         return respond_at_random(
             model,
             freq,
             responses,
             references,
             level,
+            spectrum,
             quantity,
             tier=tier,
             backend=backend,
             accuracy=accuracy,
+        )
+    if spectrum is not None:
+        raise OptionError(
+            'spectrum: of a random force; expected excitation="random" with it', key=("spectrum",)
         )
     if level is not None or amplitude is not None:
         sine = _choose_excitation(level, amplitude, control)
@@ -271,7 +280,7 @@ def response(
 
 
 def _check_random(
-    excitation: object, level: object, others: tuple[object, ...], decay: float
+    excitation: object, level: object, spectrum: object, others: tuple[object, ...], decay: float
 ) -> None:
     """Raise OptionError for an unknown excitation, or options that a random force cannot have."""
     if excitation not in EXCITATIONS:
@@ -279,9 +288,10 @@ def _check_random(
             f"excitation {excitation!r}: {suggest(str(excitation), EXCITATIONS)}",
             key=("excitation",),
         )
-    if level is None:
+    if level is None and spectrum is None:
         raise OptionError(
-            f"excitation {excitation!r}: of a level; expected level=, the RMS of the force in N",
+            f"excitation {excitation!r}: of a level; expected level=, the RMS of the force in N, or"
+            " its spectrum=",
             key=("excitation",),
         )
     if decay or any(other is not None for other in others):

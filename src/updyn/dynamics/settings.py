@@ -303,6 +303,12 @@ class RandomSettings:
     #: [1] Largest change of the logarithm of a standard deviation in a Newton step. Effort: the
     #: equations are nearly linear in the logarithms over a factor of about ten.
     largest_step: float = 2.0
+    #: [1] Error of an integral of a fit over the integral. Rounding: far below the noise of data,
+    #: a measured spectrum with 800 lines takes a third of the time of 1e-8.
+    error: float = 1e-6
+    #: [lines] Lines over the band of the force at which a reduced model is accurate. Effort: the
+    #: basis also has the modes between them.
+    reduced_lines: int = 128
     #: [points] Points of an integral whose derivatives are computed together. Effort: memory.
     block_points: int = 1024
     #: [1] Share of the first step that is taken. Effort: a hardening spring without another one in

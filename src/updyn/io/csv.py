@@ -457,6 +457,9 @@ def write_frf(frf: FRF, path: str | Path) -> None:
         head.append(f"# sweep: {frf.sweep}")
     if frf.excitation is not None:
         head.append(f"# excitation: {frf.excitation}")
+    if frf.spectrum is not None:
+        rows = [f"{freq!r} {density!r}" for freq, density in frf.spectrum.tolist()]
+        head.append(f"# spectrum: {'; '.join(rows)}")
     if frf.source:
         head += [f"# source: {line}" for line in frf.source.split("\n")]
     parts = {"re": frf.values.real, "im": frf.values.imag}

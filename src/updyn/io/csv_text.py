@@ -36,8 +36,8 @@ Comments = dict[str, list[tuple[int, str]]]
 _COMMENT = re.compile(r"#+\s*([^\W\d_][^:=]{0,30}?)\s*[:=][ \t]?(.*)")
 #: Names of comments that state the unit of all values.
 UNITS = ("unit", "units")
-#: Comments on the excitation of a transmissibility.
-EXCITATION = ("base", "force", "level", "sweep", "excitation")
+#: Comments on the excitation.
+EXCITATION = ("base", "force", "level", "sweep", "excitation", "spectrum")
 #: Names of comments that would change the meaning of the numbers and are not supported.
 _MEANINGS = {
     *UNITS,
@@ -154,6 +154,16 @@ def read_excitation(head: Comments, path: str | Path) -> dict[str, Any]:
                 f"level: {items['level']!r}; expected a number in N, or one for each line", path
             ) from error
         items["level"] = levels if len(levels) > 1 else levels[0]
+    if "spectrum" in items:
+        rows = [row.split() for row in items["spectrum"].split(";")]
+        try:
+            items["spectrum"] = np.array([[parse_real(cell) for cell in row] for row in rows])
+        except ValueError as error:
+            raise FormatError(
+                "spectrum: expected pairs of a frequency in Hz and a density in N^2/Hz, such as"
+                f" '5 0.02; 100 0.02', found {items['spectrum'][:40]!r}",
+                path,
+            ) from error
     return items
 
 

@@ -31,6 +31,7 @@ and an FRF is::
     level, sweep            amplitude of the force in N (N m), one number or n_f; "up" or "down";
                             optional
     excitation              of a level: "sine" or "random" (the level is its RMS), optional
+    spectrum                of a random force: (n_s, 2), Hz and N^2/Hz, optional
     nodes, xyz, lines, axes, faces
                             geometry, optional
 """
@@ -104,6 +105,7 @@ _FRF = (
     "level",
     "sweep",
     "excitation",
+    "spectrum",
 )
 #: Names of the items of FRFs.
 FRF_ITEMS = (*_FRF, *_GEOMETRY, *_MARKS)
@@ -285,6 +287,7 @@ def build_frf(
             level=_level(items, path),
             sweep=_text(items, "sweep", path) or None,
             excitation=_text(items, "excitation", path) or None,
+            spectrum=as_reals(items["spectrum"], "spectrum", path) if "spectrum" in items else None,
         )
 
 
@@ -415,6 +418,8 @@ def frf_items(frf: FRF) -> dict[str, Any]:
         items["sweep"] = frf.sweep
     if frf.excitation is not None:
         items["excitation"] = frf.excitation
+    if frf.spectrum is not None:
+        items["spectrum"] = frf.spectrum
     return {**items, **_geometry_items(frf.geometry)}
 
 

@@ -10,6 +10,7 @@ the convention of the netCDF library). For programs that cannot write this, two 
     coherence, variance *                  with the same dimensions
     node, xyz, trace, face, node_axes *    geometry
     level *                                N, by freq, or an attribute
+    spectrum *                             of a random force: (n_s, 2), Hz and N^2/Hz
     attributes quantity, averages *, source *, decay *, base *, force *, sweep *, excitation *
 
 Modes are the dataset of `ModeSet.to_xarray`, of kind "modes", without loss of digits.

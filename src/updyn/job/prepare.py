@@ -204,7 +204,11 @@ def _check_properties(job: Job, model: Model, parameters: ParameterSet) -> None:
 def read_measurement(job: Job) -> FRF:
     """Return the measurement of one test in its band, averaged over repeats, with file labels."""
     table = job.test
-    frf = _estimate_from_records(job) if table.file is None else _read_frf(job, table.file, "file")
+    recorded = None
+    if table.file is None:
+        frf, recorded = _estimate_from_records(job)
+    else:
+        frf = _read_frf(job, table.file, "file")
     if table.repeats is not None:
         if table.averages is not None:
             text = "test.averages: with repeats the variance comes from them; leave it out"
@@ -220,32 +224,36 @@ def read_measurement(job: Job) -> FRF:
             )
             raise OptionError(text, key=("test", "averages"))
         frf = replace(frf, averages=table.averages)
-    frf = _add_level(table, frf)
+    frf = _add_level(table, frf, recorded)
     with key_path("test"):
         return frf.select(band=table.band, exclude=table.exclude or ())
 
 
-def _add_level(table: TestTable, frf: FRF) -> FRF:
-    """Return a measurement with the level and the sweep of the job; refuse a contradiction."""
-    if table.level is None and table.sweep is None:
+def _add_level(table: TestTable, frf: FRF, recorded: RealArray | None) -> FRF:
+    """Return a measurement with the force of the job or of the records; refuse a contradiction."""
+    given = (table.level, table.sweep, table.excitation, table.spectrum)
+    if all(one is None for one in given):
         return frf
-    level: float | RealArray | None = frf.level if table.level is None else table.level
+    names = "level", "sweep", "excitation", "spectrum"
     with key_path("test"):
-        for key, given, stated in (
-            ("level", table.level, frf.level),
-            ("sweep", table.sweep, frf.sweep),
-        ):
-            if given is not None and stated is not None and (np.asarray(stated) != given).any():
+        for key, value in zip(names, given, strict=True):
+            stated = getattr(frf, key)
+            if value is not None and stated is not None and not np.all(stated == np.array(value)):
                 raise OptionError(
-                    f"test.{key} = {given!r}, but {table.source} states the {frf.level_text}; leave"
+                    f"test.{key} = {value!r}, but {table.source} states the {frf.level_text}; leave"
                     " it out",
                     key=(key,),
                 )
-        return frf.with_level(level, table.sweep or frf.sweep, frf.excitation)
+        excitation = table.excitation or frf.excitation
+        level: float | RealArray | None = frf.level if table.level is None else table.level
+        spectrum = frf.spectrum if table.spectrum is None else np.array(table.spectrum)
+        if excitation == "random" and level is None and spectrum is None:
+            spectrum = recorded
+        return frf.with_level(level, table.sweep or frf.sweep, excitation, spectrum)
 
 
-def _estimate_from_records(job: Job) -> FRF:
-    """Return the FRFs of ``[records]``, with a warning for each fault of the records."""
+def _estimate_from_records(job: Job) -> tuple[FRF, RealArray | None]:
+    """Return the FRFs of ``[records]`` and the spectrum of their force; warn for each fault."""
     assert job.records is not None
     found = estimate_from_records(job, job.records)
     for setup in found.setups:
@@ -253,10 +261,8 @@ def _estimate_from_records(job: Job) -> FRF:
             text = f"{setup.name}: {one.statement} {one.remedy}"
             warnings.warn(text, UpdynWarning, stacklevel=2)
     with key_path("test"):
-        return found.frf.select(
-            responses=job.test.responses,
-            references=job.test.references,
-        )
+        frf = found.frf.select(responses=job.test.responses, references=job.test.references)
+    return frf, found.spectrum
 
 
 def _read_frf(job: Job, file: str, key: str) -> FRF:

@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
+from updyn.arrays import RealArray
 from updyn.errors import InputError, key_path
 from updyn.frf import FRF
 from updyn.io import read_records
@@ -14,7 +15,7 @@ from updyn.job.base import Document
 from updyn.job.files import existing_file
 from updyn.job.records_table import RecordsTable, SetupTable
 from updyn.signals.cutting import cut_records
-from updyn.signals.estimate import estimate_frf
+from updyn.signals.estimate import FRFEstimate, frf_estimate
 from updyn.signals.estimators import ESTIMATORS
 from updyn.signals.joining import joined_frfs
 from updyn.signals.quality import RecordFinding, check_records
@@ -46,10 +47,14 @@ class RecordedSetup:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RecordedFRFs:
-    """FRFs of time records, of all setups in the order of the job."""
+    """FRFs of time records, of all setups in the order of the job.
+
+    `spectrum`, (n, 2), is that of the force, as `FRFEstimate.spectra`, if there is only one.
+    """
 
     frf: FRF
     setups: tuple[RecordedSetup, ...]
+    spectrum: RealArray | None
 
 
 def estimate_from_records(job: Document, table: RecordsTable) -> RecordedFRFs:
@@ -59,15 +64,17 @@ def estimate_from_records(job: Document, table: RecordsTable) -> RecordedFRFs:
     it, or a pair of DOFs was measured twice.
     """
     setups: list[RecordedSetup] = []
-    frfs: list[FRF] = []
+    found: list[FRFEstimate] = []
     for number, setup in enumerate(table.setups):
         with _locate_error(table, number):
             one = _read_setup(job, table, setup)
-            frfs.append(_estimate_setup(table, setup, one))
+            found.append(_estimate_setup(table, setup, one))
             setups.append(one)
     with key_path("records"):
-        frf = joined_frfs(frfs, [one.name for one in setups])
-    return RecordedFRFs(frf, tuple(setups))
+        frf = joined_frfs([one.frf for one in found], [one.name for one in setups])
+    spectra = found[0].spectra
+    is_one = len(found) == 1 and spectra.shape[1] == 2
+    return RecordedFRFs(frf, tuple(setups), spectra if is_one else None)
 
 
 def _read_setup(job: Document, table: RecordsTable, setup: SetupTable) -> RecordedSetup:
@@ -104,12 +111,12 @@ def _list_channels(channels: Mapping[str, str] | tuple[str, ...] | None) -> tupl
     return tuple(channels or ())
 
 
-def _estimate_setup(table: RecordsTable, setup: SetupTable, one: RecordedSetup) -> FRF:
+def _estimate_setup(table: RecordsTable, setup: SetupTable, one: RecordedSetup) -> FRFEstimate:
     window: str | ImpactWindow | None = table.window
     if table.impact is not None:
         window = ImpactWindow(**table.impact.model_dump())
     assert setup.excitation is not None
-    return estimate_frf(
+    return frf_estimate(
         one.records,
         setup.excitation,
         responses=setup.responses,

@@ -419,10 +419,18 @@ class TestTable(Table):
         description="transmissibility between two sensors: DOF of the force of unknown size",
     )
     level: float | None = Field(
-        default=None, gt=0, description="amplitude of the force in N (N m) of a sine test"
+        default=None, gt=0, description="amplitude of the force in N (N m); RMS of a random force"
     )
     sweep: Literal["up", "down"] | None = Field(
         default=None, description="direction in which the frequency of that test changed"
+    )
+    excitation: Literal["sine", "random"] | None = Field(
+        default=None, description="force of the level: a sine, or a random force"
+    )
+    spectrum: Annotated[tuple[Pair, ...] | None, Strict(False)] = Field(
+        default=None,
+        min_length=2,
+        description="frequencies in Hz and densities in N^2/Hz",
     )
     repair: Texts | None = Field(default=None, min_length=1)  # data faults to repair
     name: str = ""
@@ -442,7 +450,7 @@ class TestTable(Table):
     def of_frfs(self) -> list[str]:
         """Keys that the table gives and that apply only to FRFs."""
         keys = [*self.reader_options, "repeats", "averages", "exclude", "base", "force"]
-        keys += ["level", "sweep", "repair"]
+        keys += ["level", "sweep", "excitation", "spectrum", "repair"]
         return [key for key in keys if getattr(self, key) is not None]
 
     @property

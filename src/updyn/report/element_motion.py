@@ -34,7 +34,7 @@ _BAND = 0.95
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """Largest deformation of an element in a test: amplitude (m or rad), and its line in Hz."""
+    """Largest deformation of an element in a test: amplitude (m or rad), and frequency in Hz."""
 
     test: str
     element: str
@@ -75,16 +75,12 @@ def gather_motions(tests: Mapping[str, UpdateResult]) -> tuple[tuple[Motion, ...
             continue
         frf = data.select(lines=result.lines)
         try:
-            amplitudes = LevelModel.of(model, frf, frf.freq, result.options).amplitudes()
+            motions = LevelModel.of(model, frf, frf.freq, result.options).motions()
         except UpdynError as error:
             notes.append(f"The motion in test {name!r} could not be computed: {error}")
             continue
-        assert amplitudes is not None
-        for e, element in enumerate(model.nonlinear):
-            of_lines = amplitudes[:, e].max(axis=1)
-            at = int(of_lines.argmax())
-            shown = name or data.level_text
-            found.append(Motion(shown, element, float(of_lines[at]), float(frf.freq[at])))
+        for element, motion in zip(model.nonlinear, motions, strict=True):
+            found.append(Motion(name or data.level_text, element, *motion))
     return tuple(found), tuple(notes)
 
 

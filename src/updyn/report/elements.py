@@ -8,6 +8,7 @@ import numpy as np
 
 from updyn import style
 from updyn.arrays import RealArray
+from updyn.frf import FRF
 from updyn.nonlinear.local import LocalElement
 from updyn.report.channels import format_channel
 from updyn.report.data import ReportData
@@ -82,9 +83,13 @@ class ElementsSection(ReportSection):
             test, at = worst
             channel = format_channel(data[test], *at)
         elements, rows = [], []
+        is_random = any(
+            isinstance(one.data, FRF) and one.data.is_random for one in content.tests.values()
+        )
         for k, (result, name, motions) in enumerate(_list_elements(content)):
             described, _ = _describe(result, name, motions)
-            elements.append((f"element-{k}", name, _describe_band(result, name, described)))
+            caption = _describe_band(result, name, described, is_random=is_random)
+            elements.append((f"element-{k}", name, caption))
             rows += _list_rows(result, name, motions)
         shown = len(elements)
         notes = list(content.motions[1])
@@ -292,13 +297,20 @@ def loop_figure(
     return stack_panels([panel], x, height=380)
 
 
-def _describe_band(result: UpdateResult, name: str, described: Described) -> str:
+def _describe_band(
+    result: UpdateResult, name: str, described: Described, *, is_random: bool
+) -> str:
     """Return the caption of the equivalent stiffness of an element."""
     element = result.model.nonlinear[name].element
     text = "Describing function of harmonic motion: real part and imaginary part over amplitude."
     if element.quantity != "receptance":
         text += " It depends on the frequency, and is that of the largest motion."
-    text += " Points: largest amplitude in each test."
+    text += " Points: largest amplitude in each test"
+    text += (
+        ", under a random force that of the sine of the same standard deviation."
+        if is_random
+        else "."
+    )
     if described.undetermined:
         return f"{text} Without a band: {', '.join(described.undetermined)} is not determined."
     if described.real_half is None:

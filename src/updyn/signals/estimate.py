@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy  # loads scipy.signal on use; its import is slow
 
-from updyn.arrays import BoolArray, RealArray
+from updyn.arrays import BoolArray, ComplexArray, RealArray
 from updyn.dofs import Dof
 from updyn.errors import DataError, DofError, OptionError, key_path, suggest
 from updyn.frf import FRF, check_band
@@ -46,6 +46,9 @@ class FRFEstimate:
         Coherence of each response with each force, after removal of the other forces from both.
     records : tuple of int
         Numbers of the records used, from 1.
+    spectra : ndarray of float, shape (n, 1 + n_references)
+        All frequencies of the records above 0 Hz, and the one-sided power spectral density of each
+        force in N^2/Hz ((N m)^2/Hz). For a continuous force; with one, it is `FRF.spectrum`.
 
     Examples
     --------
@@ -72,6 +75,7 @@ class FRFEstimate:
     multiple: RealArray | None
     partial: RealArray | None
     records: tuple[int, ...]
+    spectra: RealArray
     _spectra: Spectra
     _setting: _Setting
 
@@ -324,8 +328,11 @@ def frf_estimate(
     shared = overlap if segment is not None else 0.0
     freq = np.asarray(np.fft.rfftfreq(pieces.shape[2], given.step), dtype=np.float64)
     chosen = _band_mask(freq, band)
-    F = np.fft.rfft(pieces, axis=2)[:, :, chosen].transpose(0, 2, 1)
+    F = np.fft.rfft(pieces, axis=2).transpose(0, 2, 1)
     n = len(forces)
+    density = _find_density(F[:, :, :n], pieces.shape[2], given.step, shape)
+    densities = np.column_stack([freq, density])[1:]
+    F = F[:, chosen]
     spectra = Spectra.of(F[:, :, :n], F[:, :, n:], _count_independent(len(pieces), shape, shared))
     each = len(pieces) // len(kept)
     setting = _Setting(
@@ -340,9 +347,17 @@ def frf_estimate(
     )
     frf = setting.frf(spectra, _source(given, reject or {}))
     if is_local:
-        return FRFEstimate(frf, None, None, None, kept, spectra, setting)
+        return FRFEstimate(frf, None, None, None, kept, densities, spectra, setting)
     found = (spectra.ordinary, spectra.multiple, spectra.partial)
-    return FRFEstimate(frf, *found, kept, spectra, setting)
+    return FRFEstimate(frf, *found, kept, densities, spectra, setting)
+
+
+def _find_density(F: ComplexArray, n: int, step: float, window: RealArray) -> RealArray:
+    """Return the one-sided densities of transforms of n samples, (n_f, n_r) (Welch, 1967)."""
+    density = 2.0 * step * np.mean(np.abs(F) ** 2, axis=0) / np.sum(window**2)
+    if n % 2 == 0:
+        density[-1] *= 0.5  # half the sampling rate occurs once
+    return np.asarray(density)
 
 
 def _check_unwindowed(

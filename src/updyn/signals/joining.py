@@ -99,6 +99,7 @@ def joined_frfs(frfs: Sequence[FRF], names: Sequence[str]) -> FRF:
         level=first.level,
         sweep=first.sweep,
         excitation=first.excitation,
+        spectrum=first.spectrum,
     )
 
 

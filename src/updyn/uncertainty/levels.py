@@ -6,6 +6,7 @@ import warnings
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -212,20 +213,19 @@ class _FittedTests:
         """Return the part of test i with the predicted data of another level, and a remark."""
         part, one = self.restored.problem.parts[i], self.restored.results[i]
         frf = part.frf
+        channels = frf.freq, frf.responses, frf.references, frf.quantity
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UpdynWarning)  # the remark states them
-            found = response(
-                one.model,
-                frf.freq,
-                frf.responses,
-                frf.references,
-                frf.quantity,
-                level=level,
-                sweep=frf.sweep or "up",
-            )
-        values = found.values * part.gains(self.restored.x)
-        data = replace(frf, values=values, level=np.full(len(frf.freq), level))
-        return replace(part, frf=data), _describe_response(found)
+            if frf.spectrum is not None:
+                spectrum = frf.spectrum * [1.0, (level / float(self.levels[i])) ** 2]
+                noise = response(one.model, *channels, excitation="random", spectrum=spectrum)
+                data, remark = noise.frf, ""
+            else:
+                sine = response(one.model, *channels, level=level, sweep=frf.sweep or "up")
+                data, remark = sine.frf, _describe_response(sine)
+        values = data.values * part.gains(self.restored.x)
+        force: dict[str, Any] = {"level": data.level, "spectrum": data.spectrum}
+        return replace(part, frf=replace(frf, values=values, **force)), remark
 
 
 def _is_same(level: float, other: float) -> bool:

@@ -13,9 +13,10 @@ from updyn.dynamics.settings import REDUCTION
 from updyn.frf import FRF
 from updyn.model import Model
 from updyn.updating.fit.reducing import make_reduction
-from updyn.updating.problem.forward import PeriodicForward
 from updyn.updating.problem.parameters import no_unknowns
+from updyn.updating.problem.periodic_forward import PeriodicForward
 from updyn.updating.problem.problem import FRFPart
+from updyn.updating.problem.random_forward import RandomForward
 
 __all__ = ["LevelModel"]
 
@@ -63,12 +64,24 @@ class LevelModel:
         """Return the FRF in the quantity of the test, (n_f, n_i, n_j)."""
         return self.part.responses(self.part.coordinates.start)
 
-    def amplitudes(self) -> RealArray | None:
-        """Return the amplitudes of the deformations, (n_f, n_e, n_j); None without a level."""
-        forward = self.part.forward
+    def motions(self) -> list[tuple[float, float]]:
+        """Return the largest amplitude of each element in m (rad), and its frequency in Hz.
+
+        Under a random force, that of the sine of the same standard deviations of deformation and
+        velocity; none without a level.
+        """
+        part, forward = self.part, self.part.forward
+        if isinstance(forward, RandomForward):
+            _, sigma, sigma_v = forward.spreads(part, part.coordinates.start)
+            j = sigma.argmax(axis=1)[:, None]
+            sigma, sigma_v = (np.take_along_axis(one, j, axis=1)[:, 0] for one in (sigma, sigma_v))
+            freq = sigma_v / (2.0 * np.pi * sigma)
+            return list(zip((np.sqrt(2.0) * sigma).tolist(), freq.tolist(), strict=True))
         if not isinstance(forward, PeriodicForward):
-            return None
-        return forward.amplitudes(self.part, self.part.coordinates.start)
+            return []
+        largest = forward.amplitudes(part, part.coordinates.start).max(axis=2)
+        at = largest.argmax(axis=0).tolist()
+        return [(float(largest[k, e]), float(part.frf.freq[k])) for e, k in enumerate(at)]
 
 
 def _interpolate(frf: FRF, freq: RealArray) -> FRF:

@@ -174,12 +174,8 @@ def test_the_frf_states_the_random_level():
     assert not frf.with_level(3.0).is_random
 
 
-def test_an_update_refuses_random_levels_of_a_nonlinear_model():
-    frf = respond(MODEL).frf
-    unknowns = updyn.parameters(MODEL, stiffness=["springs"], nonlinear=["joint.coefficient"])
-    with pytest.raises(DataError, match="the data are of a random force"):
-        updyn.update(MODEL, frf, unknowns, noise={"relative": 0.01}, starts=0)
-    lower = respond(MODEL, level=0.5).frf
+def test_a_location_refuses_random_levels():
+    frf, lower = respond(MODEL).frf, respond(MODEL, level=0.5).frf
     with pytest.raises(DataError, match="the data are of a random force"):
         updyn.locate_nonlinearity(two_masses(loss_factor=0.03), [frf, lower])
 
@@ -222,6 +218,7 @@ def test_a_model_without_damping_is_an_error():
     [
         ({"level": -1.0}, "RMS of a random force above 0"),
         ({"level": None}, "expected level="),
+        ({"spectrum": [[1.0, 2.0], [3.0, 2.0]]}, "expected one of the two"),
         ({"freq": [1.0]}, "two lines or more"),
         ({"freq": [0.0, 1.0]}, "above 0 Hz"),
         ({"amplitude": 1.0}, "no amplitude"),
@@ -233,6 +230,31 @@ def test_a_model_without_damping_is_an_error():
 def test_options_that_cannot_be_used_are_refused(options, message):
     with pytest.raises(OptionError, match=message):
         respond(MODEL, **options)
+
+
+def test_a_spectrum_is_a_level_of_any_lines():
+    """The lines do not state the band, and a density of two bands is the sum of both."""
+    spectrum = np.array([[FREQ[0], 2.0], [FREQ[-1], 2.0]])
+    level = np.sqrt(2.0 * (FREQ[-1] - FREQ[0]))
+    flat, few = respond(MODEL, level=level), [1.0]
+    found = respond(MODEL, few, level=None, spectrum=spectrum)
+    np.testing.assert_allclose(found.deformation, flat.deformation, rtol=1e-9)
+    assert found.level == pytest.approx(level)
+    np.testing.assert_array_equal(found.frf.spectrum, spectrum)
+    shaped = [[0.5, 2.0], [1.8, 2.0], [2.0, 0.1], [2.4, 0.1], [2.6, 2.0], [5.0, 2.0]]
+    fine = np.linspace(0.5, 5.0, 40_001)
+    found = respond(MODEL, few, ["1:X"], level=None, spectrum=shaped)
+    linear = updyn.response(replaced(MODEL, found, 0), fine, ["1:X", "2:X"], ["1:X"]).values[..., 0]
+    density = np.interp(fine, *np.array(shaped).T)
+    for e, local in enumerate(MODEL.nonlinear.values()):
+        q = np.abs(linear @ local.column(MODEL.dofs)) ** 2
+        sigma = np.sqrt(np.trapezoid(density * q, fine))
+        assert found.deformation[e, 0] == pytest.approx(sigma, rel=1e-5)
+
+
+def test_a_spectrum_of_a_sine_is_refused():
+    with pytest.raises(OptionError, match="spectrum: of a random force"):
+        updyn.response(MODEL, FREQ, ["1:X"], ["1:X"], spectrum=[[1.0, 2.0], [3.0, 2.0]])
 
 
 def test_an_unknown_excitation_and_a_linear_model_are_refused():

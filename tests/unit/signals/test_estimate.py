@@ -26,6 +26,22 @@ def lasting():
     return Records.of(noisy[None], hits.STEP, ["hammer", "1:Z", "2:Z"], ["N", "m", "m"])
 
 
+@pytest.mark.parametrize("window", ["hann", "boxcar"])
+def test_the_spectrum_of_the_force_is_that_of_scipy(lasting, window):
+    found = updyn.frf_estimate(lasting, FORCE, window=window, segment=1.0, band=(20.0, 60.0))
+    options = {"fs": 1.0 / hits.STEP, "window": window, "nperseg": 512}
+    freq, density = scipy.signal.welch(lasting.values[0, 0], **options)
+    np.testing.assert_allclose(found.spectra, np.column_stack([freq, density])[1:], rtol=1e-10)
+
+
+def test_the_spectrum_of_a_whole_record_has_its_mean_square(lasting):
+    """Parseval's theorem; the line at 0 Hz is not part of it."""
+    found = updyn.frf_estimate(lasting, FORCE, estimator="LRM", band=(20.0, 60.0))
+    force = lasting.values[0, 0]
+    step = 1.0 / (hits.STEP * len(force))
+    assert found.spectra[:, 1].sum() * step == pytest.approx(np.var(force), rel=1e-10)
+
+
 @pytest.mark.parametrize("overlap", [0.0, 0.5, 0.75])
 @pytest.mark.parametrize("window", ["hann", "boxcar", "flattop"])
 def test_segments_are_those_of_scipy(lasting, window, overlap):

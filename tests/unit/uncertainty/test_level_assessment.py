@@ -200,3 +200,21 @@ def test_linear_models_and_wrong_candidates_are_refused(result) -> None:
         updyn.assess_levels(result, [])
     with pytest.raises(OptionError, match="expected the result of an update"):
         updyn.assess_levels(model)
+
+
+def test_a_random_test_predicts_random_levels() -> None:
+    """The further test has the spectrum of the nearest one in level, scaled."""
+    model = make_model()
+
+    def measure_noise(level: float) -> updyn.FRF:
+        options = {"level": level, "excitation": "random"}
+        return updyn.response(model, FREQ, ENDS, ["2:X"], **options).frf
+
+    def fit_noise(levels: tuple[float, ...]) -> updyn.JointResult:
+        data = [measure_noise(level) for level in levels]
+        return updyn.update(model, data, choose(model), noise=NOISE, starts=0)
+
+    few, all_levels = fit_noise((0.5, 2.0)), fit_noise((0.5, 2.0, 5.0))
+    (added,) = updyn.assess_levels(few, [5.0]).candidates
+    of_update = as_array(all_levels.std) / inflation(all_levels)
+    np.testing.assert_allclose(as_array(added.std) / inflation(few), of_update, rtol=1e-3)

@@ -30,7 +30,7 @@ from updyn.nonlinear.local import Place
 from updyn.updating.fit.reducing import is_reduced, make_reduction
 from updyn.updating.fit.search import scatter_points
 from updyn.updating.problem.data import Test
-from updyn.updating.problem.forward import LocalElements
+from updyn.updating.problem.local_elements import LocalElements
 from updyn.updating.problem.noise import NoiseChoice
 from updyn.updating.problem.parameters import ParameterSet, no_unknowns
 from updyn.updating.problem.problem import FRFPart

@@ -23,8 +23,8 @@ from updyn.candidates.location.descent import make_descent
 from updyn.candidates.location.levels import LevelData
 from updyn.candidates.location.settings import LOCATION
 from updyn.errors import SolverError
-from updyn.updating.problem.forward import ElementReceptances, LocalElements
 from updyn.updating.problem.local import Local, reduce_blocks
+from updyn.updating.problem.local_elements import ElementReceptances, LocalElements
 
 __all__ = ["PlaceFit", "fit_place", "linear_local"]
 

@@ -146,6 +146,10 @@ class Transfer:
         Y = np.linalg.solve(Z, np.broadcast_to(self.outputs.T, (len(omega), *self.outputs.T.shape)))
         return self.outputs @ X, -Y.transpose(0, 2, 1) @ (slope @ X)
 
+    def respond(self, omega: RealArray) -> ComplexArray:
+        """Return H at s = i omega, (n_lines, n_out, n_in)."""
+        return self.at(omega)[0]
+
     def _decompose(self, omega: float) -> _Rational | None:
         """Return the eigendecomposition around a frequency in rad/s, or None if it is not one."""
         system, state = self.system, self.system.start

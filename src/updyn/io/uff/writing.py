@@ -57,7 +57,7 @@ def write_frf(frf: FRF, path: str | Path) -> None:
             " files cannot state; write .nc, .npz, .mat or .csv",
             path,
         )
-    optional = ("variance", "averages", "base", "force", "level", "sweep", "excitation")
+    optional = ("variance", "averages", "base", "force", "level", "sweep", "excitation", "spectrum")
     lacking = [name for name in optional if getattr(frf, name) is not None]
     if lacking:
         warnings.warn(

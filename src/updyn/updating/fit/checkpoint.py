@@ -226,7 +226,7 @@ def fingerprint(
             measured += [*(() if frf.base is None else frf.base.labels), "/", str(frf.force)]
         if frf.level is not None:
             measured += [frf.level, str(frf.sweep)]
-            measured += [frf.excitation] if frf.is_random else []
+            measured += [frf.excitation, frf.spectrum] if frf.is_random else []
         for array in (frf.variance, frf.coherence):
             measured.append("None" if array is None else array)
     unknowns: dict[str, list[object]] = {}

@@ -190,7 +190,7 @@ class FRFPart:
     @property
     def solved_lines(self) -> RealArray:
         """Frequencies in Hz at which the linear model is solved."""
-        return self.forward.solved_lines(self.frf.freq)
+        return self.forward.solved_lines(self.frf)
 
     def values(self, x: RealArray) -> RealArray:
         """Return the unknowns' values at x, shape (n,)."""

@@ -15,7 +15,7 @@ from updyn.candidates.location.places import list_places
 from updyn.candidates.location.result import LocationRow, NonlinearityLocation
 from updyn.candidates.location.settings import LOCATION
 from updyn.errors import DataError, ModelError, OptionError
-from updyn.updating.problem.forward import LocalElements
+from updyn.updating.problem.local_elements import LocalElements
 from updyn.updating.problem.parameters import no_unknowns
 
 N = 6

@@ -9,7 +9,7 @@ import pytest
 
 import updyn
 from updyn.errors import DataError, ModelError
-from updyn.updating.problem.forward import EquivalentForward
+from updyn.updating.problem.periodic_forward import EquivalentForward
 from updyn.updating.problem.problem import FRFPart
 
 FREQ = np.array([8.3, 9.6, 14.0, 25.7])

@@ -1,0 +1,267 @@
+"""`RandomForward`: FRFs of a model with nonlinear elements under a random force.
+
+Each element is replaced by a spring and a damper (`updyn.dynamics.linearisation`), one force after
+another. `FixedRandomForward` has them at given standard deviations of the motion.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from updyn.arrays import BoolArray, ComplexArray, IndexArray, RealArray
+from updyn.dynamics.linearisation import Linearisation, LinearisedMotion, deform
+from updyn.dynamics.settings import RANDOM
+from updyn.errors import DataError, SolverError
+from updyn.force_spectrum import find_rms
+from updyn.frf import FRF
+from updyn.nonlinear.gaussian import derive_linear_force, linearise
+from updyn.updating.problem.local_elements import (
+    ElementReceptances,
+    LocalElements,
+    Receptances,
+    find_receptances,
+    find_static_receptances,
+    stack_references,
+)
+
+if TYPE_CHECKING:
+    from updyn.updating.problem.problem import FRFPart
+
+__all__ = ["FixedRandomForward", "RandomForward"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RandomForward:
+    """The FRFs of the linearised model under the random force of the data.
+
+    Spectral densities of the force are those of the data.
+    """
+
+    local: LocalElements
+
+    is_linear: ClassVar[bool] = False
+    is_whole: ClassVar[bool] = True
+
+    @property
+    def dofs(self) -> IndexArray:
+        """DOFs of the elements."""
+        return self.local.dofs
+
+    def solved_lines(self, frf: FRF) -> RealArray:
+        """Return the lines, and others over the band of the force."""
+        return np.union1d(frf.freq, _spread_lines(frf))
+
+    def key(self, frf: FRF) -> list[object]:
+        """Return the spectrum of the force."""
+        return ["random", _spectrum(frf)]
+
+    def receptances(
+        self,
+        part: FRFPart,
+        x: RealArray,
+        lines: slice,
+        rate: ComplexArray,
+        *,
+        derivatives: bool,
+    ) -> Receptances:
+        """Return the receptances at a block of lines."""
+        found = ElementReceptances.of(self.local, part, x, np.ones(1), derivatives=derivatives)
+        out, slopes = [], []
+        for j in range(len(part.columns)):
+            balance = self._balance(part, x, j)
+            motion = balance.solve()
+            own = self._derive(part, x, j, balance, motion) if derivatives else ()
+            H, dH = _Equivalent(motion.stiffness, motion.damping, *own).respond(found, part, j)
+            out.append(H)
+            slopes += [] if dH is None else [dH]
+        return stack_references(part, x, lines, rate, out, slopes)
+
+    def spreads(self, part: FRFPart, x: RealArray) -> RealArray:
+        """Return the mean and the standard deviations of the elements, (3, n_e, n_j).
+
+        They are those of deformation, in m (rad), and velocity, in m/s (rad/s).
+        """
+        found = [self._balance(part, x, j).solve() for j in range(len(part.columns))]
+        return np.stack([np.vstack([one.mean, one.spread]) for one in found], axis=2)
+
+    def measured(self, part: FRFPart) -> tuple[RealArray, BoolArray]:
+        """Return the measured standard deviations, (2, n_e, n_j), and which are known, (n_e,).
+
+        They are integrals over the measured lines, of elements whose DOFs are all responses.
+        """
+        frf, spectrum = part.frf, _spectrum(part.frf)
+        amplitudes, known = self.local.measured(part)
+        density = (
+            np.interp(frf.freq, spectrum[:, 0], spectrum[:, 1], left=0.0, right=0.0)
+            / find_rms(spectrum) ** 2
+        )
+        squared = density[:, None, None] * amplitudes**2
+        omega = 2.0 * np.pi * frf.freq[:, None, None]
+        both = np.stack([squared, omega**2 * squared])
+        return np.sqrt(np.trapezoid(both, frf.freq, axis=1)), known
+
+    def _balance(self, part: FRFPart, x: RealArray, j: int) -> Linearisation:
+        """Return the equations of the motion of the elements under one force."""
+        values, spectrum = part.values(x), _spectrum(part.frf)
+        return Linearisation(
+            self.local.at(values),
+            lambda omega: self._deformations(part, values, j, omega, derivatives=False)[0],
+            self._static(part, values),
+            spectrum[:, 0],
+            spectrum[:, 1],
+            f"{part.frf.level_text}, force at {part.frf.references.labels[j]}",
+            RANDOM.error,
+        )
+
+    def _deformations(
+        self, part: FRFPart, values: RealArray, j: int, omega: RealArray, *, derivatives: bool
+    ) -> tuple[ComplexArray, ComplexArray | None]:
+        """Return deformations for forces of the elements and one force, (n_f, n_e, n_e + 1)."""
+        return find_receptances(
+            self.local,
+            part.solver,
+            part.unknowns,
+            values,
+            omega / (2.0 * np.pi),
+            (part.rows[:0], part.columns[j : j + 1]),
+            derivatives,
+            lines=_spread_lines(part.frf),
+        )
+
+    def _derive(
+        self, part: FRFPart, x: RealArray, j: int, balance: Linearisation, motion: LinearisedMotion
+    ) -> tuple[RealArray, RealArray]:
+        """Return the derivatives of stiffnesses and dampings by the unknowns, (n, n_e) each."""
+        values, static, n = part.values(x), None, len(self.local.elements)
+        if balance.has_mean:
+            _, slopes = find_static_receptances(self.local, part, values, derivatives=True)
+            assert slopes is not None
+            static = slopes[:, 0, :n, :n].real
+
+        def derive(omega: RealArray) -> ComplexArray:
+            _, slopes = self._deformations(part, values, j, omega, derivatives=True)
+            assert slopes is not None
+            return slopes
+
+        owned = zip(self.local.owners.tolist(), self.local.places, strict=True)
+        places = [(owner, *place) for owner, place in owned]
+        return balance.derive(motion, derive, static, places, part.n)
+
+    def _static(self, part: FRFPart, values: RealArray) -> RealArray | None:
+        """Return the deformations for static forces of the elements; None if the model is free."""
+        n = len(self.local.elements)
+        try:
+            H, _ = find_static_receptances(self.local, part, values, derivatives=False)
+        except SolverError:
+            if not self.local.are_odd:
+                raise
+            return None
+        return H[0, :n, :n].real
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FixedRandomForward:
+    """The FRFs with the springs and dampers of a given motion of the elements.
+
+    `motion`, (3, n_e, n_j), has means and standard deviations as of `RandomForward.spreads`.
+    """
+
+    local: LocalElements
+    motion: RealArray
+
+    is_linear: ClassVar[bool] = False
+    is_whole: ClassVar[bool] = True
+
+    @property
+    def dofs(self) -> IndexArray:
+        """DOFs of the elements."""
+        return self.local.dofs
+
+    def solved_lines(self, frf: FRF) -> RealArray:
+        """Return the lines."""
+        return frf.freq
+
+    def key(self, frf: FRF) -> list[object]:
+        """Return the motion."""
+        return ["fixed random", self.motion]
+
+    def receptances(
+        self,
+        part: FRFPart,
+        x: RealArray,
+        lines: slice,
+        rate: ComplexArray,
+        *,
+        derivatives: bool,
+    ) -> Receptances:
+        """Return the receptances at a block of lines."""
+        found = ElementReceptances.of(self.local, part, x, np.ones(1), derivatives=derivatives)
+        elements = self.local.at(part.values(x))
+        out, slopes = [], []
+        for j in range(len(part.columns)):
+            forces = [
+                linearise(*pair)
+                for pair in zip(elements, *self.motion[[1, 2, 0], :, j], strict=True)
+            ]
+            stiffness = np.array([one.stiffness for one in forces])
+            damping = np.array([one.damping for one in forces])
+            dk = dc = None
+            if derivatives:
+                dk, dc = np.zeros((2, part.n, len(elements)))
+                own = [
+                    derive_linear_force(*pair)
+                    for pair in zip(elements, *self.motion[[1, 2, 0], :, j], strict=True)
+                ]
+                for owner, (e, i) in zip(self.local.owners, self.local.places, strict=True):
+                    dk[owner, e] += own[e][1, 3 + i]
+                    dc[owner, e] += own[e][2, 3 + i]
+            H, dH = _Equivalent(stiffness, damping, dk, dc).respond(found, part, j)
+            out.append(H)
+            slopes += [] if dH is None else [dH]
+        return stack_references(part, x, lines, rate, out, slopes)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Equivalent:
+    """Stiffness and damping of each element, (n_e,), with derivatives by unknowns, (n, n_e)."""
+
+    stiffness: RealArray
+    damping: RealArray
+    dk: RealArray | None = None
+    dc: RealArray | None = None
+
+    def respond(
+        self, found: ElementReceptances, part: FRFPart, j: int
+    ) -> tuple[ComplexArray, ComplexArray | None]:
+        """Return the responses to force j, (n_f, n_i), and their derivatives, (n, n_f, n_i)."""
+        omega, n = 2.0 * np.pi * part.frf.freq, len(self.stiffness)
+        H, dH = found.H[:, 0], None if found.dH is None else found.dH[:, :, 0]
+        D = self.stiffness + 1j * omega[:, None] * self.damping
+        q = deform(H[:, :n][..., [*range(n), n + j]], D)
+        out = H[:, n:, n + j] - np.einsum("fie,fe->fi", H[:, n:, :n], D * q)
+        if dH is None or self.dk is None or self.dc is None:
+            return out, None
+        forces = (self.dk[:, None] + 1j * omega[:, None] * self.dc[:, None]) * q
+        direct = dH[..., n + j] - np.einsum("pfoe,fe->pfo", dH[..., :n], D * q)
+        direct -= np.einsum("foe,pfe->pfo", H[..., :n], forces)
+        A = np.eye(n) + H[:, :n, :n] * D[:, None, :]
+        dq = np.linalg.solve(A, direct[:, :, :n].transpose(1, 2, 0)).transpose(2, 0, 1)
+        return out, direct[:, :, n:] - np.einsum("fie,pfe->pfi", H[:, n:, :n], D * dq)
+
+
+def _spectrum(frf: FRF) -> RealArray:
+    """Return the spectrum of the force of data with a random force."""
+    if frf.spectrum is None:
+        raise DataError("excitation: expected data of a random force, with a level")
+    return frf.spectrum
+
+
+def _spread_lines(frf: FRF) -> RealArray:
+    """Return lines in Hz over the band of the force."""
+    low, high = _spectrum(frf)[[0, -1], 0].tolist()
+    return np.asarray(
+        low + (high - low) * np.arange(1, 1 + RANDOM.reduced_lines) / RANDOM.reduced_lines
+    )
