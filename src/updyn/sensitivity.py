@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -208,9 +209,19 @@ def condensed_product(
 
 def _in_order(dofs: IndexArray) -> tuple[IndexArray, IndexArray]:
     """Return each DOF once, in order of first appearance, and the position of each of `dofs`."""
-    _, first, place = np.unique(dofs, return_index=True, return_inverse=True)
+    return _order_of(np.asarray(dofs, dtype=np.intp).tobytes())
+
+
+@lru_cache(maxsize=64)
+def _order_of(dofs: bytes) -> tuple[IndexArray, IndexArray]:
+    """Return the result of `_in_order`, which all evaluations of a part share."""
+    given = np.frombuffer(dofs, dtype=np.intp)
+    _, first, place = np.unique(given, return_index=True, return_inverse=True)
     order = np.argsort(first)
-    return dofs[first[order]], np.argsort(order)[place]
+    found = given[first[order]], np.argsort(order)[place]
+    for array in found:
+        array.flags.writeable = False
+    return found
 
 
 def _view(places: IndexArray) -> Any:

@@ -167,6 +167,21 @@ class AffineSystem:
         return replace(self, terms=terms, start=more, columns=columns)
 
     @property
+    def stiffness_terms(self) -> RealArray:
+        """1 for terms of stiffness and 0 for others, shape (n_terms,)."""
+        return self._kinds[0][:, 0]
+
+    @property
+    def mass_terms(self) -> RealArray:
+        """1 for terms of mass and 0 for others, shape (n_terms,)."""
+        return self._kinds[1][:, 0]
+
+    @property
+    def tabled_terms(self) -> list[int]:
+        """Positions of the terms with a loss factor over frequency."""
+        return self._kinds[2]
+
+    @property
     def n(self) -> int:
         """Number of equations: the N DOFs, or the coordinates of a reduced model."""
         return len(self.indptr) - 1

@@ -21,8 +21,8 @@ from updyn.linalg.settings import SPARSE_SOLVER
 from updyn.linalg.solver import (
     SparseSolver,
     check_backend,
-    growth,
     probe_load,
+    scaled_growth,
     singular_message,
     unit_scale,
 )
@@ -417,17 +417,18 @@ def solve_dense(
     n_lines, n, r = B.shape
     loads = np.empty((n_lines, n, r + 1), dtype=np.complex128)
     loads[:, :, :r] = B
-    loads[:, :, r:] = probe_load(unit_scale(size))
+    scale = unit_scale(size)
+    loads[:, :, r:] = probe_load(scale)
     try:
         X = _solve_batch(Z, loads)
     except np.linalg.LinAlgError:
         X = np.stack([_solve_or_infinite(z, load) for z, load in zip(Z, loads, strict=True)])
     answer, probe = X[:, :, :r], X[:, :, r:]
-    accepted = growth(size, answer, B) <= SPARSE_SOLVER.largest_growth
-    accepted &= growth(size, probe, loads[:, :, r:]) <= SPARSE_SOLVER.largest_probe_growth
+    accepted = scaled_growth(scale, answer, B) <= SPARSE_SOLVER.largest_growth
+    accepted &= scaled_growth(scale, probe, loads[:, :, r:]) <= SPARSE_SOLVER.largest_probe_growth
     if not accepted.all():
         first = int(np.argmin(accepted))
-        raise SolverError(singular_message(freq[first], held, scale=unit_scale(size[first])))
+        raise SolverError(singular_message(freq[first], held, scale=scale[first]))
     return answer
 
 

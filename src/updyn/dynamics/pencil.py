@@ -63,11 +63,11 @@ class StateWeights:
     @classmethod
     def find(cls, system: AffineSystem, state: State) -> StateWeights | None:
         """Return the weights at a state, or None if too much depends on the line."""
-        quantity = np.array([t.quantity for t in system.terms])
-        tabled = np.array([t.table is not None for t in system.terms])
+        tabled = np.zeros(len(system.terms), dtype=np.bool_)
+        tabled[system.tabled_terms] = True
         used = state.factor != 0.0
-        stiffness = np.where(quantity == "stiffness", state.factor, 0.0)
-        mass = np.where(quantity == "mass", state.factor, 0.0)
+        stiffness = state.factor * system.stiffness_terms
+        mass = state.factor * system.mass_terms
         viscous = state.factor * state.rate
         about = stiffness, stiffness * state.loss, viscous, mass
         if _is_common(system, state, used):
@@ -124,8 +124,15 @@ def saves_time(system: AffineSystem, state: State, n_lines: int, least: int) -> 
 
     `least` is the smallest sufficient number of lines if damping makes it complex.
     """
+    if not _may_save_time(n_lines, least):
+        return False
     weights = StateWeights.find(system, state)
     return weights is not None and weights.saves_time(n_lines, least)
+
+
+def _may_save_time(n_lines: int, least: int) -> bool:
+    """Return whether this number of lines is sufficient for a real or a complex decomposition."""
+    return n_lines >= min(PENCIL.least_real_lines, least)
 
 
 def decompose(
@@ -391,6 +398,8 @@ class PencilCache:
 
         `lines` are all lines of the state in Hz; `matrices` returns K, D and M for their weights.
         """
+        if not _may_save_time(len(lines), self.least):
+            return None
         key = np.concatenate((state.factor, state.loss, state.rate)).tobytes()
         if key != self._key:
             self._key, self._weights = key, StateWeights.find(system, state)

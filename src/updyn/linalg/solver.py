@@ -12,7 +12,7 @@ from __future__ import annotations
 import weakref
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from functools import partial
+from functools import lru_cache, partial
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -35,6 +35,7 @@ __all__ = [
     "check_backend",
     "growth",
     "probe_load",
+    "scaled_growth",
     "singular_message",
     "unit_scale",
 ]
@@ -449,7 +450,12 @@ def unit_scale(diagonal: NumberArray) -> RealArray:
 def growth(diagonal: NumberArray, X: NumberArray, B: NumberArray) -> RealArray:
     """Return the largest growth of a solution of A X = B relative to B, shape (...)."""
     # It is approximately a lower bound of the condition number of the matrix scaled by `diagonal`.
-    scale = unit_scale(diagonal)[..., None]
+    return scaled_growth(unit_scale(diagonal), X, B)
+
+
+def scaled_growth(scale: RealArray, X: NumberArray, B: NumberArray) -> RealArray:
+    """Return `growth` by the `unit_scale` of a diagonal."""
+    scale = scale[..., None]
     grown = _compute_growth((np.abs(X) * scale).max(axis=-2), (np.abs(B) / scale).max(axis=-2))
     return np.asarray(grown.max(axis=-1, initial=0))
 
@@ -457,8 +463,15 @@ def growth(diagonal: NumberArray, X: NumberArray, B: NumberArray) -> RealArray:
 def probe_load(scale: RealArray) -> ComplexArray:
     """Return a load that excites every mode, shape (..., n, 1): random phases, scaled by row."""
     # The same on every call; its `growth` is close to the condition number of the scaled matrix.
-    phase = 2j * np.pi * np.random.default_rng(0).random(scale.shape[-1])
-    return np.asarray(np.exp(phase) * scale)[..., None]
+    return np.asarray(_random_phases(scale.shape[-1]) * scale)[..., None]
+
+
+@lru_cache(maxsize=16)
+def _random_phases(n: int) -> ComplexArray:
+    """Return n complex numbers of magnitude 1."""
+    out = np.exp(2j * np.pi * np.random.default_rng(0).random(n))
+    out.flags.writeable = False
+    return out
 
 
 def accuracy(

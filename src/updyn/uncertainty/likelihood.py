@@ -12,7 +12,7 @@ is flat in x within the bounds (Jaynes 1968: the prior of a scale).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -51,11 +51,14 @@ class Likelihood:
 
     problem: Problem
     residual: OutputErrorSet
+    #: Bounds in x, each shape (n,).
+    bounds: tuple[RealArray, RealArray] = field(init=False, repr=False)
+    _prior: tuple[RealArray, RealArray] = field(init=False, repr=False)
 
-    @property
-    def bounds(self) -> tuple[RealArray, RealArray]:
-        """Bounds in x, each shape (n,)."""
-        return self.problem.coordinates.bounds
+    def __post_init__(self) -> None:
+        # Computed once: a cost of a small model takes hardly longer.
+        object.__setattr__(self, "bounds", self.problem.coordinates.bounds)
+        object.__setattr__(self, "_prior", self.problem.coordinates.prior)
 
     def local(self, x: RealArray) -> Local | None:
         """Return cost and slopes at x, shape (n,), or None if the model cannot be solved."""
@@ -76,7 +79,7 @@ class Likelihood:
             except SolverError:
                 return np.inf
             total += float(np.sum(np.abs(self.residual.of(i).weight * (H - part.frf.values)) ** 2))
-        centre, weight = self.problem.coordinates.prior
+        centre, weight = self._prior
         prior = weight * (x - centre)
         cost = 0.5 * total + 0.5 * float(prior @ prior)
         if not np.isfinite(cost):

@@ -16,6 +16,7 @@ from updyn.arrays import RealArray
 from updyn.dynamics.settings import REDUCTION
 from updyn.engines import Engine, opened_engine
 from updyn.errors import OptionError, SolverError
+from updyn.linalg.threads import use_one_thread
 from updyn.uncertainty.counts import check_count
 from updyn.uncertainty.draws import Draws
 from updyn.uncertainty.likelihood import Gaussian, Likelihood, Point
@@ -308,6 +309,7 @@ def _log_prob(likelihood: Likelihood, X: RealArray) -> RealArray:
     return np.array([-likelihood.cost(x) for x in X])
 
 
+@use_one_thread
 def _run_steps(
     likelihood: Likelihood, item: tuple[Mixture, _Ensemble, int]
 ) -> tuple[_Ensemble, RealArray, float]:

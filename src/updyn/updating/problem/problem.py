@@ -76,6 +76,7 @@ class FRFPart:
     variants: tuple[Variant, ...] = field(default=(), repr=False)
     forward: Forward = field(default=LINEAR, repr=False)
     _digest: list[bytes] = field(default_factory=list, init=False, repr=False)
+    _effort: dict[str, float] = field(default_factory=dict, init=False, repr=False)
     _gains: Gains | None = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -207,6 +208,11 @@ class FRFPart:
     @property
     def work(self) -> float:
         """Rough number of floating-point operations of an evaluation with derivatives."""
+        if "work" not in self._effort:
+            self._effort["work"] = self._estimate_work()
+        return self._effort["work"]
+
+    def _estimate_work(self) -> float:
         # If one eigendecomposition serves all lines, it is not included: every process repeats it.
         n, n_values = self.solver.system.n, self.sign.size
         columns = len(self.rows) + len(self.columns)
@@ -221,9 +227,13 @@ class FRFPart:
     @property
     def _shares_decomposition(self) -> bool:
         """Whether one eigendecomposition of a dense model serves all lines."""
-        system = self.solver.system
-        least = PENCIL.least_reduced_lines if self.solver.tier == "reduced" else PENCIL.least_lines
-        return saves_time(system, system.start, len(self.frf.freq), least)
+        if "shared" not in self._effort:
+            system, least = self.solver.system, PENCIL.least_lines
+            if self.solver.tier == "reduced":
+                least = PENCIL.least_reduced_lines
+            shared = saves_time(system, system.start, len(self.frf.freq), least)
+            self._effort["shared"] = float(shared)
+        return bool(self._effort["shared"])
 
     @property
     def is_distributed(self) -> bool:
