@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import warnings
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -37,13 +37,35 @@ class Branch:
         Frequency in Hz of each point; not monotonic if the branch has turning points.
     harmonics : ndarray of complex, shape (n_p, n_h, n_responses)
         Amplitudes of the harmonics of the responses, in the quantity of the response.
-    stable : ndarray of bool, shape (n_p,)
-        Whether the periodic motion is stable.
     """
 
     freq: RealArray
     harmonics: ComplexArray
-    stable: BoolArray
+    _stability: _Stability = field(repr=False)
+
+    @property
+    def stable(self) -> BoolArray:
+        """Whether the periodic motion is stable, shape (n_p,); computed on first use."""
+        return self._stability.at(range(len(self.freq)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Stability:
+    """Stability of some solutions (x, omega) of a balance, each computed on first use."""
+
+    balance: Balance
+    solutions: list[tuple[RealArray, float]]
+    _known: dict[int, bool] = field(default_factory=dict, init=False)
+
+    def at(self, numbers: Iterable[int]) -> BoolArray:
+        """Return whether the solutions of some numbers are stable."""
+        return np.array([self._is_stable(number) for number in numbers], dtype=np.bool_)
+
+    def _is_stable(self, number: int) -> bool:
+        if number not in self._known:
+            found = self.balance.evaluate(*self.solutions[number])
+            self._known[number] = count_unstable(self.balance, found) == 0
+        return self._known[number]
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,9 +121,6 @@ class PeriodicResponse:
         ``"receptance"``, ``"mobility"`` or ``"accelerance"``.
     level : float or ndarray of float, shape (n_f,)
         Force amplitude in N (N m); of each line if a response is held at an amplitude.
-    stable : ndarray of bool, shape (n_f, n_references)
-        Whether the periodic motion is stable at a constant force. Unstable motion is not observed,
-        unless a controller holds the response at an amplitude.
     truncation : ndarray of float, shape (n_f, n_references)
         Estimated error by the harmonics that were left out: amplitude of the next ones over that of
         all, the largest of an element.
@@ -130,12 +149,22 @@ class PeriodicResponse:
     references: DofSet
     quantity: str
     level: float | RealArray
-    stable: BoolArray
     truncation: RealArray
     branches: tuple[Branch, ...]
     source: str
     geometry: Geometry | None = None
     sweep: str = "up"
+    _first: IndexArray = field(kw_only=True, repr=False)
+
+    @property
+    def stable(self) -> BoolArray:
+        """Whether the periodic motion is stable at a constant force, shape (n_f, n_references).
+
+        Unstable motion is not observed, unless a controller holds the response at an amplitude.
+        Computed on first use.
+        """
+        columns = zip(self.branches, self._first.T.tolist(), strict=True)
+        return np.stack([branch._stability.at(first) for branch, first in columns], axis=1)
 
     @property
     def frf(self) -> FRF:
@@ -206,7 +235,7 @@ def respond_at_level(
     n_f, n_j = len(lines), len(columns)
     shape = n_f, harmonics + 1, len(rows), n_j
     amplitudes = np.zeros(shape, dtype=np.complex128)
-    stable, truncation = np.zeros((n_f, n_j), dtype=np.bool_), np.zeros((n_f, n_j))
+    first, truncation = np.zeros((n_f, n_j), dtype=np.intp), np.zeros((n_f, n_j))
     level: float | RealArray = excitation.value
     branches = []
     for j in range(n_j):
@@ -224,13 +253,13 @@ def respond_at_level(
         motion *= (hertz[:, None] * s)[:, :, None] ** power
         spread = np.zeros((len(points), harmonics + 1, len(rows)), dtype=np.complex128)
         spread[:, fourier.harmonics] = motion
-        is_stable = np.array([count_unstable(balance, p.found) == 0 for p in points])
-        branches.append(Branch(hertz, spread, is_stable))
-        first = _first_at_lines(points, lines, excitation)
-        amplitudes[..., j], stable[:, j] = spread[first], is_stable[first]
-        truncation[:, j] = [balance.truncation(points[i].found) for i in first]
+        solutions = [(point.found.x, point.found.omega) for point in points]
+        branches.append(Branch(hertz, spread, _Stability(balance, solutions)))
+        first[:, j] = _first_at_lines(points, lines, excitation)
+        amplitudes[..., j] = spread[first[:, j]]
+        truncation[:, j] = [balance.truncation(points[i].found) for i in first[:, j]]
         if control is not None:
-            level = np.abs(force[first])
+            level = np.abs(force[first[:, j]])
     _warn_of_truncation(lines, truncation, harmonics)
     values = amplitudes[:, 1] / np.reshape(level, (-1, 1, 1))
     return PeriodicResponse(
@@ -241,12 +270,12 @@ def respond_at_level(
         columns,
         quantity,
         level,
-        stable,
         truncation,
         tuple(branches),
         transfer.source,
         model.geometry,
         sweep,
+        _first=first,
     )
 
 

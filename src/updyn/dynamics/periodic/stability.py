@@ -20,10 +20,10 @@ from dataclasses import replace
 import numpy as np
 import scipy.sparse as sp
 
-from updyn.arrays import ComplexArray, IntArray, RealArray
+from updyn.arrays import ComplexArray, IndexArray, IntArray, RealArray
 from updyn.dynamics.periodic.balance import Balance, Evaluation
 from updyn.dynamics.periodic.settings import STABILITY
-from updyn.nonlinear.element import PeriodForce, diagonal
+from updyn.nonlinear.element import PeriodForce
 
 __all__ = ["count_unstable"]
 
@@ -140,30 +140,44 @@ class _Determinant:
 class _Tangent:
     """Harmonics of the force of an element per perturbation exp(s t) times exp(i l omega t)."""
 
-    __slots__ = ("_damping", "_k", "_later", "_omega", "_same", "_wave")
+    __slots__ = ("_columns", "_damping", "_k", "_lag", "_later", "_omega", "_same", "_wave")
 
     def __init__(self, force: PeriodForce, omega: float, k: IntArray) -> None:
         self._omega, self._k = omega, k
         values, n = force.stiffness.diagonal(), len(force.force)
         self._same, self._damping = _toeplitz(values, k), _toeplitz(force.damping, k)
-        later = sp.csc_array(force.stiffness - diagonal(values))
-        columns = np.flatnonzero(np.diff(later.indptr))
-        #: Derivatives by earlier deformations, those at reversals, and the time since then.
-        lag = (np.arange(n)[:, None] - columns) % n * (2.0 * np.pi / n / omega)
-        self._later = later[:, columns].toarray(), lag, columns
+        self._columns, self._later = _select_memory(force, values)
+        #: Samples since the reversals.
+        self._lag = (np.arange(n)[:, None] - self._columns) % n
         self._wave = np.exp(2j * np.pi / n * np.outer(np.arange(n), k))
 
     def at(self, s: ComplexArray) -> ComplexArray:
         """Return the harmonics k of the force by those of the deformation, (n_s, n_k, n_k)."""
         moving = self._damping * (s[:, None, None] + 1j * self._omega * self._k)
         out = self._same + moving
-        values, lag, columns = self._later
-        if len(columns):
+        if len(self._columns):
             # A force with memory follows the perturbation at the time of the reversal.
-            delayed = values * np.exp(-s[:, None, None] * lag)
-            back = self._wave.conj().T @ delayed / len(values)
-            out = out + back @ self._wave[columns]
+            n = len(self._wave)
+            fading = np.exp(-2.0 * np.pi / n / self._omega * np.outer(s, np.arange(n)))
+            back = self._wave.conj().T @ (self._later * fading[:, self._lag]) / n
+            out = out + back @ self._wave[self._columns]
         return np.asarray(out)
+
+
+def _select_memory(force: PeriodForce, same: RealArray) -> tuple[IndexArray, RealArray]:
+    """Return the reversals, (n_r,), and the derivatives by their deformations, (n, n_r).
+
+    `same` are those by the deformation of each sample itself.
+    """
+    stiffness = sp.csr_array(force.stiffness)
+    n = len(same)
+    rows = np.repeat(np.arange(n), np.diff(stiffness.indptr))
+    columns, values = stiffness.indices, stiffness.data
+    later = (rows != columns) & (values != 0.0)
+    reversals, place = np.unique(columns[later], return_inverse=True)
+    out = np.zeros((n, len(reversals)))
+    np.add.at(out, (rows[later], place), values[later])
+    return reversals.astype(np.intp), out
 
 
 def _toeplitz(values: RealArray, k: IntArray) -> ComplexArray:

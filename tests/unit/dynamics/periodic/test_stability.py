@@ -145,3 +145,27 @@ def test_a_branch_with_corners_is_followed() -> None:
     found = updyn.response(sliding_masses(), freq, ["2:X"], ["2:X"], **options)
     alone = updyn.response(sliding_masses(), freq[-1:], ["2:X"], ["2:X"], **options)
     assert found.values[-1] == pytest.approx(alone.values[0], rel=1e-6)
+
+
+def test_stability_is_computed_once_when_it_is_asked_for(monkeypatch) -> None:
+    """It may take longer than the response."""
+    counted = []
+
+    def count(balance: Balance, found: Evaluation) -> int:
+        counted.append((found.omega, found.x))
+        return count_unstable(balance, found)
+
+    monkeypatch.setattr("updyn.dynamics.periodic.response.count_unstable", count)
+    case = CASES["hardening"]
+    model = case.model.with_elements({"stop": (case.element, "1:X")})
+    freq = np.linspace(0.9, 1.5, 7) / (2 * np.pi)
+    found = updyn.response(model, freq, ["1:X"], ["1:X"], level=case.level)
+    assert counted == []
+    at_lines = found.stable
+    assert [omega for omega, _ in counted] == pytest.approx(2 * np.pi * freq)
+    (branch,) = found.branches
+    for f, stable in zip(freq, at_lines[:, 0], strict=True):
+        assert stable in branch.stable[np.isclose(branch.freq, f)]
+    assert len(counted) == len(branch.freq)
+    assert (found.stable == at_lines).all()
+    assert len(counted) == len(branch.freq)
