@@ -82,6 +82,9 @@ def _group_by_pattern(
     is_measured: BoolArray,
 ) -> Iterator[tuple[BoolArray, IndexArray]]:
     """Yield each pattern of present values, shape (m,), with the indices of its columns."""
+    if is_measured.all():
+        yield np.ones(len(is_measured), dtype=np.bool_), np.arange(is_measured.shape[1])
+        return
     patterns, pattern_of_column = np.unique(is_measured, axis=1, return_inverse=True)
     for i in range(patterns.shape[1]):
         yield patterns[:, i], np.flatnonzero(pattern_of_column.ravel() == i)
@@ -128,12 +131,7 @@ def _tail_probability(eigenvalues: RealArray, multiplicities: RealArray, r: Real
     edge = 1e-9 * (eigenvalues[-1] - eigenvalues[0])
     inside = np.clip(r, eigenvalues[0] + edge, eigenvalues[-1] - edge)
     a = eigenvalues[None, :] - inside[:, None]
-    low, high = 1.0 / a[:, 0], 1.0 / a[:, -1]
-    for _ in range(80):  # K' rises from -inf to inf between the poles
-        s = 0.5 * (low + high)
-        rising = (a / (1.0 - s[:, None] * a)) @ multiplicities > 0
-        high, low = np.where(rising, s, high), np.where(rising, low, s)
-    s = 0.5 * (low + high)
+    s = _find_saddlepoint(a, multiplicities)
     scaled = 1.0 - s[:, None] * a
     K, K2 = -np.log(scaled) @ multiplicities, (a / scaled) ** 2 @ multiplicities
     w = np.sign(s) * np.sqrt(np.maximum(-2.0 * K, 0.0))
@@ -144,6 +142,26 @@ def _tail_probability(eigenvalues: RealArray, multiplicities: RealArray, r: Real
     skew = 2.0 * (a**3 @ multiplicities) / (a**2 @ multiplicities) ** 1.5
     middle = -w - np.where(near, skew, 0.0) / 6.0
     return np.asarray(np.clip(ndtr(np.where(near, middle, -star)), 1e-300, 1.0))
+
+
+def _find_saddlepoint(a: RealArray, multiplicities: RealArray) -> RealArray:
+    """Return the root s of K'(s) = sum_j a_j / (1 - s a_j) in each row of a, ascending."""
+    # K' rises from -inf to inf between the poles: Newton steps, and bisection where one leaves the
+    # interval.
+    low, high = 1.0 / a[:, 0], 1.0 / a[:, -1]
+    rounding = 32.0 * np.finfo(np.float64).eps
+    smallest = np.minimum(-low, high)
+    s = 0.5 * (low + high)
+    for _ in range(80):
+        term = a / (1.0 - s[:, None] * a)
+        slope, curvature = term @ multiplicities, term**2 @ multiplicities
+        high, low = np.where(slope > 0, s, high), np.where(slope > 0, low, s)
+        after = s - slope / curvature
+        after = np.where((after > low) & (after < high), after, 0.5 * (low + high))
+        step, s = np.abs(after - s), after
+        if (step <= rounding * np.maximum(np.abs(s), smallest)).all():
+            break
+    return s
 
 
 def adjust_p_values(p: RealArray) -> RealArray:
