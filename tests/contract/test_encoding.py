@@ -8,10 +8,15 @@ import pytest
 
 import rooms
 
+#: Functions that open, read or write a file, as text unless stated otherwise.
+OPENERS = ("open", "read_text", "write_text", "NamedTemporaryFile")
+
 
 def without_encoding(source: str) -> list[int]:
     """Lines that open, read or write a text file and state no encoding."""
     found = []
+    if not any(f"{name}(" in source for name in OPENERS):
+        return found
     for node in ast.walk(ast.parse(source)):
         if not isinstance(node, ast.Call):
             continue
@@ -19,7 +24,7 @@ def without_encoding(source: str) -> list[int]:
         name = getattr(function, "attr", getattr(function, "id", ""))
         # Descriptors, and the members of a zip archive, are bytes.
         of = getattr(getattr(function, "value", None), "id", "")
-        if name not in ("open", "read_text", "write_text", "NamedTemporaryFile"):
+        if name not in OPENERS:
             continue
         if of in ("os", "archive"):
             continue

@@ -7,12 +7,9 @@ import ast
 import pytest
 
 import rooms
+from rooms import dotted
 
 PICKLES = {"pickle", "cPickle", "dill", "cloudpickle", "shelve", "marshal"}
-
-
-def dotted(node: ast.AST) -> str:
-    return ast.unparse(node) if isinstance(node, ast.Name | ast.Attribute) else ""
 
 
 def forbidden(source: str, module: str) -> list[str]:
