@@ -12,12 +12,12 @@ import updyn
 from updyn.control.backlash_demo import predict_cycles
 from updyn.demos import loose_train
 
-EVERY = 3
+EVERY = 4
 
 
 @pytest.fixture(scope="module")
 def result() -> updyn.JointResult:
-    """Fit of every third line, from a start off by a quarter, gap and friction by 2.5."""
+    """Fit of every fourth line, from a start off by a quarter, gap and friction by 2.5."""
     rng, tests = np.random.default_rng(4), []
     for level in loose_train.LEVELS:
         with warnings.catch_warnings():

@@ -57,6 +57,10 @@ def structure(
     return Structure(np.array(frequency), np.array(loss), shapes, responses)
 
 
+#: Lines up to just beyond the highest of three modes.
+BELOW = FREQ[FREQ < 65.0]
+
+
 FEW = structure([12.0, 31.0, 31.062, 58.0, 83.0], [0.01, 0.012, 0.008, 0.02, 0.005], 8, 1)
 
 
@@ -73,7 +77,7 @@ def test_a_close_pair_is_found_under_noise_with_one_reference() -> None:
 def test_standard_deviations_are_those_of_repeats(damping: str) -> None:
     alone = structure([12.0, 31.0, 58.0], [0.01, 0.012, 0.02], 4, 1, seed=2)
     sets = [
-        updyn.identify_modes(alone.frf(FREQ, 0.03, seed), damping=damping) for seed in range(40)
+        updyn.identify_modes(alone.frf(BELOW, 0.03, seed), damping=damping) for seed in range(40)
     ]
     assert all(len(found) == 3 for found in sets)
     for name in ("frequency", "damping"):
@@ -96,9 +100,9 @@ def test_standard_deviations_of_shapes_are_those_of_repeats(
     alone = Structure(alone.frequency, alone.loss, shapes, responses)
     found, within = [], []
     for seed in range(40):
-        frf = alone.frf(FREQ, 0.03, seed)
+        frf = alone.frf(BELOW, 0.03, seed)
         labels = [f"{k + 1}:Z" for k in range(driven)] + list(frf.references.labels[driven:])
-        frf = updyn.FRF(FREQ, frf.values, frf.responses, labels, "accelerance")
+        frf = updyn.FRF(BELOW, frf.values, frf.responses, labels, "accelerance")
         modes = updyn.identify_modes(frf, damping=damping)
         true = shapes[[int(str(dof).split(":")[0]) - 1 for dof in modes.dofs]]
         true = true / np.linalg.norm(true, axis=0)

@@ -62,6 +62,11 @@ def whole(result) -> updyn.UpdateResult:
     )
 
 
+@pytest.fixture(scope="module")
+def draws(result) -> updyn.Draws:
+    return updyn.bootstrap(result, 110)
+
+
 def test_a_bootstrap_is_made_in_a_reduced_model(result, whole) -> None:
     found = updyn.bootstrap(result, 30)
     assert found.options["basis"] < N
@@ -133,8 +138,7 @@ def test_a_profile_of_a_reduced_model_that_is_not_good_enough_is_told(result, mo
 
 
 @pytest.mark.parametrize("freq", [np.linspace(0.5, 6.0, 40), [2.0]])
-def test_bands_of_draws_are_made_in_a_reduced_model(result, monkeypatch, freq) -> None:
-    draws = updyn.bootstrap(result, 110)
+def test_bands_of_draws_are_made_in_a_reduced_model(draws, monkeypatch, freq) -> None:
     reduced = updyn.predict(draws, freq, ["40:X"], ["60:X"])
     with monkeypatch.context() as patch:
         override(patch, PREDICTED_BAND, least_solves=np.inf)
