@@ -17,6 +17,11 @@ An unknown is determined if its standard deviation is below a third of its value
 
     OMP_NUM_THREADS=1 python benchmarks/levels.py [STRUCTURE ...] [--draws 20] [--first 0]
 
+With ``--random``, tests are those of a random force, whose spectral density falls by 10 dB at the
+first natural frequency, as that of a shaker. The middle RMS moves the first element by the
+standard deviation that is its amplitude at the middle level. Measured and fitted FRFs are both by
+statistical linearisation; `nonlinear.py fitted` has those of simulated tests.
+
 With ``--added``, standard deviations that `updyn.assess_levels` predicts for a third test, from
 fits to the two lower levels, are compared with those of a fit to this test, too: the third level is
 twice and five times the highest. Fits begin at the truth.
@@ -111,6 +116,19 @@ class Structure:
             moved = np.abs(np.einsum("i,fi->f", w, found.values[:, :, at.index(self.force)]))
             made[name] = (make(0.3 / np.median(across), 0.5 * moved.max()), pair)
         return self.model.with_elements(made)
+
+    def spectrum(self, level: float) -> np.ndarray:
+        """Return the spectrum of a random force at a level relative to the middle one."""
+        first = float(self.freq[0]) / 0.6  # see `band`
+        shape = 1.0 - 0.9 * np.exp(-(((self.freq - first) / (0.05 * first)) ** 2))
+        local = next(iter(self.truth().nonlinear.values()))
+        weights = dict(zip(self.model.dofs.labels, local.column(self.model.dofs), strict=True))
+        at = [label for label, weight in weights.items() if weight]
+        w = np.array([weights[label] for label in at])
+        moved = np.abs(updyn.response(self.model, self.freq, at, [self.force]).values[:, :, 0] @ w)
+        spread = np.sqrt(np.trapezoid(shape * moved**2, self.freq))
+        size = level * self.middle * 0.5 * moved.max() / spread
+        return np.column_stack([self.freq, size**2 * shape])
 
     def unknowns(self, start: updyn.Model, names: Sequence[str] = ()) -> ParameterSet:
         return updyn.parameters(
@@ -232,9 +250,16 @@ class Start:
         return cls(model.with_elements(elements), truth, own_truth)
 
 
-def measure(true: updyn.Model, s: Structure, level: float, rng: np.random.Generator) -> updyn.FRF:
-    level *= s.middle
-    frf = updyn.response(true, s.freq, s.sensors, [s.force], level=level).frf
+def measure(
+    true: updyn.Model, s: Structure, level: float, rng: np.random.Generator, is_random: bool = False
+) -> updyn.FRF:
+    if is_random:
+        spectrum = s.spectrum(level)
+        frf = updyn.response(
+            true, s.freq, s.sensors, [s.force], spectrum=spectrum, excitation="random"
+        ).frf
+    else:
+        frf = updyn.response(true, s.freq, s.sensors, [s.force], level=level * s.middle).frf
     size = np.sqrt(
         (NOISE["relative"] * np.abs(frf.values)) ** 2
         + NOISE["floor"] ** 2 * np.mean(np.abs(frf.values) ** 2)
@@ -255,10 +280,10 @@ class Outcome:
     seconds: float
 
 
-def run_draw(s: Structure, seed: int) -> Outcome:
+def run_draw(s: Structure, seed: int, is_random: bool) -> Outcome:
     rng = np.random.default_rng(seed)
     true = s.truth()
-    tests = [measure(true, s, level, rng) for level in LEVELS]
+    tests = [measure(true, s, level, rng, is_random) for level in LEVELS]
     start = Start.draw(true, s, rng)
     names = [f"{n}.{key}" for n, x in true.nonlinear.items() for key in SOUGHT[type(x.element)]]
     begun = time.process_time()
@@ -290,11 +315,11 @@ def _compare(
     )
 
 
-def run(name: str, seeds: range) -> None:
+def run(name: str, seeds: range, is_random: bool) -> None:
     s = make_structures()[name]()
     found = []
     for seed in seeds:
-        one = run_draw(s, seed)
+        one = run_draw(s, seed, is_random)
         found.append(one)
         print(
             f"  {name} {seed}: {one.status}, {one.from_truth:.3g} deviations from the truth's fit,"
@@ -359,6 +384,7 @@ def main() -> None:
     parser.add_argument("--draws", type=int, default=20)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--added", action="store_true", help="predict the gain of a third test")
+    parser.add_argument("--random", action="store_true", help="tests of a random force")
     given = parser.parse_args()
     if given.added:
         print("| structure | level | unknowns | ratio | 90 % of them | predicted | obtained |")
@@ -367,7 +393,7 @@ def main() -> None:
         return
     print("| structure | DOFs | elements | recovered | RMS / bound | coverage | s per fit |")
     for name in given.structures or make_structures():
-        run(name, range(given.first, given.first + given.draws))
+        run(name, range(given.first, given.first + given.draws), given.random)
 
 
 if __name__ == "__main__":

@@ -466,8 +466,8 @@ def simulate_random(
     return H.mean(axis=1), error, motion.std(axis=(0, 1))
 
 
-def over_random() -> None:
-    """H1 of simulated random tests against statistical linearisation."""
+def random_structures() -> list[Structure]:
+    """One mass, and a chain of three, with elements under a random force."""
     freq = np.arange(4, 160) / 314.0
     viscous, springs = 0.1 * np.eye(1), chain([1.0] * 4)
 
@@ -484,7 +484,7 @@ def over_random() -> None:
         C = 0.05 * np.eye(3) + 0.02 * springs
         return Structure(name, np.eye(3), springs, C, 0.0, elements, 0, 0.4, freq, 7)
 
-    cases = [
+    return [
         one("cubic spring 0.02", updyn.CubicSpring(0.02)),
         one("cubic spring 0.3", updyn.CubicSpring(0.3)),
         one("dead zone 0.3", updyn.Backlash(0.3, gap=1.0)),
@@ -495,8 +495,13 @@ def over_random() -> None:
         three("chain, cubic spring 0.1 and gap 0.1", 0.1, 0.1),
         three("chain, cubic spring 1 and gap 1", 1.0, 1.0),
     ]
+
+
+def over_random() -> None:
+    """H1 of simulated random tests against statistical linearisation."""
     print("\nRandom force: simulated tests against statistical linearisation")
-    for case in cases:
+    for case in random_structures():
+        freq = case.freq
         H, error, rms = simulate_random(case, realisations=100, steps=4000, seed=1)
         labels, forced = case.labels, [case.labels[case.forced]]
         options = {"level": case.level, "excitation": "random"}
@@ -516,6 +521,56 @@ def over_random() -> None:
         )
 
 
+def over_fits() -> None:
+    """Updates of springs, damping and elements to simulated random tests at two levels."""
+    print("\nRandom force: updates to simulated tests, starts off by a factor of 1.2 and of 3")
+    for case in random_structures():
+        tests = []
+        for share in (0.5, 1.0):
+            level = share * case.level
+            H, error, _ = simulate_random(replace(case, level=level), 100, 4000, seed=2)
+            tests.append(
+                updyn.FRF(
+                    case.freq,
+                    H[:, :, None],
+                    case.labels,
+                    [case.labels[case.forced]],
+                    "receptance",
+                    variance=error[:, :, None] ** 2,
+                    averages=100,
+                    level=level,
+                    excitation="random",
+                )
+            )
+        true = case.model()
+        names = {
+            name: ("coefficient" if hasattr(local.element, "coefficient") else "stiffness")
+            if hasattr(local.element, "stiffness") or hasattr(local.element, "coefficient")
+            else "level"
+            for name, local in true.nonlinear.items()
+        }
+        off = {
+            name: {key: 3.0 * getattr(true.nonlinear[name].element, key)}
+            for name, key in names.items()
+        }
+        start = true.scaled({"springs": {"stiffness": 1.2}, **off})
+        unknowns = updyn.parameters(
+            start,
+            stiffness=["springs"],
+            viscous=["masses"],
+            nonlinear=[f"{name}.{key}" for name, key in names.items()],
+        )
+        found = updyn.update(start, tests, unknowns, starts=0)
+        wanted = {p.name: p.start for p in unknowns} | {"springs.stiffness": 1.0 / 1.2}
+        for name, key in names.items():
+            wanted[f"{name}.{key}"] = float(getattr(true.nonlinear[name].element, key))
+        ratios = ", ".join(
+            f"{name} {value / wanted[name]:.3f} +- {found.std[name] / wanted[name]:.3f}"
+            for name, value in found.values.items()
+        )
+        print(f"  {case.name}: {found.status}; {ratios}", flush=True)
+
+
 def main() -> None:
     warnings.simplefilter("ignore")
     parts = {
@@ -526,6 +581,7 @@ def main() -> None:
         "cost": cost,
         "linear": linear,
         "random": over_random,
+        "fitted": over_fits,
     }
     for name in sys.argv[1:] or parts:
         parts[name]()
