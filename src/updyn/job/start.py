@@ -13,7 +13,6 @@ import numpy as np
 
 from updyn.arrays import RealArray
 from updyn.correlation import Correlation, correlate
-from updyn.dynamics.response import response_like
 from updyn.errors import SolverError
 from updyn.frf import FRF
 from updyn.job.folder import check_out, default_out
@@ -24,7 +23,7 @@ from updyn.outputs.switch import open_folder, replace_files
 from updyn.updating.fit.reducing import is_reduced
 from updyn.updating.judge.counterparts import Counterparts, find_counterparts
 from updyn.updating.judge.modal_table import ModalTable
-from updyn.updating.level_model import LevelModel
+from updyn.updating.level_model import respond_as_measured
 from updyn.updating.problem.noise import choose_noise
 from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.problem.selection import Selection
@@ -81,9 +80,7 @@ def compute_start_frf(test: PreparedTest, unknowns: ParameterSet | Selection) ->
     if tier == "reduced" and test.job.output.report:
         drawn = frf.freq[frf.freq > 0.0]
         lines = np.union1d(lines, fine_grid([model], drawn, reduced=True))
-    if model.nonlinear:
-        return LevelModel.of(model, frf, lines, {"tier": tier}).frf
-    return response_like(model, frf, lines, tier=tier, backend=backend, certified=False)
+    return respond_as_measured(model, frf, lines, tier=tier, backend=backend, certified=False)
 
 
 def start_correlation(test: PreparedTest, computed: FRF) -> Correlation:

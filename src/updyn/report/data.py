@@ -14,13 +14,12 @@ from updyn.correlation import csac, frac, frf_correlation, relative_residual
 from updyn.dynamics.excitation import fix_base
 from updyn.dynamics.periodic.settings import LINE_BALANCE
 from updyn.dynamics.resonance_lines import even_lines, resonance_lines
-from updyn.dynamics.response import response_like
 from updyn.errors import UpdynError
 from updyn.frf import FRF
 from updyn.model import Model
 from updyn.report.settings import REPORT_COMPUTATION
 from updyn.report.start import Start
-from updyn.updating.level_model import LevelModel
+from updyn.updating.level_model import respond_as_measured
 from updyn.updating.result import UpdateResult, estimated_gains
 
 __all__ = ["ReportData", "compute_frfs", "fine_grid", "gather", "gather_start", "keep_lines"]
@@ -269,9 +268,7 @@ def compute_frfs(
     if options.get("tier") == "reduced":
         how = {key: options[key] for key in ("tier", "accuracy") if key in options}
     try:
-        if model.nonlinear:
-            return LevelModel.of(model, frf, freq, how).responses()
-        return response_like(model, frf, freq, **how).values
+        return respond_as_measured(model, frf, freq, **how).values
     except UpdynError as error:  # a failed fit also gets a report
         notes.append(f"The {what} could not be computed and is not drawn: {error}")
         return None

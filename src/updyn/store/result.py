@@ -218,7 +218,7 @@ class _Parameters:
             ],
             "nominal": unknown.nominal,
             "unit": unknown.unit,
-            **({"of_element": True} if unknown.of_element else {}),
+            **_mark_element(unknown),
         }
 
     @staticmethod
@@ -665,11 +665,20 @@ def _parameter_json(result: UpdateResult, unknown: Parameter) -> dict[str, Any]:
         "value": plain(result.values.get(name, math.nan)),
         "std": plain(std),
         **plain_fields(unknown, "lower", "upper", "nominal", "unit"),
-        "drives": [plain_fields(d, "group", "quantity", "power") for d in unknown.drives],
+        **_mark_element(unknown),
+        "drives": [
+            {**plain_fields(d, "group", "quantity", "power"), **_mark_element(d)}
+            for d in unknown.drives
+        ],
         "at_bound": name in result.at_bound,
         "bound": result.at_bound.get(name),
         "identifiable": bool(math.isfinite(std)),
     }
+
+
+def _mark_element(given: Parameter | Drive) -> dict[str, bool]:
+    """Return the mark of a parameter of a nonlinear element; none for others."""
+    return {"of_element": True} if given.of_element else {}
 
 
 def write_result_json(result: UpdateResult | JointResult, path: str | Path) -> None:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from updyn.arrays import ComplexArray, RealArray
+from updyn.dynamics.response import response_like
 from updyn.dynamics.settings import REDUCTION
 from updyn.frf import FRF
 from updyn.model import Model
@@ -18,7 +19,7 @@ from updyn.updating.problem.periodic_forward import PeriodicForward
 from updyn.updating.problem.problem import FRFPart
 from updyn.updating.problem.random_forward import RandomForward
 
-__all__ = ["LevelModel"]
+__all__ = ["LevelModel", "respond_as_measured"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,6 +83,18 @@ class LevelModel:
         largest = forward.amplitudes(part, part.coordinates.start).max(axis=2)
         at = largest.argmax(axis=0).tolist()
         return [(float(largest[k, e]), float(part.frf.freq[k])) for e, k in enumerate(at)]
+
+
+def respond_as_measured(
+    model: Model, frf: FRF, freq: RealArray, *, tier: str | None = None, **options: Any
+) -> FRF:
+    """Return the FRF of a model in the channels, quantity and force of a test, at lines in Hz.
+
+    `options` are those of `response_like`; with nonlinear elements, `accuracy` alone has an effect.
+    """
+    if model.nonlinear:
+        return LevelModel.of(model, frf, freq, {"tier": tier, **options}).frf
+    return response_like(model, frf, freq, tier=tier, **options)
 
 
 def _interpolate(frf: FRF, freq: RealArray) -> FRF:

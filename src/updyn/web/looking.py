@@ -16,9 +16,8 @@ from updyn.correlation import correlate, relative_residual
 from updyn.dofs import Dof
 from updyn.dynamics.excitation import fix_base
 from updyn.dynamics.modes import modes
-from updyn.dynamics.response import response_like
 from updyn.errors import InputError, UpdynError
-from updyn.frf import FRF
+from updyn.frf import FRF, unit
 from updyn.io import read_model
 from updyn.job import Job, Prepared, job_findings, job_identifiability, load_job, prepare
 from updyn.job.prepare import prepare_model, read_measurement
@@ -33,6 +32,7 @@ from updyn.updating.before_search import REMEDY
 from updyn.updating.judge.causes.catalogue import read_fault
 from updyn.updating.judge.causes.fault import FORCE
 from updyn.updating.judge.causes.finding import Finding
+from updyn.updating.level_model import respond_as_measured
 from updyn.updating.problem.parameters import Parameter, ParameterSet
 from updyn.viewer import model_scene, page
 from updyn.web.settings import WEB_PAGE
@@ -90,6 +90,10 @@ class TestView:
     held_band: tuple[float, float] | None
     holdable: Mapping[str, str]
     coherence: NDArray[np.float32] | None
+
+    def find_unit(self, row: int, column: int) -> str:
+        """Return the unit of a channel."""
+        return unit(self.quantity, self.responses[row], self.references[column])
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,7 +164,7 @@ class RepairView:
     """The channel that a repair changes most: data before and after, and the model at the start.
 
     `freq` is in Hz; values are in the quantity of the test, in SI. `residual_before` and
-    `residual_after` are the relative residuals of the channel.
+    `residual_after` are the relative residuals of the channel, `unit` is that of its values.
     """
 
     channel: str
@@ -170,6 +174,7 @@ class RepairView:
     model: NDArray[np.complex64]
     residual_before: float
     residual_after: float
+    unit: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -462,7 +467,7 @@ def _view_repair(ready: Prepared, test: PreparedTest, finding: Finding) -> Repai
     before = data.select(lines=data.freq[_choose_lines(data)])
     try:
         after = read_fault(finding.written).repair(before)
-        model = response_like(_apply_values(ready, test.model, {}), before)
+        model = respond_as_measured(_apply_values(ready, test.model, {}), before, before.freq)
     except UpdynError:
         return None
     if after.values.shape != before.values.shape or after.quantity != before.quantity:
@@ -484,6 +489,7 @@ def _view_repair(ready: Prepared, test: PreparedTest, finding: Finding) -> Repai
         computed,
         float(relative_residual(before.values, model.values)[i, j]),
         float(relative_residual(after.values, model.values)[i, j]),
+        unit(data.quantity, data.responses.labels[i], data.references.labels[j]),
     )
 
 
@@ -540,7 +546,7 @@ def _view_model(
     tier = choose_tier(test) if model.n_dofs > WEB_PAGE.quick_dofs else None
     lines = data.freq[_choose_lines(data)]
     grid = fine_grid([fix_base(model, data)], lines, reduced=tier == "reduced")
-    computed = response_like(model, data, grid, tier=tier, backend=test.job.method.backend)
+    computed = respond_as_measured(model, data, grid, tier=tier, backend=test.job.method.backend)
     rows = _find_channels(test, responses, "response", data.responses.labels)
     columns = _find_channels(test, references, "reference", data.references.labels)
     repaired = None

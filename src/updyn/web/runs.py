@@ -126,7 +126,12 @@ def _read_parameter(unknown: RunRecord) -> Parameter | None:
         drives = tuple(Drive(**drive) for drive in _as_records(unknown.get("drives")))
         names = (unknown["group"], unknown["quantity"])
         return Parameter(
-            *names, unknown["start"], unknown["lower"], unknown["upper"], drives=drives
+            *names,
+            unknown["start"],
+            unknown["lower"],
+            unknown["upper"],
+            drives=drives,
+            of_element=unknown.get("of_element") is True,
         )
     except (KeyError, TypeError, ValueError, ParameterError):
         return None

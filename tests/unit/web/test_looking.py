@@ -21,6 +21,7 @@ from updyn.io import write_frf, write_model, write_modes
 from updyn.job import load_job, prepare
 from updyn.modal import ModeSet
 from updyn.model import Model
+from updyn.nonlinear.cubic import CubicSpring
 from updyn.web import looking
 from updyn.web.edits import hold_out, leave_out, set_band
 from viewer_case import block
@@ -187,6 +188,32 @@ def test_the_model_has_the_channels_of_the_file_and_the_data_their_repairs(
     np.testing.assert_allclose(found.repaired[:, 0], test.values[used, 0], rtol=1e-6)
     np.testing.assert_allclose(found.repaired[:, 2], -test.values[used, 2], rtol=1e-6)
     assert np.isnan(found.repaired[:, 1]).all()
+
+
+def test_a_model_with_an_element_is_its_response_at_the_level_of_the_test(path: Path) -> None:
+    model = chain.build().with_elements({"stop": (CubicSpring(1e8), "12:X")})
+    measured = response(model, np.linspace(1.0, 20.0, 40), ["12:X"], ["12:X"], level=1.0).frf
+    write_frf(measured, path.with_name("level.npz"))
+    text = """\
+[model]
+file = "chain.h5"
+[[element]]
+name = "stop"
+kind = "cubic-spring"
+dofs = "12:X"
+coefficient = 1e8
+[test]
+file = "level.npz"
+[[parameter]]
+groups = "part1"
+quantity = "stiffness"
+"""
+    found = looking.compute_model(path, text, {"part1.stiffness": 1.1}, 0, ["12:X"], ["12:X"])
+    other = model.scaled({"part1": {"stiffness": 1.1}})
+    at = np.searchsorted(found.freq, measured.freq)
+    expected = response(other, measured.freq, ["12:X"], ["12:X"], level=1.0).values
+    np.testing.assert_allclose(found.values[at, 0, 0], expected[:, 0, 0], rtol=0.01)
+    assert found.level_error > 0.0
 
 
 def test_the_model_of_a_run_is_the_updated_one(path: Path) -> None:

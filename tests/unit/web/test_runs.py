@@ -117,6 +117,14 @@ def test_changes_are_those_of_the_record():
     assert low * high == pytest.approx(1.23456789**2)
 
 
+def test_parameters_of_elements_are_among_the_changes():
+    gap = unknown("mesh.gap", 1.1e-4, 1e-6, start=2e-4, of_element=True)
+    gap |= {"lower": 1e-5, "upper": 1e-2}
+    (found,) = read_changes({"parameters": [gap]})
+    assert (found.parameter.name, found.parameter.of_element) == ("mesh.gap", True)
+    assert found.outcome == "changed"
+
+
 def test_changes_of_several_runs_have_a_row_for_each_unknown():
     other = {
         **RECORD,

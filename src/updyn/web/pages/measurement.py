@@ -9,7 +9,7 @@ import numpy as np
 from nicegui import binding, ui
 
 from updyn.arrays import NumberArray, RealArray
-from updyn.frf import reference_noun, unit
+from updyn.frf import reference_noun
 from updyn.report.formats import format_count, percentage
 from updyn.web import edits
 from updyn.web.charts import SCALES, channel_map, edges, frf_chart, unused_bands
@@ -168,7 +168,7 @@ class _Measurement:
         test = self._test
         if test.name:
             ui.label(test.name).classes("text-lg")
-        units = dict.fromkeys(self._unit(*channel) for channel in self._channels)
+        units = dict.fromkeys(self._test.find_unit(*channel) for channel in self._channels)
         responses = format_count(len(test.responses), "response")
         noun = reference_noun(test.quantity)
         used = test.freq[test.used]
@@ -334,15 +334,11 @@ class _Measurement:
             phase=choice.phase and not small,
             pickable=True,
             small=small,
-            unit=self._unit(row, column),
+            unit=self._test.find_unit(row, column),
         )
 
     def _name(self, row: int, column: int) -> str:
         return f"{self._test.responses[row]} / {self._test.references[column]}"
-
-    def _unit(self, row: int, column: int) -> str:
-        test = self._test
-        return unit(test.quantity, test.responses[row], test.references[column])
 
     # -- edits -------------------------------------------------------------------------------------
     def _apply(self, low: float, high: float) -> None:
@@ -452,7 +448,7 @@ class _Findings:
             "repaired": (view.freq, view.after),
             "start": (view.freq, view.model),
         }
-        figure = frf_chart(test.quantity, curves, phase=True)
+        figure = frf_chart(test.quantity, curves, phase=True, unit=view.unit)
         figure["height"] = 300
         with ui.column().classes("min-w-0 w-full gap-0"):
             ui.label(f"{view.channel}: before, after the repair, and the model at its start")

@@ -223,7 +223,9 @@ def _show_overlay(test: TestView, models: Mapping[str, ModelView]) -> None:
         }
         for name, model in models.items():
             curves[name] = model.freq, model.values[:, row, column]
-        return frf_chart(test.quantity, curves, scale=shown["scale"])
+        return frf_chart(
+            test.quantity, curves, scale=shown["scale"], unit=test.find_unit(row, column)
+        )
 
     choices = ui.row().classes("items-center")
     figure = FigureView(make()).classes("w-full")

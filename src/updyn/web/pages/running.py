@@ -294,7 +294,9 @@ class _Pictures:
             curves["updated"] = present[1].freq, present[1].values[:, row, column]
         if start is not None:
             curves["start"] = start.freq, start.values[:, row, column]
-        self._curves.draw(frf_chart(test.quantity, curves, scale=shown["scale"]))
+        self._curves.draw(
+            frf_chart(test.quantity, curves, scale=shown["scale"], unit=test.find_unit(row, column))
+        )
 
 
 def _find_step(workspace: Workspace) -> object:
