@@ -233,7 +233,8 @@ class ElementVectors:
         """Return the real part of the sum of factor (h_i u) (u^T h_j) for each element."""
         weighted = factor @ self.right.swapaxes(1, 2)
         n = self.left.shape[2]
-        G = (self.left.reshape(-1, n).T @ weighted.reshape(-1, n)).real
+        left, weighted = self.left.reshape(-1, n), weighted.reshape(-1, n)
+        G = left.real.T @ weighted.real - left.imag.T @ weighted.imag
         return np.asarray(np.add.reduceat(self._form(G), self.starts))
 
     def sum_squares(self, factor: ComplexArray, chunk: int) -> RealArray:

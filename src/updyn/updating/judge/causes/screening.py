@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from updyn.arrays import ComplexArray, RealArray
+from updyn.arrays import RealArray
 from updyn.settings import ROUNDING
 from updyn.updating.judge.causes.element import AddedElement, ElementVectors
 from updyn.updating.judge.causes.evidence import Evidence, stack_real_imag
@@ -52,14 +52,6 @@ class _Screening:
 
     evidence: Evidence
 
-    def _stack(self, change: ComplexArray) -> RealArray:
-        """Return a weighted change in units of the rms misfit, without a change of unknowns."""
-        zeros = np.zeros(len(self.evidence.offset_to_start))
-        return np.concatenate([stack_real_imag(change) / self.evidence.rms_misfit, zeros])
-
-    def _stack_slope(self, element: AddedElement) -> RealArray:
-        return self._stack(self.evidence.weight * self.evidence.receptances.slope(element))
-
     def compute_gains(self, elements: Sequence[AddedElement]) -> RealArray:
         """Return the decrease of the sum of squares by elements of one kind, from size 0."""
         # To first order, an element u changes the misfit by c (h_i u) (u^T h_j), with c by value.
@@ -83,19 +75,28 @@ class _Screening:
 
     def find_best_size(self, element: AddedElement, unit: float) -> _ScreenedElement:
         """Return the element with the trial size that leaves the least residual after a step."""
-        sized = [replace(element, value=size * unit) for size in MISSING_ELEMENT.sizes]
-        return min((self._screen_element(one) for one in sized), key=lambda one: one.squared_error)
+        # With P the projection by which the unknowns adapt and b the adapted misfit, P b = b, the
+        # residual of a change c and a step t of the slope d is b - P c - t P d.
+        evidence, R = self.evidence, self.evidence.receptances
+        sizes = np.array(MISSING_ELEMENT.sizes) * unit
+        elements = [replace(element, value=float(size)) for size in sizes]
+        slopes = [R.slope(one) for one in elements]
+        changes = [R.log_change(one) if one.value else np.zeros_like(slopes[0]) for one in elements]
+        weighted = [stack_real_imag(evidence.weight * one) for one in (*slopes, *changes)]
+        V, b = np.array(weighted) / evidence.rms_misfit, evidence.adapted_misfit
+        n = V.shape[1]
+        along_basis, along_b = V @ evidence.orthonormal_basis[0][:n], V @ b[:n]
+        gram = V @ V.T - along_basis @ along_basis.T
+        k = len(sizes)
+        d_d, d_c, c_c = (np.diag(one) for one in (gram[:k, :k], gram[:k, k:], gram[k:, k:]))
+        along = along_b[:k] - d_c
+        step = np.clip(along / np.maximum(d_d, _TINY), *self._limit_step(sizes))
+        squared = b @ b - 2.0 * along_b[k:] + c_c - 2.0 * step * along + step**2 * d_d
+        best = int(np.argmin(squared))
+        return _ScreenedElement(elements[best], float(squared[best]))
 
-    def _screen_element(self, element: AddedElement) -> _ScreenedElement:
-        weight, R = self.evidence.weight, self.evidence.receptances
-        b = self.evidence.adapted_misfit
-        if element.value:
-            b = b - self.evidence.project_out_unknowns(self._stack(weight * R.log_change(element)))
-        d = self.evidence.project_out_unknowns(self._stack_slope(element))
-        step = float(d @ b) / max(float(d @ d), _TINY)
-        low, high = 0.0, np.inf
-        if element.value:
-            low = -MISSING_ELEMENT.most_decrease * element.value
-            high = MISSING_ELEMENT.most_increase * element.value
-        b = b - float(np.clip(step, low, high)) * d
-        return _ScreenedElement(element, float(b @ b))
+    @staticmethod
+    def _limit_step(sizes: RealArray) -> tuple[RealArray, RealArray]:
+        """Return the least and the largest change of each size."""
+        highest = np.where(sizes > 0.0, MISSING_ELEMENT.most_increase * sizes, np.inf)
+        return -MISSING_ELEMENT.most_decrease * sizes, highest
