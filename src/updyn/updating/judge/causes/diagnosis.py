@@ -199,15 +199,21 @@ class _SearchedPart:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Explanation:
-    """Findings, the corrected part, its models, and the end of the fit (None without a finding)."""
+    """Findings, the corrected part, its models, and the end of the fit (None without a finding).
+
+    `without` is the fit from the start without a finding; None with a finding or another start.
+    """
 
     findings: tuple[Finding, ...]
     part: FRFPart
     trial_models: TrialModels
     end: RealArray | None
+    without: Trial | None
 
     def fit_remaining(self, frf: FRF) -> Trial | None:
         """Return a fit to the corrected data with the weights of `frf`; None without a solution."""
+        if self.without is not None and frf is self.part.frf:
+            return self.without
         part = self.part.with_data(_restrict_weights(self.part.frf, frf))
         start = raise_loss_factors(part, part.coordinates.start) if self.end is None else self.end
         return run_trial(self.trial_models.prepare_part(part, [start]), None, [start])
@@ -276,11 +282,14 @@ def _explain_data(
     """Return the faults that model and data show together; their sizes are fitted to all lines."""
     findings: list[Finding] = []
     end: RealArray | None = None
+    without: Trial | None = None
     variants = list_variants(part)
     for _ in range(CAUSE_SEARCH.most_faults):
         known = points if end is None else [end]
-        found = _find_likeliest(part, trial_models, variants, known, [*stated, *findings], noise)
+        about = part, trial_models, variants, known, [*stated, *findings], noise
+        found, fit_without = _find_likeliest(*about)
         if not found:
+            without = None if findings or points else fit_without
             break
         best = found[0]
         sized = _fit_size(part, whole, trial_models, best, noise)
@@ -300,7 +309,7 @@ def _explain_data(
         part = replace(fault.prepare_next_search(prepared, end), solver=part.solver)
         if best.fault.ends_search:
             break
-    return _Explanation(tuple(findings), part, trial_models, end)
+    return _Explanation(tuple(findings), part, trial_models, end, without)
 
 
 def _correct_whole_part(
@@ -381,15 +390,18 @@ def _find_likeliest(
     points: Sequence[RealArray],
     stated: Sequence[Finding],
     noise: NoiseModel,
-) -> list[RankedFault]:
-    """Return the likeliest fault and those that cannot be distinguished from it; may be empty."""
+) -> tuple[list[RankedFault], Trial | None]:
+    """Return the likeliest fault with those indistinguishable from it, and the fit without a fault.
+
+    The list may be empty; the fit is None without a solution.
+    """
     home = part.coordinates.start
     current = trial_models.prepare_part(part, [home, *points])
     start = raise_loss_factors(current, home)
-    without = run_trial(current, None, [*points, start])
-    if without is None:
-        return []
-    current, without = _refine_fit(part, current, trial_models, without)
+    first = run_trial(current, None, [*points, start])
+    if first is None:
+        return [], None
+    current, without = _refine_fit(part, current, trial_models, first)
     if has_small_residual(without):
         weighted = weight_by_noise(current, without, noise).frf
         part = adapt_losses(part.with_data(weighted), without.x)
@@ -398,7 +410,7 @@ def _find_likeliest(
     fresh = select_candidates(current, without, start, stated, variants)
     ranked = _rank_by_trials(current, fresh, without)
     if not _is_likely(ranked):
-        return []
+        return [], first
     refined = trial_models.prepare_part(part, [ranked[0].trial.x])
     if refined.solver is not current.solver:
         # The apparent fault may be an error of the reduced model, which is now smaller.
@@ -407,15 +419,16 @@ def _find_likeliest(
         starts = [(one.fault, one.trial.x) for one in in_reach[: CAUSE_CANDIDATES.most_fitted]]
         ranked = _rank_by_trials(current, starts, without)
         if not _is_likely(ranked):
-            return []
+            return [], first
     # The fit with the fault may only have helped the unknowns out of a poor minimum.
     better = run_trial(current, None, [ranked[0].trial.x])
     if better is not None and better.gain(without) > 0.0:
         compared = rank_faults([one.trial for one in ranked], better)
         ranked = list(filter(is_worth_reporting, compared))
     if not _is_likely(ranked):
-        return []
-    return _put_special_cases_first([one for one in ranked if is_as_likely(one, ranked[0])])
+        return [], first
+    likely = [one for one in ranked if is_as_likely(one, ranked[0])]
+    return _put_special_cases_first(likely), first
 
 
 def _put_special_cases_first(likely: Sequence[RankedFault]) -> list[RankedFault]:

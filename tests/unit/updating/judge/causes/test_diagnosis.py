@@ -8,6 +8,7 @@ import pytest
 import updyn
 from updyn import sensitivity
 from updyn.errors import DataError, OptionError
+from updyn.updating.judge.causes import diagnosis
 from updyn.updating.judge.causes.catalogue import read_fault
 from updyn.updating.judge.causes.data_alone import with_variance
 from updyn.updating.judge.causes.diagnosis import find_causes, weight_by_noise
@@ -151,6 +152,20 @@ def test_in_sound_data_nothing_is_found(chain12, clean, unknowns, add_noise):
     for seed in range(5):
         noisy = add_noise(clean, np.random.default_rng(seed), 0.01)
         assert updyn.diagnose(chain12, noisy, unknowns) == ()
+
+
+def test_data_without_a_fault_are_fitted_once_from_the_start(chain12, data, unknowns, monkeypatch):
+    fits = []
+
+    def counting(part, fault, points, **options):
+        fits.append((fault, [tuple(x) for x in points]))
+        return run_trial(part, fault, points, **options)
+
+    monkeypatch.setattr(diagnosis, "run_trial", counting)
+    assert updyn.diagnose(chain12, data, unknowns) == ()
+    (first, *_) = fits
+    assert first[0] is None
+    assert fits.count(first) == 1
 
 
 def test_what_was_evaluated_is_not_evaluated_again(chain12, data, unknowns, monkeypatch):
