@@ -155,21 +155,22 @@ class Backbone:
         width = float(window.width(np.array([self.pole]))[0])
         return motion(window.x, self.pole, self.shift, width)
 
-    def spread(self, window: LineWindow, weights: Weights) -> tuple[RealArray, Errors]:
-        """Return the standard deviations of the pole's parts, and errors of the residues."""
+    def spread(self, window: LineWindow, weights: Weights) -> Errors:
+        """Return the errors of the pole and of its residues."""
         pole = np.array([self.pole])
         values, vectors = np.linalg.eigh(self.normal)
         kept = values > len(values) * np.finfo(float).eps * values.max(initial=0.0)
         root = vectors[:, kept] / np.sqrt(2.0 * values[kept])
-        moving = np.sqrt(window.inflation(pole, weights, moving=True)[0])
+        of_residue, of_pole = window.inflation_with_poles(pole, weights)
+        moving = np.sqrt(of_pole[0])
         noise = []
         for fit in self.fits:
             variance = np.trace(fit.columns.covariance(fit.pole_columns[0]), axis1=1, axis2=2).real
             variance = variance * (0.5 if window.basis.mirrored else 1.0) * fit.level[:, 0] ** 2
             noise.append(np.broadcast_to(variance, len(fit.error)))
-        of_noise = self.level.join(noise) * window.inflation(pole, weights)[0]
+        of_noise = self.level.join(noise) * of_residue[0]
         std = float(window.width(pole)[0]) * moving * np.linalg.norm(root[:2], axis=1)
-        return std, Errors(of_noise, moving * (self.follow @ root).T)
+        return Errors(of_noise, moving * (self.follow @ root).T, std)
 
     def response(self, window: LineWindow) -> ComplexArray:
         """Return the contribution of the mode to the channels of a window, shape (p, n)."""

@@ -148,13 +148,12 @@ def position(poles: ComplexArray, window: LineWindow) -> RealArray:
 def make_mode(
     fit: WeightedFit,
     pole: complex,
-    std: RealArray,
     residues: ComplexArray,
     errors: Errors,
     squared_error: RealArray,
     without: RealArray,
 ) -> Mode:
-    """Return a mode of a window; `std` (2,), squared residuals (p, n_f) with and `without` it."""
+    """Return a mode of a window; squared residuals, (p, n_f), are with and `without` it."""
     window = fit.window
     at = window.near(pole)
     weight = 1.0 / (fit.weights.channel * fit.weights.line) ** 2
@@ -164,4 +163,4 @@ def make_mode(
     )
     worths = np.sum((without - squared_error) * weight, axis=1)
     shows = Visibility.of(window, pole, residues, at, worths)
-    return Mode(pole, std, residues, errors, float(quality), shows)
+    return Mode(pole, errors.pole, residues, errors, float(quality), shows)

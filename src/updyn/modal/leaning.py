@@ -89,14 +89,15 @@ class Leaning:
         # weighted by the squared motion, because a model without this shift is compared with it.
         window, weights, found = self.fit.window, self.fit.weights, self.backbone
         pole = np.array([found.pole])
-        std, errors = found.spread(window, weights)
+        errors = found.spread(window, weights)
         shift = found.shift
         a = found.motion(window)
         along = abs(np.sqrt(np.sum(a**3) / np.sum(a)))
-        std = np.hypot(std, along * np.abs([shift.real, shift.imag]))
+        std = np.hypot(errors.pole, along * np.abs([shift.real, shift.imag]))
+        errors = replace(errors, pole=std)
         without = fit_residues(window, pole[:0], weights).squared_error
         squared_error = found.level.join([one.squared_error for one in found.fits])
-        mode = make_mode(self.fit, found.pole, std, found.residues, errors, squared_error, without)
+        mode = make_mode(self.fit, found.pole, found.residues, errors, squared_error, without)
         return replace(mode, shift=shift)
 
 

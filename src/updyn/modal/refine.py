@@ -28,7 +28,6 @@ __all__ = [
     "WindowFit",
     "deviance",
     "estimate_errors",
-    "estimate_pole_deviation",
     "fit_poles",
     "fit_residues",
     "fit_reweighted",
@@ -103,21 +102,34 @@ class LineWindow:
         """Return the functions of the free poles, shape (n_f, m)."""
         return self.basis.fractions(self.x, poles)
 
-    def inflation(
-        self, poles: ComplexArray, weights: Weights, *, moving: bool = False
-    ) -> RealArray:
-        """Return the variance of residues (poles if `moving`) relative to white noise, (k,)."""
+    def inflation(self, poles: ComplexArray, weights: Weights) -> RealArray:
+        """Return the variance of residues relative to white noise, (k,)."""
         if self.envelope.is_white:
             return np.ones(len(poles))
+        return self._inflation_of_residues(*self._decompose(poles, weights), len(poles))
+
+    def inflation_with_poles(
+        self, poles: ComplexArray, weights: Weights
+    ) -> tuple[RealArray, RealArray]:
+        """Return the variances of residues and of poles relative to white noise, (k,) each."""
+        if self.envelope.is_white:
+            return np.ones(len(poles)), np.ones(len(poles))
+        Q, R = self._decompose(poles, weights)
+        T = weights.common[:, None] / (self.x[:, None] - poles) ** 2
+        of_poles = self.envelope.inflation(T - Q @ (Q.conj().T @ T))
+        return self._inflation_of_residues(Q, R, len(poles)), of_poles
+
+    def _decompose(self, poles: ComplexArray, weights: Weights) -> tuple[NumberArray, NumberArray]:
+        """Return the QR factors of the weighted columns, poles first."""
         # The mirror image of a pole is far from the lines and is neglected.
         fractions = 1.0 / (self.x[:, None] - np.concatenate([poles, self.fixed_poles]))
         A = np.hstack([fractions, self.powers]) * weights.common[:, None]
         Q, R = np.linalg.qr(A / np.linalg.norm(A, axis=0))
-        if moving:
-            T = weights.common[:, None] / (self.x[:, None] - poles) ** 2
-            return self.envelope.inflation(T - Q @ (Q.conj().T @ T))
+        return Q, R
+
+    def _inflation_of_residues(self, Q: NumberArray, R: NumberArray, count: int) -> RealArray:
         # The part of a column orthogonal to all others is along that column of the dual basis.
-        chosen = np.eye(A.shape[1], len(poles))
+        chosen = np.eye(len(R), count)
         return self.envelope.inflation(Q @ np.linalg.lstsq(R.conj().T, chosen, rcond=None)[0])
 
     def derivatives(self, poles: ComplexArray) -> NumberArray:
@@ -373,16 +385,18 @@ class Errors:
 
     `noise`, shape (p,), are variances from noise at fixed poles, independent between channels and
     with random phase. `common`, shape (q, p), times independent random numbers of unit variance are
-    the errors caused by the errors of the poles.
+    the errors caused by the errors of the poles. `pole`, shape (2,), are standard deviations of the
+    real and the imaginary part of the pole.
     """
 
     noise: RealArray
     common: ComplexArray
+    pole: RealArray
 
     @classmethod
     def none(cls, p: int) -> Errors:
         """Return the errors of data without noise."""
-        return cls(np.zeros(p), np.zeros((0, p), dtype=np.complex128))
+        return cls(np.zeros(p), np.zeros((0, p), dtype=np.complex128), np.zeros(2))
 
 
 def deviance(fitted: WindowFit) -> float:
@@ -391,14 +405,8 @@ def deviance(fitted: WindowFit) -> float:
     return 2.0 * float(np.sum(np.log(variance) + fitted.squared_error / variance))
 
 
-def estimate_pole_deviation(window: LineWindow, fitted: WindowFit, weights: Weights) -> RealArray:
-    """Return standard deviations of the poles' parts, (2, k), for noise of weights and envelope."""
-    inflation = np.sqrt(window.inflation(fitted.poles, weights, moving=True))
-    return np.asarray(fitted.deviation * inflation)
-
-
 def estimate_errors(window: LineWindow, fitted: WindowFit, weights: Weights) -> list[Errors]:
-    """Return the errors of the residues of each pole, in noise as for `estimate_pole_deviation`."""
+    """Return the errors of each pole and its residues, for noise of weights and envelope."""
     # Residues change by -A^+ dA/dpoles with the poles, and have the noise of a linear fit.
     basis, k, p = window.basis, len(fitted.poles), len(window.Y)
     follow = fitted.columns.project_out(window.derivatives(fitted.poles))[1]
@@ -411,13 +419,14 @@ def estimate_errors(window: LineWindow, fitted: WindowFit, weights: Weights) -> 
     if not basis.mirrored:
         common = np.concatenate([common, 1j * common])  # for real and imaginary parts of the poles
     errors = []
-    residue = window.inflation(fitted.poles, weights)
-    pole = np.sqrt(window.inflation(fitted.poles, weights, moving=True))
+    residue, pole = window.inflation_with_poles(fitted.poles, weights)
+    pole = np.sqrt(pole)
+    deviation = fitted.deviation * pole
     for r, columns in enumerate(fitted.pole_columns):
         noise = np.trace(fitted.columns.covariance(columns), axis1=1, axis2=2).real
         noise = np.broadcast_to(noise * (0.5 if basis.mirrored else 1.0), p)
         noise = noise * residue[r] * fitted.level[:, 0] ** 2
-        errors.append(Errors(noise, common[:, r] * pole[r]))
+        errors.append(Errors(noise, common[:, r] * pole[r], deviation[:, r]))
     return errors
 
 

@@ -32,7 +32,6 @@ from updyn.modal.refine import (
     WindowFit,
     deviance,
     estimate_errors,
-    estimate_pole_deviation,
     fit_poles,
     fit_residues,
 )
@@ -156,23 +155,29 @@ def _may_rove(fit: WeightedFit, bundle: list[int], runs: IndexArray) -> bool:
     # For a single pole, one Gauss-Newton step in each run predicts the gain before any fit.
     if len(bundle) > 1:
         return not _are_in_separate_runs(fit, bundle, runs)
+    expected_decrease = float(np.sum(_first_steps(fit, bundle[0], runs)[1]))
+    required = runs.max() * np.log(2 * fit.window_fit.error.size)
+    return bool(expected_decrease > POLE_BUNDLE.promised_share * required)
+
+
+def _first_steps(fit: WeightedFit, pole: int, runs: IndexArray) -> tuple[ComplexArray, RealArray]:
+    """Return a Gauss-Newton step of a pole in each run, and its expected decrease of the cost."""
     found = fit.window_fit
-    columns = [bundle[0]]
+    columns = [pole]
     if fit.window.basis.mirrored:
-        columns.append(bundle[0] + len(found.poles))
+        columns.append(pole + len(found.poles))
     count = int(runs.max()) + 1
     normal = np.zeros((count, len(columns), len(columns)), dtype=found.normals.dtype)
     gradient = np.zeros((count, len(columns), 1), dtype=found.gradients.dtype)
     np.add.at(normal, runs, found.normals[np.ix_(range(len(runs)), columns, columns)])
     np.add.at(gradient, runs, found.gradients[:, columns, None])
     size = np.trace(normal, axis1=1, axis2=2).real
-    known = size > 0.0
-    normal, gradient = normal[known], gradient[known]
-    rounding = 1e-12 * size[known, None, None] * np.eye(len(columns))
+    normal[size == 0.0] = np.eye(len(columns))
+    rounding = 1e-12 * size[:, None, None] * np.eye(len(columns))
     step = np.linalg.solve(normal + rounding, gradient)
-    expected_decrease = float(np.sum((gradient.conj() * step).real))
-    required = (count - 1) * np.log(2 * found.error.size)
-    return bool(expected_decrease > POLE_BUNDLE.promised_share * required)
+    decrease = np.sum((gradient.conj() * step).real, axis=(1, 2))
+    step = step[:, :, 0] @ (np.array([1.0, 1j]) if len(columns) == 2 else np.ones(1))
+    return np.asarray(step), decrease
 
 
 @dataclass(frozen=True, slots=True)
@@ -288,13 +293,17 @@ def _fit_each_run(
     fit, window, count = criterion.fit, criterion.fit.window, int(runs.max()) + 1
     fits: list[_RunFit] = []
     cost = 0.0
+    first = np.tile(begin, (count, 1))
+    if len(criterion.bundle) == 1:
+        step = _first_steps(fit, criterion.bundle[0], runs)[0][:, None]
+        first += step / np.maximum(1.0, np.abs(step) / window.width(begin))
     for run in range(count):
         in_run = runs == run
         alone = LineWindow(
             window.basis, window.x, window.Y[in_run], fixed_poles, envelope=window.envelope
         )
         weights = fit.weights.of_channels(in_run)
-        one = fit_poles(alone, begin, weights)
+        one = fit_poles(alone, first[run], weights)
         has_strayed = _have_strayed(fit, criterion.bundle, one.poles)
         if has_strayed.any():
             one = fit_residues(alone, np.where(has_strayed, begin, one.poles), weights)
@@ -328,10 +337,10 @@ def _find_modes_by_run(
         fitted += deviance(one)
         residues[:, in_run], squares[in_run] = one.residues, one.squared_error
         found.append(one.poles)
-        deviations.append(
-            np.where(run.has_strayed, np.inf, estimate_pole_deviation(alone, one, weights))
-        )
-        for r, errors in enumerate(estimate_errors(alone, one, weights)):
+        errors_of_run = estimate_errors(alone, one, weights)
+        deviation = np.array([errors.pole for errors in errors_of_run]).T
+        deviations.append(np.where(run.has_strayed, np.inf, deviation))
+        for r, errors in enumerate(errors_of_run):
             noise[r, in_run] = errors.noise
             part = np.zeros((len(errors.common), p), dtype=np.complex128)
             part[:, in_run] = errors.common
@@ -343,8 +352,8 @@ def _find_modes_by_run(
     for r in range(modes):
         pole, spread = _average_poles(each[:, r], std[:, :, r])
         without = _residual_without(window, fixed_poles, each, r, runs, fit.weights)
-        errors = Errors(noise[r], np.concatenate(common[r]))
-        mode = make_mode(fit, pole, spread, residues[r], errors, squares, without)
+        errors = Errors(noise[r], np.concatenate(common[r]), spread)
+        mode = make_mode(fit, pole, residues[r], errors, squares, without)
         everywhere = _is_in_several_runs(residues[r], runs)
         complete = replace(mode, everywhere=everywhere, by_channel=each[runs, r], single=modes > 1)
         out.append(complete)
@@ -405,7 +414,6 @@ def _mode_with_common_pole(fit: WeightedFit, r: int, errors: Errors) -> Mode:
     mode = make_mode(
         fit,
         complex(found.poles[r]),
-        estimate_pole_deviation(window, found, fit.weights)[:, r],
         found.residues[r],
         errors,
         found.squared_error,
