@@ -126,13 +126,20 @@ class Columns:
         """Return the leverage of each value, shape (p, n) or (1, n), 0 to 1."""
         if self.channel_weights is None:
             return np.asarray(np.sum(np.abs(self.Q) ** 2, axis=1)[None])
-        assert self.gram is not None
-        together = max(1, CHANNEL_FIT.block_elements // self.Q.size)
-        parts = []
-        for start in range(0, len(self.channel_weights), together):
-            solved = np.linalg.solve(self.gram[start : start + together], self.Q.conj().T)
-            parts.append(np.sum(self.Q.T * solved, axis=1).real)
-        return np.concatenate(parts) * self.channel_weights
+        # q^H G^-1 q of each row q, as a product of matrices over the pairs of its values.
+        m = self.Q.shape[1]
+        first, second = np.triu_indices(m)
+        G = self.solve_normal_equations(np.eye(m))[:, first, second]
+        G *= np.where(first == second, 1.0, 2.0)
+        out = np.empty(self.channel_weights.shape)
+        rows = max(1, CHANNEL_FIT.block_elements // max(1, len(first)))
+        for start in range(0, len(self.Q), rows):
+            part = slice(start, start + rows)
+            pairs = self.Q[part][:, first] * self.Q[part][:, second].conj()
+            out[:, part] = G.real @ pairs.real.T
+            if np.iscomplexobj(G):
+                out[:, part] -= G.imag @ pairs.imag.T
+        return out * self.channel_weights
 
     def covariance(self, columns: list[int]) -> NumberArray:
         """Return the covariance of some coefficients, shape (p, i, i) or (1, i, i)."""
