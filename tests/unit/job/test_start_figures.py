@@ -177,7 +177,7 @@ def test_a_reduced_start_model_is_solved_once_for_test_and_page(folder, monkeypa
     largest = np.abs(exact).max(axis=(1, 2), keepdims=True)
     assert (np.abs(computed.values - exact) / largest).max() < 1e-6
     # The page needs no other lines.
-    monkeypatch.setattr(data, "response_like", None)
+    monkeypatch.setattr(data, "respond_as_measured", None)
     start = Start(
         model=model,
         data=ready.tests[0].data,

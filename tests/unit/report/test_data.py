@@ -169,10 +169,10 @@ def test_lines_with_known_frfs_are_not_computed_again(monkeypatch):
     known = dataclasses.replace(known, values=7.0 * known.values)
     freq = np.union1d(frf.freq, [frf.freq[5] + 0.01, frf.freq[-1] + 1.0])
     solved = []
-    solve = report_data.response_like
+    solve = report_data.respond_as_measured
     monkeypatch.setattr(
         report_data,
-        "response_like",
+        "respond_as_measured",
         lambda model, frf, freq, **how: (solved.append(freq), solve(model, frf, freq, **how))[1],
     )
     values = report_data.compute_frfs(model, frf, freq, "model", [], {}, known)
