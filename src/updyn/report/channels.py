@@ -25,10 +25,17 @@ from updyn.report.plots import (
     wrapped_phase,
 )
 from updyn.report.section import PageContent, ReportSection
-from updyn.report.settings import REPORT_SIZE
+from updyn.report.settings import REPORT_COMPUTATION, REPORT_SIZE
 from updyn.settings import FIGURES
 
-__all__ = ["CHANNELS", "channel_curves", "format_channel", "small_curves", "worst_and_median"]
+__all__ = [
+    "CHANNELS",
+    "channel_curves",
+    "format_channel",
+    "is_mostly_noise",
+    "small_curves",
+    "worst_and_median",
+]
 
 
 class ChannelsSection(ReportSection):
@@ -71,7 +78,8 @@ def worst_and_median(data: ReportData) -> dict[str, tuple[int, int]]:
     """Return the positions (response, reference) of the ``worst`` and the ``median`` channel.
 
     Channels are ranked by the relative residual of the updated (otherwise the start) model, which
-    depends on level, sign and phase. Channels measured as zero are omitted. The key of a single
+    depends on level, sign and phase. Channels with mostly noise, which the model cannot fit, come
+    last. Channels measured as zero are omitted. The key of a single
     channel is ``"only"``; the result is empty if no model could be computed.
     """
     residual = data.residual_after
@@ -82,13 +90,23 @@ def worst_and_median(data: ReportData) -> dict[str, tuple[int, int]]:
     at = np.argwhere(np.isfinite(residual))
     if not len(at):
         return {}
-    ordered = at[np.argsort(-residual[tuple(at.T)], kind="stable")].tolist()
+    noisy = np.array([is_mostly_noise(data, *place) for place in at.tolist()])
+    ordered = at[np.lexsort((-residual[tuple(at.T)], noisy))].tolist()
     worst, median = tuple(ordered[0]), tuple(ordered[len(ordered) // 2])
     if len(ordered) == 1:
         return {"only": worst}
     if len(ordered) == 2:
         return {"worst": worst, "other": median}
     return {"worst": worst, "median": median}
+
+
+def is_mostly_noise(data: ReportData, i: int, j: int) -> bool:
+    """Return whether noise alone causes most of the residual, and of the measured level."""
+    if data.noise is None or data.residual_after is None:
+        return False
+    noise, residual = float(data.noise[i, j]), float(data.residual_after[i, j])
+    share = REPORT_COMPUTATION.noise_share
+    return noise > share and noise > share * residual
 
 
 def format_channel(data: ReportData, i: int, j: int) -> str:

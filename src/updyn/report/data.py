@@ -19,6 +19,7 @@ from updyn.frf import FRF
 from updyn.model import Model
 from updyn.report.settings import REPORT_COMPUTATION
 from updyn.report.start import Start
+from updyn.updating.judge.adequacy import Adequacy
 from updyn.updating.level_model import respond_as_measured
 from updyn.updating.result import UpdateResult, estimated_gains
 
@@ -66,6 +67,8 @@ class ReportData:
     validation_band: tuple[float, float] | None = None
     n_lines: int = 0
     fitted: bool = True
+    #: Relative residual that the noise alone causes, (n_responses, n_references); nan if unknown.
+    noise: RealArray | None = None
 
 
 def gather(result: UpdateResult) -> ReportData:
@@ -83,10 +86,32 @@ def gather(result: UpdateResult) -> ReportData:
         gains,
         stopped=result.status == "stopped",
     )
+    made = replace(made, noise=_find_noise(made, result.adequacy))
     if gains is None:
         return made
     note = "The updated model is shown times the calibration factors of the sensors."
     return replace(made, notes=(*made.notes, note))
+
+
+def _find_noise(data: ReportData, found: Adequacy | None) -> RealArray | None:
+    """Return the relative residual that noise alone causes in each channel, from the misfits."""
+    if found is None or data.after is None or not np.isfinite(found.misfit).any():
+        return None
+    noise = np.full(data.measured.shape[1:], np.nan)
+    squared = np.abs(data.after - data.measured) ** 2
+    for i, response in enumerate(found.responses):
+        for j, reference in enumerate(found.references):
+            if response not in data.responses or reference not in data.references:
+                continue
+            at = data.responses.index(response), data.references.index(reference)
+            power = level = 0.0
+            for (low, high), misfit in zip(found.bands.tolist(), found.misfit[i, j], strict=True):
+                lines = (data.freq >= low) & (data.freq <= high)
+                if misfit > 0.0:
+                    power += float(squared[lines, *at].sum()) / float(misfit) ** 2
+                    level += float((np.abs(data.measured[lines, *at]) ** 2).sum())
+            noise[at] = np.sqrt(power / level) if level > 0.0 else np.nan
+    return noise
 
 
 def gather_start(start: Start) -> ReportData:

@@ -10,7 +10,7 @@ from updyn import style
 from updyn.arrays import RealArray
 from updyn.frf import FRF
 from updyn.nonlinear.local import LocalElement
-from updyn.report.channels import format_channel
+from updyn.report.channels import format_channel, is_mostly_noise
 from updyn.report.data import ReportData
 from updyn.report.element_motion import (
     Described,
@@ -117,6 +117,9 @@ def find_worst_channel(data: Mapping[str, ReportData]) -> tuple[str, tuple[int, 
         if one.residual_after is None:
             continue
         residual = np.where(np.isfinite(one.residual_after), one.residual_after, -np.inf)
+        for at in np.ndindex(*residual.shape):
+            if is_mostly_noise(one, *at):
+                residual[at] = -1.0
         if residual.max() > worst:
             worst = float(residual.max())
             i, j = np.unravel_index(int(residual.argmax()), residual.shape)

@@ -7,7 +7,12 @@ from dataclasses import dataclass
 from urllib.parse import quote
 
 from updyn.report.changes import find_outcomes, largest_changes
-from updyn.report.channels import format_channel, small_curves, worst_and_median
+from updyn.report.channels import (
+    format_channel,
+    is_mostly_noise,
+    small_curves,
+    worst_and_median,
+)
 from updyn.report.data import ReportData
 from updyn.report.formats import capitalize_first, format_count, percentage
 from updyn.report.mode_axes import mode_axes
@@ -88,7 +93,8 @@ def _describe_channel(data: ReportData, at: tuple[int, int]) -> str:
     shown = [percentage(float(v[at])) for v in residuals if v is not None]
     unit = shown[-1].partition(" ")[2] if shown else ""
     before = [text.removesuffix(f" {unit}") for text in shown[:-1]]
-    return f"{format_channel(data, *at)}: residual {' → '.join([*before, *shown[-1:]])}"
+    noise = ", mostly noise" if is_mostly_noise(data, *at) else ""
+    return f"{format_channel(data, *at)}: residual {' → '.join([*before, *shown[-1:]])}{noise}"
 
 
 def _show_tests(content: PageContent) -> Iterator[tuple[EvidencePanel, Figure]]:

@@ -9,6 +9,9 @@ from dataclasses import dataclass
 class ReportComputationSettings:
     """Lines at which a report computes the models."""
 
+    #: [1] Share of the measured level, and of the residual, from which noise is most of a channel.
+    #: Why: beyond a half, a perfect model would not change what the channel shows.
+    noise_share: float = 0.5
     #: [lines x DOFs] Largest number at which the models are computed at every measured line.
     #: Effort: seconds to a few minutes.
     evaluation_budget: int = 2_000_000

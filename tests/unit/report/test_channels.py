@@ -7,9 +7,11 @@ import dataclasses
 import numpy as np
 import pytest
 
+import updyn
 from pages_read import values
 from report_case import realistic, smallest
-from updyn.report.channels import channel_curves, worst_and_median
+from updyn.demos import chain
+from updyn.report.channels import channel_curves, is_mostly_noise, worst_and_median
 from updyn.report.data import gather
 from updyn.report.overlay import ALL_CHANNELS
 from updyn.report.page import render
@@ -32,6 +34,29 @@ def test_a_channel_of_the_wrong_sign_is_the_worst(data):
     assert worst_and_median(found)["worst"] == (3, 1)
     assert found.frac_after[3, 1] == pytest.approx(data.frac_after[3, 1])
     assert found.residual_after[3, 1] == pytest.approx(2.0, abs=0.01)
+
+
+def test_a_channel_of_noise_is_not_the_worst():
+    """The noise of each channel follows from the misfits; what a perfect fit leaves is no error."""
+    model, seed = chain.build(), np.random.default_rng(0)
+    true = model.scaled({"part1": {"stiffness": 1.2}})
+    clean = updyn.response(true, np.linspace(1.0, 15.0, 200), ["2:X", "9:X"], ["12:X"])
+    level = np.sqrt(np.mean(np.abs(clean.values) ** 2, axis=0))
+    std = np.broadcast_to(level * [[3.0], [0.02]], clean.values.shape)
+    draw = seed.standard_normal((2, *clean.values.shape)) / np.sqrt(2.0)
+    data = dataclasses.replace(
+        clean, values=clean.values + std * (draw[0] + 1j * draw[1]), variance=std**2
+    )
+    unknowns = updyn.parameters(model, stiffness=["part1"])
+    found = gather(updyn.update(model, data, unknowns, starts=0))
+    expected = std[0] / np.sqrt(np.mean(np.abs(data.values) ** 2, axis=0))
+    np.testing.assert_allclose(found.noise, expected, rtol=0.05)
+    assert found.residual_after[0, 0] > 0.9
+    assert worst_and_median(found) == {"worst": (1, 0), "other": (0, 0)}
+    assert is_mostly_noise(found, 0, 0)
+    # A model error that leaves much more than noise there counts.
+    wrong = dataclasses.replace(found, residual_after=np.array([[2.5], [0.02]]))
+    assert worst_and_median(wrong)["worst"] == (0, 0)
 
 
 def test_half_of_the_channels_agree_better_than_the_median_one(data):

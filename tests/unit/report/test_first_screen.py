@@ -224,7 +224,7 @@ def test_the_unit_of_a_residual_is_written_once():
     ):
         data = SimpleNamespace(
             residual_before=np.array([[before]]), residual_after=np.array([[after]]),
-            responses=["1:X"], references=["2:X"], held_out=[False],
+            responses=["1:X"], references=["2:X"], held_out=[False], noise=None,
         )  # fmt: skip
         assert _describe_channel(data, (0, 0)) == f"1:X / 2:X: residual {text}"
 
