@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from updyn.updating.problem.problem import FRFPart
 
 __all__ = [
+    "ElementForward",
     "ElementReceptances",
     "LocalElements",
     "Receptances",
@@ -109,6 +110,25 @@ class LocalElements:
         frf = part.frf
         rate = (frf.s**frf.power)[:, None, None]
         return np.asarray(frf.values * part.sign / rate * require_level(frf)[:, None, None])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ElementForward:
+    """Base of the forward problems of models with nonlinear elements."""
+
+    local: LocalElements
+
+    is_linear: ClassVar[bool] = False
+    is_whole: ClassVar[bool] = True
+
+    @property
+    def dofs(self) -> IndexArray:
+        """DOFs of the elements."""
+        return self.local.dofs
+
+    def solved_lines(self, frf: FRF) -> RealArray:
+        """Return the lines."""
+        return frf.freq
 
 
 def _solve_least_squares(A: ComplexArray, B: ComplexArray) -> ComplexArray:

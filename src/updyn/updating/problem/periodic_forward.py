@@ -21,6 +21,7 @@ from updyn.frf import FRF
 from updyn.nonlinear.element import NonlinearElement
 from updyn.nonlinear.over_lines import describe_first_harmonic
 from updyn.updating.problem.local_elements import (
+    ElementForward,
     ElementReceptances,
     LocalElements,
     Receptances,
@@ -37,14 +38,13 @@ __all__ = ["EquivalentForward", "PeriodicForward"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class EquivalentForward:
+class EquivalentForward(ElementForward):
     """The receptances with each element replaced by its describing function.
 
     `amplitudes` are those of the deformations at the lines `freq`, (n, n_e, n_j) in m (rad);
     between them, they are interpolated.
     """
 
-    local: LocalElements
     freq: RealArray
     amplitudes: RealArray
 
@@ -61,10 +61,6 @@ class EquivalentForward:
     def dofs(self) -> IndexArray:
         """DOFs of the elements."""
         return self.local.dofs
-
-    def solved_lines(self, frf: FRF) -> RealArray:
-        """Return the lines."""
-        return frf.freq
 
     def key(self, frf: FRF) -> list[object]:
         """Return the amplitudes."""
@@ -113,21 +109,11 @@ class EquivalentForward:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PeriodicForward:
+class PeriodicForward(ElementForward):
     """The first harmonic of the periodic response at the level of the data.
 
     At a line with several solutions, the stable one nearest to the measured values is used.
     """
-
-    local: LocalElements
-
-    is_linear: ClassVar[bool] = False
-    is_whole: ClassVar[bool] = True
-
-    @property
-    def dofs(self) -> IndexArray:
-        """DOFs of the elements."""
-        return self.local.dofs
 
     @property
     def fourier(self) -> Fourier:

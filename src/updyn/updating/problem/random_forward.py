@@ -7,11 +7,11 @@ another. `FixedRandomForward` has them at given standard deviations of the motio
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from updyn.arrays import BoolArray, ComplexArray, IndexArray, RealArray
+from updyn.arrays import BoolArray, ComplexArray, RealArray
 from updyn.dynamics.linearisation import Linearisation, LinearisedMotion, deform
 from updyn.dynamics.settings import RANDOM
 from updyn.errors import DataError, SolverError
@@ -19,8 +19,8 @@ from updyn.force_spectrum import find_rms
 from updyn.frf import FRF
 from updyn.nonlinear.gaussian import derive_linear_force, linearise
 from updyn.updating.problem.local_elements import (
+    ElementForward,
     ElementReceptances,
-    LocalElements,
     Receptances,
     find_receptances,
     find_static_receptances,
@@ -34,21 +34,11 @@ __all__ = ["FixedRandomForward", "RandomForward"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class RandomForward:
+class RandomForward(ElementForward):
     """The FRFs of the linearised model under the random force of the data.
 
     Spectral densities of the force are those of the data.
     """
-
-    local: LocalElements
-
-    is_linear: ClassVar[bool] = False
-    is_whole: ClassVar[bool] = True
-
-    @property
-    def dofs(self) -> IndexArray:
-        """DOFs of the elements."""
-        return self.local.dofs
 
     def solved_lines(self, frf: FRF) -> RealArray:
         """Return the lines, and others over the band of the force."""
@@ -163,26 +153,13 @@ class RandomForward:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FixedRandomForward:
+class FixedRandomForward(ElementForward):
     """The FRFs with the springs and dampers of a given motion of the elements.
 
     `motion`, (3, n_e, n_j), has means and standard deviations as of `RandomForward.spreads`.
     """
 
-    local: LocalElements
     motion: RealArray
-
-    is_linear: ClassVar[bool] = False
-    is_whole: ClassVar[bool] = True
-
-    @property
-    def dofs(self) -> IndexArray:
-        """DOFs of the elements."""
-        return self.local.dofs
-
-    def solved_lines(self, frf: FRF) -> RealArray:
-        """Return the lines."""
-        return frf.freq
 
     def key(self, frf: FRF) -> list[object]:
         """Return the motion."""
