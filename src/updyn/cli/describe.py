@@ -157,9 +157,27 @@ def describe_frf(frf: FRF) -> str:
         texts.append("with the variance of each value")
     if frf.averages is not None:
         texts.append(f"{frf.averages} averages")
+    texts += _describe_excitation(frf)
     if frf.geometry is not None:
         texts.append(describe_geometry(frf.geometry))
     return "\n".join(texts)
+
+
+def _describe_excitation(frf: FRF) -> list[str]:
+    """Return what the data state about window, base, force and level."""
+    texts = []
+    if frf.decay:
+        texts.append(f"window exp(-{frf.decay:g} t)")
+    if frf.base is not None:
+        texts.append(f"base: {_format_dofs(frf.base)}")
+    if frf.force is not None:
+        texts.append(f"force: {frf.force}")
+    if frf.level is not None:
+        band = ""
+        if frf.spectrum is not None:
+            band = f", with a spectrum from {frf.spectrum[0, 0]:g} to {frf.spectrum[-1, 0]:g} Hz"
+        texts.append(f"{frf.level_text}{band}")
+    return texts
 
 
 def _spacing_text(frf: FRF) -> str:

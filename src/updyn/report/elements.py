@@ -330,7 +330,8 @@ def _list_rows(result: UpdateResult, name: str, motions: Sequence[Motion]) -> li
         N = complex(described.stiffness[0])
         half = described.real_half
         error = "" if half is None else f" ± {number(float(half[0]), 2)}"
-        loss = number(N.imag / N.real, 2) if N.real > 0.0 else "–"
+        is_elastic = abs(N.imag) <= REPORT_COMPUTATION.elastic_share * abs(N)
+        loss = "0" if is_elastic else number(N.imag / N.real, 2) if N.real > 0.0 else "–"
         rows.append(
             [
                 name,

@@ -118,6 +118,19 @@ def test_what_a_measurement_says_of_its_confidence() -> None:
     assert describe_frf(one).splitlines()[-1] == "with the variance of each value"
 
 
+def test_the_excitation_of_frfs():
+    values, lines = np.ones((2, 1, 1)), [1.0, 4.0]
+    swept = FRF(lines, values, ["1:Z"], ["2:Z"], "mobility", decay=0.5, level=3.0, sweep="up")
+    assert describe_frf(swept).splitlines()[-2:] == ["window exp(-0.5 t)", "level 3 N up"]
+    noise = FRF(lines, values, ["1:Z"], ["2:Z"], "mobility", level=3.0, excitation="random")
+    shown = "level 3 N random, with a spectrum from 1 to 4 Hz"
+    assert describe_frf(noise).splitlines()[-1] == shown
+    base = FRF(lines, values, ["1:Z"], ["2:Z"], "transmissibility", base=["2:Z", "3:Z"])
+    assert describe_frf(base).splitlines()[-1] == "base: 2:Z, 3:Z"
+    force = FRF(lines, values, ["1:Z"], ["2:Z"], "transmissibility", force="3:Z")
+    assert describe_frf(force).splitlines()[-1] == "force: 3:Z"
+
+
 def test_open_combinations_are_named_largest_weight_first() -> None:
     found = Identifiability(
         2, 3, np.inf, (1.0, 0.5, 0.0), [{"a.mass": 0.2, "b.mass": -1.0}], [], 2e9, "Measure b."

@@ -131,6 +131,22 @@ def test_an_undetermined_parameter_leaves_no_band() -> None:
     assert "no parameter of the element is unknown" in shown[2]
 
 
+def test_a_random_test_has_the_sine_of_its_standard_deviations() -> None:
+    model = make_model(updyn.CubicSpring(3e9))
+    options = {"level": 2.0, "excitation": "random"}
+    found = updyn.response(model, FREQ, ENDS, ["2:X"], **options)
+    unknowns = updyn.parameters(model, stiffness=["springs"])
+    result = updyn.update(model, found.frf, unknowns, noise=NOISE, starts=0)
+    (motion,), notes = PageContent(result).motions
+    assert notes == ()
+    sigma, sigma_v = found.deformation[0, 0], found.velocity[0, 0]
+    assert motion.amplitude == pytest.approx(np.sqrt(2.0) * sigma, rel=1e-3)
+    assert motion.freq == pytest.approx(sigma_v / sigma / (2.0 * np.pi), rel=1e-3)
+    context = ELEMENTS.context(PageContent(result))
+    assert "under a random force that of the sine" in context["elements"][0][2]
+    assert context["rows"][0][-1] == "0"  # without a loss
+
+
 def test_the_loop_dissipates_the_work_of_the_slider(result, figures, content) -> None:
     k, F = (result.values[f"joint 0.{name}"] for name in ("stiffness", "slip_force"))
     A = max(one.amplitude for one in content.motions[0])
