@@ -2,10 +2,12 @@
 
 import numpy as np
 import pytest
+import scipy.stats
 
 import updyn
 from updyn.errors import OptionError
 from updyn.updating.problem.noise import Coherence, Estimated, Robust, Stated, choose_noise
+from updyn.updating.problem.noise.estimated import fit_two_numbers
 
 RNG = np.random.default_rng
 ROBUST = {"robust": "student-t"}
@@ -200,3 +202,24 @@ def test_the_record_says_what_was_down_weighted(chain12_task):
     assert result.noise["down_weighted_lines"] == [clean.freq[17]]
     assert result.noise["chi_square"] == 1.0
     assert result.noise["down_weighted"] == pytest.approx(1 / 60, abs=1e-3)
+
+
+@pytest.mark.parametrize("tails", [2.0, 5.0])
+def test_two_numbers_are_the_most_likely_ones(tails):
+    """A fine grid finds no likelier pair, by Student's density of scipy."""
+    rng = np.random.default_rng(4)
+    size, level = np.exp(rng.normal(0.0, 1.5, 200)), np.ones(200)
+    std = np.hypot(0.02 * size, 0.005 * level)
+    squared = std**2 * rng.exponential(size=200) * np.where(rng.random(200) < 0.05, 100.0, 1.0)
+
+    def cost(relative, floor):
+        # Two real values with `tails` degrees of freedom, each of half the variance.
+        variance = (relative * size) ** 2 + (floor * level) ** 2
+        plane = scipy.stats.multivariate_t(shape=np.eye(2), df=tails)
+        radius = np.sqrt(2.0 * squared / variance)
+        return np.mean(np.log(variance) - plane.logpdf(np.stack([radius, 0.0 * radius], axis=1)))
+
+    found = fit_two_numbers(size, level, squared, tails)
+    steps = np.exp(np.linspace(-0.3, 0.3, 13))
+    least = min(cost(found[0] * a, found[1] * b) for a in steps for b in steps)
+    assert cost(*found) == pytest.approx(least, abs=1e-12)

@@ -161,18 +161,23 @@ def fit_two_numbers(
     squared = squared.ravel()[::stride]
     found = _fit_gaussian(size, level, squared)
     if np.isfinite(tails):
-
-        def cost(logs: NumberArray) -> float:
-            v = _variance(logs, size, level)
-            return _mean(_student_cost(squared, v, tails))
-
         # Outliers bias the Gaussian estimate; start also from an estimate with the smaller half of
         # the residuals.
         is_small = squared <= np.median(squared / level**2) * level**2
         tries = [found, _fit_gaussian(size[is_small], level[is_small], squared[is_small])]
-        options = {"xatol": 1e-3, "fatol": 1e-6}
+        about, bounds = (size**2, level**2, squared, tails), [_log_range()] * 2
+        options = {"ftol": 1e-12, "gtol": 1e-8}
         minima = [
-            minimize(cost, np.log(start), method="Nelder-Mead", options=options) for start in tries
+            minimize(
+                _mean_student_cost,
+                np.log(start),
+                about,
+                jac=True,
+                method="L-BFGS-B",
+                bounds=bounds,
+                options=options,
+            )
+            for start in tries
         ]
         found = np.exp(min(minima, key=lambda minimum: float(minimum.fun)).x)
     a, b = np.clip(found, *np.exp(_log_range()))
@@ -195,6 +200,22 @@ def _student_cost(squared: RealArray, variance: RealArray, tails: float) -> Real
     """Return the negative logarithm of Student's density of each value, up to a constant."""
     far = np.log1p(2.0 / tails * squared / variance)
     return np.asarray(np.log(variance) + (0.5 * tails + 1.0) * far)
+
+
+def _mean_student_cost(
+    logs: RealArray, size: RealArray, level: RealArray, squared: RealArray, tails: float
+) -> tuple[float, RealArray]:
+    """Return the mean of `_student_cost` and its derivatives by the logarithms of both numbers.
+
+    `size` and `level` are squared.
+    """
+    a, b = np.exp(2.0 * logs)
+    variance = a * size + b * level
+    share = 2.0 / tails * squared / variance
+    weight = 0.5 * tails + 1.0
+    cost = _mean(np.log(variance) + weight * np.log1p(share))
+    slope = (1.0 - weight * share / (1.0 + share)) / variance
+    return cost, 2.0 / len(variance) * np.array([a * (slope @ size), b * (slope @ level)])
 
 
 #: Estimate that this likelihood gives for Gaussian noise of standard deviation 1: it is largest at
