@@ -20,6 +20,7 @@ from pages import blocks, run_python
 from places import ROOT
 from updyn.cli import main
 from updyn.elements.beam import Segment, beam
+from updyn.plots import animation
 
 PAGE = ROOT / "docs" / "formats.md"
 TEXT = PAGE.read_text(encoding="utf-8")
@@ -180,6 +181,13 @@ def _positions(model: updyn.Model, nodes: tuple[int, ...]) -> list[tuple[int, np
     return list(zip(nodes, model.geometry.position(nodes), strict=True))
 
 
+@pytest.fixture
+def few_frames(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Animations have six frames a period instead of 24: drawing one takes 50 ms."""
+    monkeypatch.setitem(animation.write_shapes.__kwdefaults__, "frames", 6)
+
+
+@pytest.mark.usefixtures("few_frames")
 def test_shapes_are_written(namespace: dict[str, Any]) -> None:
     written = set()
     for block in blocks(PAGE):
@@ -202,6 +210,7 @@ def test_shapes_are_written(namespace: dict[str, Any]) -> None:
             assert Path(name).read_bytes().startswith(b"GIF89a")
 
 
+@pytest.mark.usefixtures("few_frames")
 def test_commands_on_shapes_run(namespace: dict[str, Any]) -> None:
     """The four lines of docs/job.md, with files of their names."""
     page = (ROOT / "docs" / "job.md").read_text(encoding="utf-8")

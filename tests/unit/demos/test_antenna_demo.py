@@ -177,7 +177,7 @@ def test_the_truth_is_found_from_nearby(inputs) -> None:
     near = ready.parameters.with_start(
         {n: v * s for (n, v), s in zip(true.items(), sign, strict=True)}
     )
-    tests = [updyn.Test(t.model, t.frf, t.name, lines="d-optimal:16") for t in ready.tests]
+    tests = [updyn.Test(t.model, t.frf, t.name, lines="d-optimal:10") for t in ready.tests]
     result = updyn.update_jointly(tests, near, starts=0)
     assert result.status == "converged", result.summary()
     off = np.array([(result.values[n] - true[n]) / result.std[n] for n in true])
