@@ -9,8 +9,11 @@ from .acceptance.requirement import Requirement as Requirement
 from .acceptance.result import Acceptance as Acceptance
 from .candidates.compare import compare_models as compare_models
 from .candidates.location.locate import locate_nonlinearity as locate_nonlinearity
+from .candidates.location.result import LocatedElement as LocatedElement
+from .candidates.location.result import LocatedNonlinearities as LocatedNonlinearities
 from .candidates.location.result import LocationRow as LocationRow
 from .candidates.location.result import NonlinearityLocation as NonlinearityLocation
+from .candidates.location.several import locate_nonlinearities as locate_nonlinearities
 from .candidates.result import CandidateRow as CandidateRow
 from .candidates.result import ModelComparison as ModelComparison
 from .comparison import Comparison as Comparison

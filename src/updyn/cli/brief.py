@@ -32,7 +32,7 @@ from updyn.correlation.figures import (
 from updyn.text_table import fit_columns, percent
 
 if TYPE_CHECKING:
-    from updyn.candidates.location.result import NonlinearityLocation
+    from updyn.candidates.location.result import LocatedNonlinearities, NonlinearityLocation
     from updyn.candidates.result import ModelComparison
     from updyn.comparison import Comparison, Row
     from updyn.correlation.modes import ModeCorrelation
@@ -232,13 +232,19 @@ def brief_candidates(found: ModelComparison, width: int | None) -> str:
     return f"{found.statement}\n\n{table}"
 
 
-def brief_location(found: NonlinearityLocation, width: int | None) -> str:
-    """Return the outcome, and a row for each candidate of place and kind."""
-    from updyn.candidates.location.result import HEADINGS
+def brief_location(found: NonlinearityLocation | LocatedNonlinearities, width: int | None) -> str:
+    """Return the outcome, and a row for each candidate of place and kind, or each element."""
+    from updyn.candidates.location.result import (
+        FOUND_HEADINGS,
+        HEADINGS,
+        LocatedNonlinearities,
+    )
 
+    several = isinstance(found, LocatedNonlinearities)
+    headings = FOUND_HEADINGS if several else HEADINGS
     rows, note = _cut_rows(found.cells(), LAYOUT.table_rows)
     left = ("place", "kind", "parameters")
-    table = fit_columns(HEADINGS, rows, width, ("unknowns", "parameters"), left=left) + note
+    table = fit_columns(headings, rows, width, ("unknowns", "parameters"), left=left) + note
     return f"{found.statement}\n\n{table}"
 
 

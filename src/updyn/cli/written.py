@@ -123,6 +123,19 @@ def _describe_location(content: Content, path: Path) -> str:
     )
 
 
+def _describe_elements(content: Content, path: Path) -> str:
+    rows = [
+        [one["place"], one["kind"], _format_number(one["log_odds"])] for one in content["found"]
+    ]
+    return "\n".join(
+        [
+            f"Location of nonlinear elements: {content['statement']}",
+            text_table(("place", "kind", "log odds"), rows, left=(0, 1)),
+            _refer_to(path, "compare.html", "the same as a page"),
+        ]
+    )
+
+
 def _describe_plan(content: Content, path: Path) -> str:
     rows = [[one["name"], _format_number(one["std"])] for one in content["parameters"]]
     return "\n".join(
@@ -142,6 +155,7 @@ _JSON = (
     _JsonKind(("rows", "unknowns", "stopped"), _describe_comparison),
     _JsonKind(("criterion", "candidates", "bands"), _describe_candidates),
     _JsonKind(("statement", "elements", "places"), _describe_location),
+    _JsonKind(("statement", "found", "further"), _describe_elements),
     _JsonKind(("criterion", "responses", "references"), _describe_plan),
 )
 

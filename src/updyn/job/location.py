@@ -1,7 +1,8 @@
-"""``[locate]`` of a job, and `locate_job`: place and kind of a nonlinear element."""
+"""``[locate]`` of a job, and `locate_job`: places and kinds of nonlinear elements."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -9,7 +10,8 @@ from pydantic import BeforeValidator, Field, Strict
 
 from updyn.candidates.location.kinds import choose_kinds
 from updyn.candidates.location.locate import locate_nonlinearity
-from updyn.candidates.location.result import NonlinearityLocation
+from updyn.candidates.location.result import LocatedNonlinearities, NonlinearityLocation
+from updyn.candidates.location.several import locate_nonlinearities
 from updyn.errors import JobError, key_path
 from updyn.frf import FRF
 from updyn.io.atomic import write_json
@@ -25,6 +27,7 @@ from updyn.nonlinear.cubic import CubicSpring
 from updyn.outputs.switch import open_folder, replace_files
 from updyn.store.values import plain
 from updyn.updating.problem.data import Test
+from updyn.updating.problem.parameters import ParameterSet
 
 __all__ = ["LOCATE", "LocateTable", "locate_job"]
 
@@ -32,10 +35,11 @@ PlaceText = Annotated[str | tuple[str, ...] | dict[str, float], BeforeValidator(
 
 
 class LocateTable(Table):
-    """``[locate]``: candidates of place and kind of a nonlinear element."""
+    """``[locate]``: candidates of place and kind of nonlinear elements, and their number."""
 
     places: dict[str, PlaceText] | None = Field(default=None, min_length=1)
     kinds: Annotated[tuple[str, ...], Strict(False)] | None = Field(default=None, min_length=1)
+    most: int = Field(default=1, ge=1)
 
 
 class _LocateJobTable(JobTable):
@@ -50,8 +54,10 @@ class _LocateJobTable(JobTable):
 LOCATE = _LocateJobTable()
 
 
-def locate_job(job: Job, out: str | Path | None = None) -> NonlinearityLocation:
-    """Locate a nonlinear element and write ``compare.json`` and ``compare.html``.
+def locate_job(
+    job: Job, out: str | Path | None = None
+) -> NonlinearityLocation | LocatedNonlinearities:
+    """Locate nonlinear elements and write ``compare.json`` and ``compare.html``.
 
     `out` is by default the job's stem with ``-compare``. A validation set of the job is left out.
     Nothing is written if a `JobError` or a `SolverError` is raised.
@@ -71,18 +77,20 @@ def locate_job(job: Job, out: str | Path | None = None) -> NonlinearityLocation:
     with open_folder(out):
         check_out(job, out, COMPARISON_FILES)  # again, now that no other run can change the folder
         with job.located(), key_path("locate"):
-            found = locate_nonlinearity(
-                tests[0].model,
-                frfs,
-                table.places,
-                table.kinds,
-                unknowns=ready.parameters,
-                noise=tests[0].noise,
-            )
+            found = _locate(table, tests[0], frfs, ready.parameters)
         with replace_files(out, "compare", COMPARISON_FILES) as new:
             write_location(found, new / "compare.html", job.find_title())
             write_json(plain(found.to_dict()), new / "compare.json")
     return found
+
+
+def _locate(
+    table: LocateTable, test: Test, frfs: list[FRF], unknowns: ParameterSet
+) -> NonlinearityLocation | LocatedNonlinearities:
+    candidates = test.model, frfs, table.places, table.kinds
+    if table.most == 1:
+        return locate_nonlinearity(*candidates, unknowns=unknowns, noise=test.noise)
+    return locate_nonlinearities(*candidates, unknowns=unknowns, noise=test.noise, most=table.most)
 
 
 def _check_tests(tests: list[Test]) -> None:
@@ -90,10 +98,6 @@ def _check_tests(tests: list[Test]) -> None:
     first = tests[0]
     if any(not isinstance(test.data, FRF) for test in tests):
         raise JobError("locate: it requires FRFs, found modes", key=("locate",))
-    if first.model.nonlinear:
-        raise JobError(
-            "locate: leave out [[element]]; its place and kind are sought", key=("element", 0)
-        )
     if any(test.model.dofs != first.model.dofs for test in tests):
         raise JobError("locate: the tests have different models", key=("locate",))
     if any(test.noise != first.noise for test in tests):
@@ -106,7 +110,7 @@ def _check_table(table: LocateTable, model: Model) -> None:
         choose_kinds(table.kinds)
     for name, dofs in (table.places or {}).items():
         with key_path("locate", "places", name):
-            model.with_elements({name: (CubicSpring(1.0), dofs)})
+            replace(model, nonlinear={}).with_elements({name: (CubicSpring(1.0), dofs)})
 
 
 def _select_lines(test: Test) -> FRF:

@@ -22,7 +22,7 @@ import scipy.sparse as sp
 from updyn.arrays import IndexArray, RealArray
 from updyn.nonlinear.element import AmplitudeElement, PeriodForce
 
-__all__ = ["Loops", "MasingElement", "follow_loops"]
+__all__ = ["Loops", "MasingElement", "follow_cosine", "follow_loops"]
 
 
 class MasingElement(AmplitudeElement):
@@ -97,7 +97,7 @@ def follow_loops(element: MasingElement, u: RealArray) -> Loops:
     line = np.arange(m)[:, None]
     place = (np.abs(u).argmax(axis=1)[:, None] + np.arange(n)) % n
     moved = u[line, place]
-    at, parent, owner = _pad_branches([_find_branches(motion) for motion in moved])
+    at, parent, owner = _find_all_branches(moved)
     begins = owner < 0
     change = moved - np.where(begins, 0.0, moved[line, at[line, owner]])
     scale = np.where(begins, 1.0, 2.0)
@@ -123,6 +123,37 @@ def follow_loops(element: MasingElement, u: RealArray) -> Loops:
     for values, moved_values in zip(out, (own, slope, memory[..., :R]), strict=True):
         values[line, place] = moved_values
     return Loops(out[0][..., 0], out[1], out[0][..., 1:], place[line, at], out[2])
+
+
+def follow_cosine(
+    element: MasingElement, amplitudes: RealArray, n: int
+) -> tuple[RealArray, RealArray]:
+    """Return the forces of cosines (m,) at n samples of a period, (m, n), and their derivatives.
+
+    n is even; the derivatives are those by the parameters, (m, n, n_p).
+    """
+    A = amplitudes[:, None]
+    fallen = 0.5 * A * (1.0 - np.cos(2.0 * np.pi * np.arange(n // 2) / n))
+    F, _, by = element._load(np.concatenate([A, fallen], axis=1).ravel())
+    shape = len(A), n // 2 + 1
+    F, by = F.reshape(shape), by.reshape(*shape, -1)
+    # The rising branch mirrors the falling one.
+    force, slopes = F[:, :1] - 2.0 * F[:, 1:], by[:, :1] - 2.0 * by[:, 1:]
+    return np.concatenate([force, -force], axis=1), np.concatenate([slopes, -slopes], axis=1)
+
+
+def _find_all_branches(u: RealArray) -> tuple[IndexArray, IndexArray, IndexArray]:
+    """Return the reversals, the origins of their branches, and the owners of motions (m, n)."""
+    step = np.diff(u, axis=1)
+    turns = (step[:, 1:] > 0.0) != (step[:, :-1] > 0.0)
+    # Most motions fall and rise once.
+    if not ((turns.sum(axis=1) == 1) & (step != 0.0).all(axis=1)).all():
+        return _pad_branches([_find_branches(motion) for motion in u])
+    at = np.zeros((len(u), 2), dtype=np.intp)
+    at[:, 1] = turns.argmax(axis=1) + 1
+    owner = (np.arange(u.shape[1]) > at[:, 1:]).astype(np.intp)
+    owner[:, 0] = -1
+    return at, np.tile(np.array([-1, 0], dtype=np.intp), (len(u), 1)), owner
 
 
 def _find_branches(u: RealArray) -> tuple[list[int], list[int], IndexArray]:

@@ -14,7 +14,7 @@ import numpy as np
 
 from updyn.arrays import ComplexArray, IndexArray, RealArray
 from updyn.nonlinear.element import NonlinearElement, PeriodForce
-from updyn.nonlinear.masing import MasingElement, follow_loops
+from updyn.nonlinear.masing import MasingElement, follow_cosine, follow_loops
 
 __all__ = ["LineForces", "describe_first_harmonic"]
 
@@ -29,10 +29,14 @@ def describe_first_harmonic(
     """
     tau = 2.0 * np.pi * np.arange(samples) / samples
     A = amplitudes[:, None]
-    forces = LineForces.of(element, A * np.cos(tau), -A * omega[:, None] * np.sin(tau))
+    if isinstance(element, MasingElement) and samples % 2 == 0:
+        force, by = follow_cosine(element, amplitudes, samples)
+    else:
+        forces = LineForces.of(element, A * np.cos(tau), -A * omega[:, None] * np.sin(tau))
+        force, by = forces.force, forces.parameters
     wave = 2.0 / samples * np.exp(-1j * tau)
-    slopes = np.einsum("mnp,n->mp", forces.parameters, wave) / A
-    return np.asarray(forces.force @ wave / amplitudes), slopes
+    slopes = np.einsum("mnp,n->mp", by, wave) / A
+    return np.asarray(force @ wave / amplitudes), slopes
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -6,7 +6,12 @@ from os import PathLike
 from pathlib import Path
 
 from updyn import __version__
-from updyn.candidates.location.result import HEADINGS, NonlinearityLocation
+from updyn.candidates.location.result import (
+    FOUND_HEADINGS,
+    HEADINGS,
+    LocatedNonlinearities,
+    NonlinearityLocation,
+)
 from updyn.report.formats import format_count, number, percentage
 from updyn.report.page import assemble
 from updyn.report.section import PageContent, ReportSection
@@ -16,16 +21,19 @@ __all__ = ["write_location"]
 
 
 def write_location(
-    location: NonlinearityLocation, path: str | PathLike[str], title: str = ""
+    location: NonlinearityLocation | LocatedNonlinearities,
+    path: str | PathLike[str],
+    title: str = "",
 ) -> Path:
-    """Write place and kind of a nonlinear element as one HTML page without other files.
+    """Write places and kinds of nonlinear elements as one HTML page without other files.
 
-    The page shows the candidates that were fitted, and the residual of each place.
+    The page shows the elements that were found, the candidates that were fitted, and the residual
+    of each place.
 
     Parameters
     ----------
-    location : NonlinearityLocation
-        Result of `updyn.locate_nonlinearity`.
+    location : NonlinearityLocation or LocatedNonlinearities
+        Result of `updyn.locate_nonlinearity` or `updyn.locate_nonlinearities`.
     path : str or path-like
         The file. An existing file is replaced only after the new page is complete.
     title : str
@@ -36,7 +44,26 @@ def write_location(
     Path
         The file.
     """
-    return write_page(_render(location, title or "Location of a nonlinearity"), path)
+    page = title or "Location of a nonlinearity"
+    if isinstance(location, LocatedNonlinearities):
+        return write_page(_render_several(location, page), path)
+    return write_page(_render(location, page), path)
+
+
+def _render_several(found: LocatedNonlinearities, title: str) -> str:
+    head = render_template(
+        "updyn.report/plan_head.html",
+        title=title,
+        about=format_count(len(found), "element"),
+        verdict=found.statement,
+        notes=[],
+        key_figures=[
+            ("Elements", str(len(found)), "found one after the other"),
+            ("Residual", number(found.residual), "rms in standard deviations of the noise"),
+            ("Linear model", number(found.linear_residual), "rms residual over the noise"),
+        ],
+    )
+    return assemble(PageContent(further={"located": found}), head, title, __version__)
 
 
 def _render(location: NonlinearityLocation, title: str) -> str:
@@ -80,6 +107,51 @@ class _LocationSection(ReportSection):
         return content.update is None
 
 
+class ElementsSection(_LocationSection):
+    """The table of the elements that were found."""
+
+    anchor = "elements"
+    name = heading = "Elements"
+    place = 50
+
+    def context(self, content: PageContent) -> dict[str, object]:
+        """Return the rows of the table."""
+        found: LocatedNonlinearities = content.further["located"]
+        text = (
+            "Elements fitted together to all levels by harmonic balance. Log odds: of the model"
+            " over that without the element, with all other unknowns fitted again."
+        )
+        kinds = ("text", "text", "", "text")
+        return {"text": text, "head": FOUND_HEADINGS, "kinds": kinds, "rows": found.cells()}
+
+
+class SearchesSection(_LocationSection):
+    """The candidates of all searches."""
+
+    anchor = "searches"
+    name = heading = "Searches"
+    place = 60
+
+    def context(self, content: PageContent) -> dict[str, object]:
+        """Return the candidates of each search, with the residuals of their places."""
+        found: LocatedNonlinearities = content.further["located"]
+        searches = [(one.name, one.search) for one in found]
+        if found.further is not None:
+            searches.append(("one more", found.further))
+        rows = []
+        for name, search in searches:
+            for row, cells in zip(search, search.cells(), strict=False):
+                rows.append([name, *cells[:2], number(search.places[row.place]), *cells[3:]])
+        text = (
+            "Candidates of the search in which each element was found, and of that for one more,"
+            " the best first, with the other elements that were known then. Place: residual of an"
+            " element of any kind there."
+        )
+        head = ("element", "place", "kind", "place", "residual", "log evidence", "parameters")
+        kinds = ("text", "text", "text", "", "", "", "text")
+        return {"text": text, "head": head, "kinds": kinds, "rows": rows}
+
+
 class CandidatesSection(_LocationSection):
     """The table of the candidates."""
 
@@ -117,5 +189,7 @@ class PlacesSection(_LocationSection):
         return {"text": text, "head": head, "kinds": ("text", ""), "rows": rows}
 
 
+ELEMENTS = ElementsSection()
+SEARCHES = SearchesSection()
 CANDIDATES = CandidatesSection()
 PLACES = PlacesSection()

@@ -283,6 +283,8 @@ SECTIONS: Registry[ReportSection] = Registry(
         "comparison.limits": "updyn.report.comparison:LIMITS",
         "candidates.table": "updyn.report.candidates:TABLE",
         "candidates.bands": "updyn.report.candidates:BANDS",
+        "located.elements": "updyn.report.location:ELEMENTS",
+        "located.searches": "updyn.report.location:SEARCHES",
         "location.candidates": "updyn.report.location:CANDIDATES",
         "location.places": "updyn.report.location:PLACES",
         "plan.layout": "updyn.report.planning:LAYOUT",

@@ -103,6 +103,38 @@ def test_places_and_kinds_are_all_by_default(job) -> None:
     assert found.best.place == "1:X - 2:X"
 
 
+ELEMENT = """[[element]]
+name = "joint"
+kind = "cubic-spring"
+dofs = ["1:X", "2:X"]
+coefficient = 1e8
+
+[method]"""
+
+
+def test_several_elements_are_listed_in_page_and_record(job, capsys) -> None:
+    edit(job, "[locate.places]", "most = 2\n\n[locate.places]")
+    assert main(["compare", str(job)]) == 0
+    assert "cubic-spring at joint: coefficient 1e+08" in capsys.readouterr().out
+    folder = job.with_name("job-compare")
+    record = json.loads((folder / "compare.json").read_text(encoding="utf-8"))
+    (one,) = record["found"]
+    assert (one["place"], one["kind"]) == ("joint", "cubic-spring")
+    assert record["further"]["likely"] is False
+    page = (folder / "compare.html").read_text(encoding="utf-8")
+    assert "cubic-spring at joint: coefficient 1e+08" in page
+    assert 'id="searches"' in page
+    assert main(["info", str(folder / "compare.json")]) == 0
+    assert "cubic-spring at joint" in capsys.readouterr().out
+
+
+def test_elements_of_the_job_are_kept(job) -> None:
+    found = locate_job(load_job(edit(job, "[method]", ELEMENT)))
+    assert not found.is_likely
+    assert found.linear_residual < 0.1
+    assert "joint" in found.best.model.nonlinear
+
+
 def test_an_update_ignores_the_table_and_keeps_it_for_its_folder(job) -> None:
     loaded, out = load_job(job), job.parent / "out"
     out.mkdir()
@@ -125,13 +157,7 @@ def test_an_update_ignores_the_table_and_keeps_it_for_its_folder(job) -> None:
             "[locate]",
             "state the same noise",
         ),
-        (
-            "[method]",
-            '[[element]]\nname = "a"\nkind = "cubic-spring"\ndofs = "1:X"\ncoefficient = 1.0\n\n'
-            "[method]",
-            "[[element]]",
-            "leave out [[element]]",
-        ),
+        ("[locate.places]", "most = 0\n\n[locate.places]", "most = 0", "a number of at least 1"),
         ("[locate]", "[candidates.a]\n\n[candidates.b]\n\n[locate]", "", "leave out the other"),
     ],
 )

@@ -1,4 +1,4 @@
-"""Kinds of elements fitted to the describing function that the force at a place shows."""
+"""Kinds of elements fitted by their describing functions to the force at a place."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from updyn.arrays import ComplexArray, RealArray
 from updyn.candidates.location.descent import make_descent
 from updyn.candidates.location.kinds import Kind, Scale
-from updyn.candidates.location.place import PlaceFit
+from updyn.candidates.location.place import MeasuredElement, PlaceFit
 from updyn.candidates.location.settings import LOCATION
 from updyn.errors import OptionError
 from updyn.model import Model
@@ -22,17 +22,21 @@ from updyn.updating.problem.coordinates import Coordinates
 from updyn.updating.problem.local import Local, reduce_blocks
 from updyn.updating.problem.parameters import ParameterSet, parameters
 
-__all__ = ["ELEMENT", "KindFit", "choose_parameters", "fit_kind", "scale_of"]
+__all__ = ["ELEMENT", "KindFit", "choose_parameters", "fit_element", "fit_kind", "scale_of"]
 
-#: Name of the element in the models of candidates.
+#: Name of the first element that is found.
 ELEMENT = "nonlinearity"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KindFit:
-    """An element of a kind at a place, and half its weighted sum of squares.
+    """An element of a kind at a place.
 
-    `start` is the element from which it was fitted, `x` are the linear unknowns.
+    `misfit` is half the weighted sum of squares of its describing function, and `cost` about that
+    of the data.
+
+    `start` is the element from which it was fitted, `x` are the linear unknowns, and `others` the
+    values of the unknowns of other elements.
     """
 
     place: PlaceFit
@@ -40,48 +44,61 @@ class KindFit:
     start: NonlinearElement
     element: NonlinearElement
     x: RealArray
+    others: RealArray
     misfit: float
+    cost: float
 
 
-def scale_of(place: PlaceFit, omega: RealArray) -> Scale:
-    """Return the scale of elements at a place, at half the amplitude of a middle level."""
+def scale_of(place: MeasuredElement, omega: RealArray) -> Scale:
+    """Return the scale of elements at a place, at half the amplitude of a middle level.
+
+    The stiffness is a share of that of the structure, or that of the force if it is smaller.
+    """
     middle = place.amplitude[len(place.amplitude) // 2].max(axis=1)
     peak, tiny = int(middle.argmax()), float(np.finfo(np.float64).tiny)
-    stiffness = LOCATION.start_stiffness / max(float(np.median(place.drive)), tiny)
+    whole = LOCATION.start_stiffness / max(float(np.median(place.drive)), tiny)
+    weight = 1.0 / np.maximum(place.std, tiny)
+    own = float(np.linalg.norm(weight * np.abs(place.stiffness)) / np.linalg.norm(weight))
+    stiffness = min(whole, max(own, LOCATION.least_stiffness * whole))
     return Scale(stiffness, max(0.5 * float(middle[peak]), tiny), float(omega[peak]))
 
 
 def choose_parameters(
-    model: Model, kind: Kind, start: NonlinearElement, place: Place
+    model: Model, name: str, kind: Kind, start: NonlinearElement, place: Place
 ) -> ParameterSet:
-    """Return the unknowns of an element within the bounds of its kind about a start."""
-    bounds = {f"{ELEMENT}.{name}": pair for name, pair in kind.bounds(start).items()}
+    """Return the unknowns of a new element within the bounds of its kind about a start."""
+    bounds = {f"{name}.{key}": pair for key, pair in kind.bounds(start).items()}
     names = [
-        f"{ELEMENT}.{name}"
-        for name, value in list_parameters(start).items()
-        if value or f"{ELEMENT}.{name}" in bounds
+        f"{name}.{key}"
+        for key, value in list_parameters(start).items()
+        if value or f"{name}.{key}" in bounds
     ]
-    with_element = model.with_elements({ELEMENT: (start, place)})
+    with_element = model.with_elements({name: (start, place)})
     return parameters(with_element, nonlinear=names, bounds=bounds)
 
 
 def fit_kind(
-    model: Model, place: PlaceFit, dofs: Place, kind: Kind, omega: RealArray
+    model: Model, name: str, place: PlaceFit, dofs: Place, kind: Kind, omega: RealArray
 ) -> KindFit | None:
-    """Return the best fit of a kind from its starts; None if none can be evaluated."""
+    """Return the best fit of a kind from its starts; None if none can be evaluated.
+
+    `name` is that of the new element.
+    """
     fits = []
-    for start in kind.starts(scale_of(place, omega)):
-        unknowns = choose_parameters(model, kind, start, dofs)
-        found = _fit_start(place, start, unknowns, omega)
+    for start in kind.starts(scale_of(place.element, omega)):
+        unknowns = choose_parameters(model, name, kind, start, dofs)
+        found = fit_element(place.element, start, unknowns, omega)
         if found is not None:
-            fits.append(KindFit(place, kind, start, found[0], place.x, found[1]))
+            element, misfit = found
+            about = place.x, np.zeros(0), misfit, place.cost + misfit
+            fits.append(KindFit(place, kind, start, element, *about))
     return min(fits, key=lambda fit: fit.misfit, default=None)
 
 
-def _fit_start(
-    place: PlaceFit, start: NonlinearElement, unknowns: ParameterSet, omega: RealArray
+def fit_element(
+    place: MeasuredElement, start: NonlinearElement, unknowns: ParameterSet, omega: RealArray
 ) -> tuple[NonlinearElement, float] | None:
-    """Return the element that fits the describing function, and its misfit."""
+    """Return the element that fits the force by its describing function, and its misfit."""
     coordinates, names = Coordinates(unknowns), [p.quantity for p in unknowns]
     measured, at = place.stiffness, place.amplitude
     error = LOCATION.describing_error * np.abs(measured)

@@ -15,7 +15,7 @@ from updyn.model import Model
 from updyn.updating.judge.levels.detect import check_levels
 from updyn.updating.judge.levels.homogeneity import scatter_variance, stated_variance
 from updyn.updating.problem.noise import NoiseChoice
-from updyn.updating.problem.parameters import ParameterSet
+from updyn.updating.problem.parameters import ParameterSet, collect_unknowns
 from updyn.updating.problem.problem import FRFPart
 from updyn.updating.problem.residuals import OutputError
 
@@ -26,8 +26,9 @@ __all__ = ["LevelData"]
 class LevelData:
     """FRFs of the same channels at n_l levels, ascending, with the linear model of their channels.
 
-    `part` has the linear model and the first of the `tests`; `errors` are the weights of each, as
-    for a fit. `receptances`, `weights` (n_l, n_f, n_i, n_j) and `levels` (n_l, n_f) are the data in
+    `part` has the model without elements, its unknowns, and the first of the `tests`; `errors` are
+    the weights of each, as for a fit. `receptances`, `weights` (n_l, n_f, n_i, n_j) and `levels`
+    (n_l, n_f) are the data in
     m/N, the square roots of 2 / E|dH|^2 in N/m, and the amplitudes of the force in N.
     """
 
@@ -51,7 +52,8 @@ class LevelData:
                 "excitation: the data are of a random force; a nonlinearity is located by FRFs of a"
                 " sine"
             )
-        part = FRFPart.build(model, ordered[0], unknowns)
+        linear = collect_unknowns(p for p in unknowns if not p.of_element)
+        part = FRFPart.build(replace(model, nonlinear={}), ordered[0], linear)
         variances = [_find_variance(test, noise) for test in ordered]
         rate = (part.frf.s**part.frf.power)[:, None, None]
         receptances = np.array([test.values * part.sign / rate for test in ordered])
@@ -69,6 +71,12 @@ class LevelData:
     def n_forces(self) -> int:
         """Number of real numbers of the forces of an element: one complex each line and level."""
         return int(2 * self.levels.size * self.receptances.shape[3])
+
+    @property
+    def n_spare(self) -> int:
+        """Number of real data less those of the forces of an element and the linear unknowns."""
+        n_unknowns = len(self.part.coordinates.parameters)
+        return max(self.n_numbers - self.n_forces - n_unknowns, 1)
 
     def softened(self) -> LevelData:
         """Return the data with errors relative to |H| added, which widen minima."""

@@ -10,11 +10,11 @@ from types import MappingProxyType
 import numpy as np
 
 from updyn.arrays import RealArray
-from updyn.candidates.location.describing import ELEMENT, KindFit, fit_kind
-from updyn.candidates.location.exact import ExactFit, ExactProblem, fit_linear
+from updyn.candidates.location.describing import KindFit, fit_kind
+from updyn.candidates.location.exact import Base, BaseFit, ExactFit, ExactProblem
 from updyn.candidates.location.kinds import Kind, choose_kinds
 from updyn.candidates.location.levels import LevelData
-from updyn.candidates.location.place import PlaceFit, fit_place
+from updyn.candidates.location.place import ExpectedForces, PlaceFit, fit_place
 from updyn.candidates.location.places import check_places
 from updyn.candidates.location.result import LocationRow, NonlinearityLocation
 from updyn.candidates.location.settings import LOCATION
@@ -29,15 +29,17 @@ from updyn.nonlinear.element import NonlinearElement
 from updyn.nonlinear.local import Place
 from updyn.updating.fit.reducing import is_reduced, make_reduction
 from updyn.updating.fit.search import scatter_points
+from updyn.updating.judge.causes.settings import CAUSE_ODDS
+from updyn.updating.problem.coordinates import Coordinates
 from updyn.updating.problem.data import Test
 from updyn.updating.problem.local_elements import LocalElements
 from updyn.updating.problem.noise import NoiseChoice
-from updyn.updating.problem.parameters import ParameterSet, no_unknowns
+from updyn.updating.problem.parameters import ParameterSet, collect_unknowns, no_unknowns
 from updyn.updating.problem.problem import FRFPart
 from updyn.updating.run import run
 from updyn.updating.setup import RunOptions
 
-__all__ = ["locate_nonlinearity"]
+__all__ = ["Location", "Search", "begin_search", "compare_fits", "locate_nonlinearity"]
 
 
 def locate_nonlinearity(
@@ -54,7 +56,8 @@ def locate_nonlinearity(
     Parameters
     ----------
     model : Model
-        The linear model, with the channels of the tests among its DOFs.
+        The model, with the channels of the tests among its DOFs. It may have nonlinear elements
+        that are known to exist; the sought one is a further one.
     tests : iterable of FRF
         Measurements of the same channels and lines at two levels or more (`FRF.with_level`), of at
         least two responses.
@@ -66,7 +69,8 @@ def locate_nonlinearity(
         Names of `updyn.nonlinear` elements, by default all, or elements by name with parameters
         from which to start.
     unknowns : ParameterSet, optional
-        Linear unknowns that are fitted, too; by default the model is used as it is.
+        Unknowns of the model that are fitted, too, those of its elements included; by default the
+        model is used as it is.
     noise : None, str or mapping
         As for `updyn.update`. If the data do not state it, it is estimated from the scatter of
         neighbouring lines.
@@ -107,81 +111,126 @@ def locate_nonlinearity(
     >>> found.best.place, found.best.kind, f"{found.best.element.coefficient:.3g}"
     ('1:X - 2:X', 'cubic-spring', '1e+08')
     """
-    model.refuse_nonlinear("the search for a nonlinearity")
+    return begin_search(model, tests, places, kinds, unknowns, noise).find().result
+
+
+def begin_search(
+    model: Model,
+    tests: Iterable[FRF],
+    places: Mapping[str, Place] | None,
+    kinds: Iterable[str] | Mapping[str, NonlinearElement] | None,
+    unknowns: ParameterSet | None,
+    noise: NoiseChoice,
+) -> Search:
+    """Return the search for an element in addition to those of a model."""
     named, chosen = check_places(model, places), choose_kinds(kinds)
     found = no_unknowns() if unknowns is None else unknowns
     if not isinstance(found, ParameterSet):
         raise OptionError(f"unknowns: expected updyn.parameters(...), found {unknowns!r}")
+    found = collect_unknowns(sorted(found, key=lambda p: p.of_element))
     data = LevelData.of(model, list(tests), found, noise)
-    return _Search.begin(model, named, chosen, data, noise).find()
+    solver = None
+    if is_reduced(None, model.n_dofs, len(data.part.frf.freq)):
+        solver = _reduce(model, named, data.part)
+        data = replace(data, part=data.part.with_solver(solver))
+    x = Coordinates(found).start
+    lowest = _fit_lowest(model, data, noise)
+    x[: len(lowest)] = lowest
+    return Search(Base(model, found, x, data, solver), named, chosen, lowest)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Search:
-    """The search for place and kind."""
+class Location:
+    """The end of a search: its result, the best candidate, and the model without it.
 
-    model: Model
+    `inflation` is the variance of the noise over the stated one that the odds are based on.
+    """
+
+    result: NonlinearityLocation
+    best: ExactFit
+    base: BaseFit | None
+    inflation: float
+
+    @property
+    def is_supported(self) -> bool:
+        """Whether the best candidate is likelier than the model without it, whatever one line."""
+        if self.base is None:
+            return True
+        odds = compare_fits(self.best, self.base, self.inflation)
+        return odds > CAUSE_ODDS.likely_log_odds
+
+
+def compare_fits(whole: BaseFit, part: BaseFit, inflation: float) -> float:
+    """Return the log odds of one fit over another, without the line that supports it most.
+
+    At one line, the data may lie on a branch of solutions that was not found.
+    """
+    odds = whole.log_evidence(inflation) - part.log_evidence(inflation)
+    gain = float((part.lines - whole.lines).max())
+    return odds - max(gain, 0.0) / inflation
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Search:
+    """The search for place and kind of an element in addition to those of a model.
+
+    `lowest` are the unknowns of groups fitted to the lowest level; `refits` are exact fits that are
+    repeated if no candidate leaves a residual like noise.
+    """
+
+    base: Base
     places: Mapping[str, Place]
     kinds: Sequence[Kind]
-    data: LevelData
-    solver: FieldSolver | None
-    x: RealArray
+    lowest: RealArray
+    refits: int = LOCATION.refits
 
-    @classmethod
-    def begin(
-        cls,
-        model: Model,
-        places: Mapping[str, Place],
-        kinds: Sequence[Kind],
-        data: LevelData,
-        noise: NoiseChoice,
-    ) -> _Search:
-        """Return the search from the linear model, reduced if it is large."""
-        solver = None
-        if is_reduced(None, model.n_dofs, len(data.part.frf.freq)):
-            solver = _reduce(model, places, data.part)
-            data = replace(data, part=data.part.with_solver(solver))
-        return cls(model, places, kinds, data, solver, _fit_lowest(model, data, noise))
+    @property
+    def data(self) -> LevelData:
+        """The data of all levels."""
+        return self.base.data
 
-    def find(self) -> NonlinearityLocation:
+    def find(self) -> Location:
         """Return the candidates, the best first."""
+        linear = self.base.fit()
+        if linear is not None and self.base.model.nonlinear:
+            return replace(self, base=replace(self.base, x=linear.x))._find(linear)
+        return self._find(linear)
+
+    def _find(self, linear: BaseFit | None) -> Location:
+        """Return the same; `linear` is the fit of the base."""
         ranked = self._rank_places()
         fits = self._fit_candidates(self._rank_kinds(ranked))
         if not fits:
             raise SolverError("no candidate of place and kind can be solved at its start")
-        linear = fit_linear(self.data, self.x)
         n_numbers = self.data.n_numbers
-        best = min(fits, key=lambda fit: fit.cost)
-        inflation = max(1.0, 2.0 * best.cost / max(n_numbers - len(best.x), 1))
+        inflation = min(fits, key=_cost).inflation(n_numbers)
         fits = _order(fits, inflation)
         top = fits[0].log_evidence(inflation)
-
-        def rms(cost: float) -> float:
-            return float(np.sqrt(2.0 * cost / n_numbers))
-
-        return NonlinearityLocation(
-            tuple(self._row(fit, inflation, top, rms(fit.cost)) for fit in fits),
+        result = NonlinearityLocation(
+            tuple(self._row(fit, inflation, top) for fit in fits),
             MappingProxyType({place.name: self._residual(place) for place in ranked}),
             -math.inf if linear is None else linear.log_evidence(inflation) - top,
-            math.nan if linear is None else rms(linear.cost),
+            math.nan if linear is None else linear.rms(n_numbers),
             inflation <= LOCATION.largest_inflation,
         )
+        return Location(result, fits[0], linear, inflation)
 
     def _rank_places(self) -> list[PlaceFit]:
         """Return the places by the residual of an element of any kind."""
         unknowns = self.data.part.coordinates.parameters
-        found = {}
+        found, expected = {}, self.base.expect_forces()
         for name, dofs in self.places.items():
-            placed = self.model.with_elements({ELEMENT: (CubicSpring(1.0), dofs)})
-            local = LocalElements.find(placed, unknowns)
-            fit = fit_place(name, local, self.data, self.x)
+            new = {self.base.new_name: (CubicSpring(1.0), dofs)}
+            local = LocalElements.find(self.base.model.with_elements(new), unknowns)
+            fit = fit_place(name, local, self.data, self.base.linear_x, expected)
             if fit is not None:
                 found[name] = local, fit
         if not found:
             raise SolverError("an element at none of the places changes a measured response")
         if len(unknowns):
-            self._search_linear(found, [self.x, self.data.part.coordinates.start], len(found))
-            self._search_linear(found, self._scatter(), LOCATION.most_searched)
+            starts = [self.lowest, self.data.part.coordinates.start]
+            self._search_linear(found, starts, len(found), expected)
+            self._search_linear(found, self._scatter(), LOCATION.most_searched, expected)
         return sorted((fit for _, fit in found.values()), key=lambda fit: fit.cost)
 
     def _search_linear(
@@ -189,18 +238,19 @@ class _Search:
         found: dict[str, tuple[LocalElements, PlaceFit]],
         starts: Sequence[RealArray],
         most: int,
+        expected: ExpectedForces | None,
     ) -> None:
         """Replace fits by better ones from further starts unless the residual is like noise."""
-        spare = self.data.n_numbers - self.data.n_forces - len(self.x)
         ordered = sorted(found, key=lambda name: found[name][1].cost)
-        if 2.0 * found[ordered[0]][1].cost <= LOCATION.largest_inflation * max(spare, 1):
+        limit = LOCATION.largest_inflation * self.data.n_spare
+        if 2.0 * found[ordered[0]][1].cost <= limit:
             return
         soft = self.data.softened()
         for name in ordered[:most]:
             local, best = found[name]
-            fits = [fit_place(name, local, soft, x) for x in starts]
+            fits = [fit_place(name, local, soft, x, expected) for x in starts]
             near = min((fit for fit in fits if fit is not None), key=_cost, default=None)
-            fit = None if near is None else fit_place(name, local, self.data, near.x)
+            fit = None if near is None else fit_place(name, local, self.data, near.x, expected)
             if fit is not None and fit.cost < best.cost:
                 found[name] = local, fit
 
@@ -219,17 +269,23 @@ class _Search:
         for place in ranked[: LOCATION.most_places]:
             if place.cost > limit:
                 break
-            dofs, omega = self.places[place.name], self.data.omega
-            fits = [fit_kind(self.model, place, dofs, kind, omega) for kind in self.kinds]
-            found = sorted((fit for fit in fits if fit is not None), key=lambda fit: fit.misfit)
+            found = self._fit_kinds(place)
             if found:
                 out.append(found)
-        out.sort(key=lambda found: found[0].misfit)
+        out.sort(key=lambda found: found[0].cost)
         limit = LOCATION.joint_misfit * self.data.n_forces
-        if out and len(self.x) and 2.0 * out[0][0].misfit > limit:
+        if out and self.base.n_linear and 2.0 * out[0][0].misfit > limit:
             out = [self._fit_jointly(found) for found in out[: LOCATION.fitted_places]]
-            out.sort(key=lambda found: found[0].misfit)
+            out.sort(key=lambda found: found[0].cost)
         return out
+
+    def _fit_kinds(self, place: PlaceFit) -> list[KindFit]:
+        """Return the kinds at a place by misfit, with the other elements from their forces."""
+        model, name, omega = self.base.model, self.base.new_name, self.data.omega
+        dofs, others = self.places[place.name], self.base.fit_others(place)
+        fits = [fit_kind(model, name, place, dofs, kind, omega) for kind in self.kinds]
+        found = [replace(fit, others=others) for fit in fits if fit is not None]
+        return sorted(found, key=lambda fit: fit.misfit)
 
     def _fit_jointly(self, found: Sequence[KindFit]) -> list[KindFit]:
         """Return the kinds at a place fitted together with the linear unknowns."""
@@ -241,6 +297,8 @@ class _Search:
         fits: list[ExactFit] = []
         solved = []
         for kinds in ranked[: LOCATION.fitted_places]:
+            if self._is_excluded(kinds[0], fits):
+                break
             first = self._fit_first(kinds, fits)
             if first is not None:
                 solved.append(first)
@@ -254,15 +312,22 @@ class _Search:
                 is_far = kind.misfit > LOCATION.largest_misfit * fit.start.misfit
                 if rank >= LOCATION.most_kinds or (rank >= LOCATION.least_kinds and is_far):
                     break
+                if self._is_excluded(kind, fits):
+                    break
                 found = self._fit(kind, fits)
                 if found is not None:
                     fits.append(found)
         return self._refit(sorted(fits, key=_cost))
 
+    def _is_excluded(self, start: KindFit, fits: Sequence[ExactFit]) -> bool:
+        """Whether a candidate is far worse by describing functions than another one exactly."""
+        least = min(map(_cost, fits), default=math.inf)
+        return start.cost > least + self._excluded_cost(least)
+
     def _refit(self, fits: Sequence[ExactFit]) -> list[ExactFit]:
         """Return fits, the best of them again unless the first leaves a residual like noise."""
         out = list(fits)
-        for i, fit in enumerate(fits[: LOCATION.refits]):
+        for i, fit in enumerate(fits[: self.refits]):
             if 2.0 * min(map(_cost, out)) <= LOCATION.largest_inflation * self.data.n_numbers:
                 break
             out[i] = fit.problem.refit(fit)
@@ -280,8 +345,7 @@ class _Search:
 
     def _residual(self, place: PlaceFit) -> float:
         """Return the rms residual of a place for the numbers that its forces leave."""
-        spare = self.data.n_numbers - self.data.n_forces - len(self.x)
-        return float(np.sqrt(2.0 * place.cost / max(spare, 1)))
+        return float(np.sqrt(2.0 * place.cost / self.data.n_spare))
 
     def _excluded_cost(self, least: float) -> float:
         """Return the excess over the least cost from which a candidate is left out."""
@@ -292,13 +356,13 @@ class _Search:
         return self._problem(start).fit(min(map(_cost, fits), default=math.inf))
 
     def _problem(self, start: KindFit) -> ExactProblem:
-        dofs = self.places[start.place.name]
-        return ExactProblem.of(self.model, start, dofs, self.data, self.solver)
+        return ExactProblem.of(self.base, start, self.places[start.place.name])
 
-    def _row(self, fit: ExactFit, inflation: float, top: float, residual: float) -> LocationRow:
+    def _row(self, fit: ExactFit, inflation: float, top: float) -> LocationRow:
         values, std = fit.values, fit.std(inflation)
-        local = fit.model.nonlinear[ELEMENT]
-        prefix = f"{ELEMENT}."
+        name = self.base.new_name
+        local = fit.model.nonlinear[name]
+        prefix = f"{name}."
         return LocationRow(
             fit.start.place.name,
             fit.start.kind.name,
@@ -307,7 +371,7 @@ class _Search:
             {name: x for name, x in values.items() if not name.startswith(prefix)},
             len(fit.x),
             fit.log_evidence(inflation) - top,
-            residual,
+            fit.rms(self.data.n_numbers),
             fit.model,
         )
 

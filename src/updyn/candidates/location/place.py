@@ -1,14 +1,18 @@
-"""The force of an element at one place, of any kind, from the responses.
+"""The forces of elements at several places, of any kind, from the responses.
 
-An element on the deformation u exerts the force -z F on a structure that a force F excites. With
-the receptances of the linear model between responses (r), deformation (q) and force (f),
+Elements on the deformations u exert the forces -z F on a structure that a force F excites. With
+the receptances of the linear model between responses (r), deformations (q) and force (f),
 
     H = H_rf - H_rq z,    u / F = H_qf - H_qq z,
 
-so that z of each line, level and force follows from the responses by linear least squares, whatever
-the kind of the element (Noel & Kerschen, Mech. Syst. Signal Process. 83 (2017) 2, section 4). The
-residual ranks the places. Linear unknowns are fitted together with all z by variable projection
-(Kaufman, BIT 15 (1975) 49). The describing function of the element is z F / u at the amplitude |u|.
+so that the z of each line, level and force follow from the responses by linear least squares,
+whatever the kinds of the elements (Noel & Kerschen, Mech. Syst. Signal Process. 83 (2017) 2,
+section 4). The residual ranks the places. Linear unknowns are fitted together with all z by
+variable projection (Kaufman, BIT 15 (1975) 49). The describing function of element e is z_e F / u_e
+at the amplitude |u_e|.
+
+Elements of the model to which a candidate is added keep their places. Their forces are estimated,
+too, with those of the fitted model as priors: its errors do not move the candidate then.
 """
 
 from __future__ import annotations
@@ -26,34 +30,89 @@ from updyn.errors import SolverError
 from updyn.updating.problem.local import Local, reduce_blocks
 from updyn.updating.problem.local_elements import ElementReceptances, LocalElements
 
-__all__ = ["PlaceFit", "fit_place", "linear_local"]
+__all__ = ["ExpectedForces", "MeasuredElement", "PlaceFit", "fit_place", "linear_local"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PlaceFit:
-    """Force and deformation of an element of any kind at one place.
+class MeasuredElement:
+    """Force and deformation of an element of any kind.
 
-    `x` (n,) are the linear unknowns and `cost` half the weighted sum of squares. `stiffness`, the
-    describing function, `std`, its standard deviation, and `amplitude`, that of the deformation in
-    m, have the shape (n_l, n_f, n_j); `drive` is |H_qq| (n_f,) in m/N.
+    `stiffness`, the describing function, `std`, its standard deviation, and `amplitude`, that of
+    the deformation in m, have the shape (n_l, n_f, n_j); `drive` is |H_qq| (n_f,) in m/N.
     """
 
-    name: str
-    x: RealArray
-    cost: float
     stiffness: ComplexArray
     std: RealArray
     amplitude: RealArray
     drive: RealArray
 
+    @classmethod
+    def of(
+        cls,
+        z: ComplexArray,
+        std: RealArray,
+        moved: ComplexArray,
+        drive: ComplexArray,
+        levels: RealArray,
+    ) -> MeasuredElement:
+        """Return the element with a force z and a deformation `moved` over F.
 
-def fit_place(name: str, local: LocalElements, data: LevelData, x: RealArray) -> PlaceFit | None:
-    """Return the fit of one place from linear unknowns x; None if it has no effect."""
-    bounds = data.part.coordinates.bounds
+        A deformation whose noise is large is replaced by that without the force of the element.
+        """
+        H = drive[:, None]
+        unloaded = moved + H * z
+        is_noisy = np.abs(H) * std > LOCATION.noisy_amplitude * np.abs(moved)
+        u = np.where(is_noisy, unloaded, moved)
+        u = np.where(np.abs(u) > 0.0, u, np.finfo(np.float64).tiny)
+        with np.errstate(over="ignore"):
+            error = std * np.abs(unloaded) / np.abs(u) ** 2
+        return cls(np.asarray(z / u), error, np.abs(u) * levels[:, :, None], np.abs(drive))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ExpectedForces:
+    """Forces z of the elements of a model, and their standard deviations, (n_l, n_f, n_j, n_b)."""
+
+    z: ComplexArray
+    std: RealArray
+
+    @property
+    def weights(self) -> RealArray:
+        """Square roots of 2 / E|dz|^2."""
+        return np.asarray(np.sqrt(2.0) / self.std)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlaceFit:
+    """An element of any kind at one place, in addition to those of the model.
+
+    `x` (n,) are the linear unknowns and `cost` half the weighted sum of squares. `others` are the
+    elements of the model.
+    """
+
+    name: str
+    x: RealArray
+    cost: float
+    element: MeasuredElement
+    others: tuple[MeasuredElement, ...] = ()
+
+
+def fit_place(
+    name: str,
+    local: LocalElements,
+    data: LevelData,
+    x: RealArray,
+    expected: ExpectedForces | None = None,
+) -> PlaceFit | None:
+    """Return the fit of a place from linear unknowns x; None if it has no effect.
+
+    `local` are the elements of the model, whose forces are expected, and, last, one at the place.
+    """
+    bounds, n = data.part.coordinates.bounds, len(local.elements)
 
     def evaluate(x: RealArray) -> Local | None:
         try:
-            return _project(data, _receptances(local, data, x, derivatives=True), x)
+            return _project(data, expected, _receptances(local, data, x, derivatives=True), n, x)
         except SolverError:
             return None
 
@@ -65,20 +124,15 @@ def fit_place(name: str, local: LocalElements, data: LevelData, x: RealArray) ->
         outcome = settings.minimise(evaluate, x, *bounds)
         x, cost = outcome.x, outcome.local.cost
     H, _ = _receptances(local, data, x, derivatives=False)
-    a, r = _weighted(data, H)
-    if not a.any():
+    forces = _Forces.of(_weight(data, expected, H[:, n:, :n]))
+    if not forces.effect[..., -1].any():
         return None
-    size = _squares(a)
-    z = _best_force(a, size, r)
+    r = _residual(data, expected, H, n)
+    z = forces.solve(r)
     if cost is None:
-        cost = 0.5 * float(np.sum(np.abs(r - a * z[:, :, None]) ** 2))
-    Hqf, Hqq = H[:, 0, 1:], H[:, 0, :1]
-    moved = Hqf - Hqq * z
-    tiny = np.finfo(np.float64).tiny
-    moved = np.where(np.abs(moved) > 0.0, moved, tiny)
-    std = np.abs(Hqf) / np.abs(moved) ** 2 * np.sqrt(2.0 / size)
-    amplitude = np.abs(moved) * data.levels[:, :, None]
-    return PlaceFit(name, x, cost, z / moved, std, amplitude, np.abs(Hqq[:, 0]))
+        cost = 0.5 * float(np.sum(np.abs(forces.project(r)) ** 2))
+    found = _describe(H[:, :n], z, forces.deviations, data.levels)
+    return PlaceFit(name, x, cost, found[-1], found[:-1])
 
 
 def linear_local(data: LevelData, x: RealArray) -> Local | None:
@@ -108,39 +162,102 @@ def _receptances(
     return found.H[:, 0], dH
 
 
-def _weighted(data: LevelData, H: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
-    """Return the weighted effect of z and the residual without it, (n_l, n_f, n_i, n_j) each."""
-    a = data.weights * H[:, 1:, :1]
-    return np.asarray(a), np.asarray(data.weights * (H[:, 1:, 1:] - data.receptances))
+@dataclass(frozen=True, slots=True, eq=False)
+class _Forces:
+    """Least squares for the forces z (n_l, n_f, n_j, n_e) from residuals (n_l, n_f, n_j, n_i).
+
+    `effect` (n_l, n_f, n_j, n_i, n_e) is that of z, weighted; U, s and Vh are its singular vectors
+    and values.
+    """
+
+    effect: ComplexArray
+    U: ComplexArray
+    s: RealArray
+    Vh: ComplexArray
+
+    @classmethod
+    def of(cls, effect: ComplexArray) -> _Forces:
+        """Return the problem."""
+        U, s, Vh = np.linalg.svd(effect, full_matrices=False)
+        is_none = s <= LOCATION.least_effect * s[..., :1]
+        return cls(effect, np.where(is_none[..., None, :], 0.0, U), s, Vh)
+
+    @property
+    def deviations(self) -> ComplexArray:
+        """Columns whose squares sum to the covariance of z in units of the weighted residual."""
+        tiny = np.sqrt(np.finfo(np.float64).tiny)
+        return np.asarray(
+            np.conj(self.Vh.swapaxes(-1, -2)) / np.maximum(self.s, tiny)[..., None, :]
+        )
+
+    def solve(self, r: ComplexArray) -> ComplexArray:
+        """Return the z with which the effect is nearest to residuals."""
+        along = np.einsum("...ik,...i->...k", self.U.conj(), r)
+        return np.asarray(np.einsum("...ek,...k->...e", self.deviations, along))
+
+    def project(self, r: ComplexArray) -> ComplexArray:
+        """Return the part of residuals (..., n_l, n_f, n_j, n_i) that no z explains."""
+        along = np.einsum("lfjik,...lfji->...lfjk", self.U.conj(), r)
+        return np.asarray(r - np.einsum("lfjik,...lfjk->...lfji", self.U, along))
 
 
-def _squares(a: ComplexArray) -> RealArray:
-    """Return the sum of squares over the responses, (n_l, n_f, n_j), above 0."""
-    return np.maximum(np.sum(np.abs(a) ** 2, axis=2), np.finfo(np.float64).tiny)
+def _weight(data: LevelData, expected: ExpectedForces | None, H: ComplexArray) -> ComplexArray:
+    """Return the weighted effect of forces, (n_l, n_f, n_j, n_i, n_e), from H (n_f, n_i, n_e).
+
+    Expected forces are further data after the responses.
+    """
+    weights = data.weights.transpose(0, 1, 3, 2)
+    effect = np.asarray(weights[..., None] * H[None, :, None])
+    if expected is None:
+        return effect
+    n = expected.z.shape[-1]
+    rows = np.zeros((*effect.shape[:3], n, n + 1), dtype=np.complex128)
+    rows[..., range(n), range(n)] = expected.weights
+    return np.concatenate([effect, rows], axis=-2)
 
 
-def _best_force(a: ComplexArray, size: RealArray, values: ComplexArray) -> ComplexArray:
-    """Return the z with which `a` z is nearest to values, (n_l, n_f, n_j)."""
-    return np.asarray(np.einsum("lfij,lfij->lfj", a.conj(), values) / size)
+def _residual(
+    data: LevelData, expected: ExpectedForces | None, H: ComplexArray, n: int
+) -> ComplexArray:
+    """Return the weighted residual without forces of elements, (n_l, n_f, n_j, n_i)."""
+    r = (data.weights * (H[:, n:, n:] - data.receptances)).transpose(0, 1, 3, 2)
+    if expected is None:
+        return np.asarray(r)
+    return np.concatenate([r, expected.weights * expected.z], axis=-1)
+
+
+def _describe(
+    H: ComplexArray, z: ComplexArray, deviations: ComplexArray, levels: RealArray
+) -> tuple[MeasuredElement, ...]:
+    """Return the elements with receptances H (n_f, n_e, n_e + n_j) and forces z."""
+    n = z.shape[-1]
+    moved = H[:, :, n:].transpose(0, 2, 1) - np.einsum("fek,lfjk->lfje", H[:, :, :n], z)
+    std = np.sqrt(2.0) * np.linalg.norm(deviations, axis=-1)
+    return tuple(
+        MeasuredElement.of(z[..., e], std[..., e], moved[..., e], H[:, e, e], levels)
+        for e in range(n)
+    )
 
 
 def _project(
-    data: LevelData, found: tuple[ComplexArray, ComplexArray | None], x: RealArray
+    data: LevelData,
+    expected: ExpectedForces | None,
+    found: tuple[ComplexArray, ComplexArray | None],
+    n: int,
+    x: RealArray,
 ) -> Local:
     """Return the least-squares problem in the linear unknowns, with the best z."""
     H, dH = found
-    a, r = _weighted(data, H)
-    size = _squares(a)
-
-    def project(values: ComplexArray) -> ComplexArray:
-        return np.asarray(values - a * _best_force(a, size, values)[:, :, None])
-
-    z = _best_force(a, size, r)[:, :, None]
-    columns = [
-        project(data.weights * (one[:, 1:, 1:] - one[:, 1:, :1] * z))
-        for one in ([] if dH is None else dH)
-    ]
-    return _reduce(data, project(r), columns, x)
+    forces = _Forces.of(_weight(data, expected, H[:, n:, :n]))
+    r = _residual(data, expected, H, n)
+    z = forces.solve(r)
+    columns = []
+    for one in [] if dH is None else dH:
+        moved = one[:, n:, n:].transpose(0, 2, 1) - np.einsum("fie,lfje->lfji", one[:, n:, :n], z)
+        moved *= data.weights.transpose(0, 1, 3, 2)
+        rest = np.zeros((*moved.shape[:3], r.shape[-1] - moved.shape[-1]))
+        columns.append(forces.project(np.concatenate([moved, rest], axis=-1)))
+    return _reduce(data, forces.project(r), columns, x)
 
 
 def _reduce(

@@ -1,4 +1,4 @@
-"""`NonlinearityLocation`: candidates of place and kind of a nonlinear element, the best first."""
+"""`NonlinearityLocation`, candidates of an element, and `LocatedNonlinearities`, those found."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from updyn.updating.judge.causes.settings import CAUSE_ODDS
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["LocationRow", "NonlinearityLocation"]
+__all__ = ["LocatedElement", "LocatedNonlinearities", "LocationRow", "NonlinearityLocation"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,12 +69,20 @@ class LocationRow:
     @property
     def parameters(self) -> str:
         """Estimated parameters of the element with their standard deviations and units."""
-        parts, values = [], list_parameters(self.element)
-        rotates = next((local.rotates for local in self.model.nonlinear.values()), False)
-        for name, std in self.std.items():
-            unit = parameter_unit(self.element, name, rotates=rotates)
-            parts.append(f"{name} {values[name]:.4g} +- {std:.1g} {unit}".rstrip())
-        return ", ".join(parts)
+        # The candidate is the last element of its model.
+        turns = [local.rotates for local in self.model.nonlinear.values()]
+        return _format_parameters(self.element, self.std, turns[-1] if turns else False)
+
+
+def _format_parameters(
+    element: NonlinearElement, deviations: Mapping[str, float], rotates: bool | None
+) -> str:
+    """Return parameters with their standard deviations and units."""
+    parts, values = [], list_parameters(element)
+    for name, std in deviations.items():
+        unit = parameter_unit(element, name, rotates=rotates)
+        parts.append(f"{name} {values[name]:.4g} +- {std:.1g} {unit}".rstrip())
+    return ", ".join(parts)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -138,6 +146,11 @@ class NonlinearityLocation(Sequence[LocationRow]):
     def is_likely(self) -> bool:
         """Whether the best candidate is likelier than the linear model, at odds of 100 to 1."""
         return self.linear < -CAUSE_ODDS.likely_log_odds
+
+    @property
+    def close_rows(self) -> tuple[LocationRow, ...]:
+        """The first candidate and those at odds of at most 20 to 1 against them."""
+        return (self.best, *self.indistinguishable)
 
     @property
     def indistinguishable(self) -> tuple[LocationRow, ...]:
@@ -282,3 +295,216 @@ ABOUT = (
     "residual: rms in standard deviations of the noise; log evidence: less that of the first"
     " candidate. Places: residual of an element of any kind."
 )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LocatedElement:
+    """One of the nonlinear elements that were found in a structure.
+
+    Attributes
+    ----------
+    name : str
+        Name of the element in the model.
+    place, kind : str
+        Names of its place and its kind.
+    element : NonlinearElement
+        The element with the estimated parameters.
+    std : mapping of str to float
+        Standard deviations of these by name; infinite if the data do not determine one.
+    log_odds : float
+        Natural logarithm of the odds of the model over the model without this element, whose other
+        unknowns are fitted again.
+    search : NonlinearityLocation
+        The search in which it was found, with the elements that were known then.
+    model : Model
+        The model with all elements.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> spring = updyn.CubicSpring(1e8)
+    >>> group = updyn.Group(np.diag([1e4]), mass=np.eye(1))
+    >>> model = updyn.Model.from_groups({"k": group}, ["1:X"]).with_elements({"a": (spring, "1:X")})
+    >>> about = "a", "ground", "cubic-spring", spring, {"coefficient": 2e5}
+    >>> row = updyn.LocationRow("ground", "cubic-spring", spring, {}, {}, 1, 0.0, 1.0, model)
+    >>> search = updyn.NonlinearityLocation((row,), {"ground": 1.0}, -300.0, 7.0, True)
+    >>> one = updyn.LocatedElement(*about, 300.0, search, model)
+    >>> one.parameters, one.alternatives
+    ('coefficient 1e+08 +- 2e+05 N/m^3', ())
+    """
+
+    name: str
+    place: str
+    kind: str
+    element: NonlinearElement
+    std: Mapping[str, float]
+    log_odds: float
+    search: NonlinearityLocation
+    model: Model
+
+    @property
+    def parameters(self) -> str:
+        """Estimated parameters with their standard deviations and units."""
+        return _format_parameters(self.element, self.std, self.model.nonlinear[self.name].rotates)
+
+    @property
+    def alternatives(self) -> tuple[LocationRow, ...]:
+        """Candidates that the data do not distinguish from the element."""
+        here = self.place, self.kind
+        return tuple(row for row in self.search.close_rows if (row.place, row.kind) != here)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LocatedNonlinearities(Sequence[LocatedElement]):
+    """Nonlinear elements of a structure, in the order in which they were found.
+
+    Attributes
+    ----------
+    elements : tuple of LocatedElement
+        The elements, none for a linear structure.
+    values : mapping of str to float
+        Estimated other unknowns by name.
+    residual : float
+        Rms residual of the model with all elements, in standard deviations of the noise.
+    linear_residual : float
+        That of the model without them.
+    is_adequate : bool
+        Whether the residual is consistent with noise.
+    model : Model
+        The model with all elements and the estimated values.
+    further : NonlinearityLocation or None
+        The search for one more element, which was not supported; None if `most` were found, or no
+        candidate can be solved.
+
+    Examples
+    --------
+    >>> from updyn.demos import chain
+    >>> found = updyn.LocatedNonlinearities((), {}, 1.0, 1.0, True, chain.build(), None)
+    >>> found, len(found), found.distinguishable
+    (LocatedNonlinearities(none), 0, True)
+    """
+
+    elements: tuple[LocatedElement, ...]
+    values: Mapping[str, float]
+    residual: float
+    linear_residual: float
+    is_adequate: bool
+    model: Model
+    further: NonlinearityLocation | None
+
+    def __len__(self) -> int:
+        return len(self.elements)
+
+    def __getitem__(self, item: Any) -> Any:
+        """Return an element by position."""
+        return self.elements[item]
+
+    def __iter__(self) -> Iterator[LocatedElement]:
+        return iter(self.elements)
+
+    def __repr__(self) -> str:
+        named = ", ".join(f"{one.kind} at {one.place}" for one in self.elements)
+        return f"LocatedNonlinearities({named or 'none'})"
+
+    def __str__(self) -> str:
+        return self.summary()
+
+    @property
+    def distinguishable(self) -> bool:
+        """Whether each element is distinguishable from other candidates."""
+        return not any(one.alternatives for one in self.elements)
+
+    @property
+    def statement(self) -> str:
+        """The outcome: the elements, and whether the residual is noise."""
+        text = "No nonlinear element is needed: the model fits all levels about as well"
+        parts = []
+        for one in self.elements:
+            others = [f"{row.kind} at {row.place}" for row in one.alternatives]
+            end = f" (not distinguishable from {', '.join(others)})" if others else ""
+            parts.append(f"{one.kind} at {one.place}: {one.parameters}{end}")
+        text = "; ".join(parts) or text
+        if not self.is_adequate:
+            text += (
+                f". The residual is {self.residual:.3g} times the noise: the model, or an element,"
+                " is not exact"
+            )
+        return f"{text}."
+
+    def to_pandas(self) -> pd.DataFrame:
+        """Return a table with a row for each element.
+
+        Returns
+        -------
+        pandas.DataFrame
+            Columns: ``name``, ``place``, ``kind``, ``log_odds`` and ``parameters``.
+        """
+        import pandas as pd
+
+        names = ("name", "place", "kind", "log_odds", "parameters")
+        return pd.DataFrame([{key: getattr(one, key) for key in names} for one in self.elements])
+
+    def to_dict(self) -> dict[str, object]:
+        """Return the elements as plain values, for JSON.
+
+        Returns
+        -------
+        dict
+            ``statement``, ``adequate``, ``residual``, ``linear_residual``, ``values`` of other
+            unknowns by name, ``found``: a dict for each element, with ``name``, ``place``,
+            ``kind``, ``parameters`` and ``std`` by name in SI units, ``log_odds`` and ``search``
+            (`NonlinearityLocation.to_dict`), and ``further``, the last search, or None.
+        """
+        found = []
+        for one in self.elements:
+            found.append(
+                {
+                    "name": one.name,
+                    "place": one.place,
+                    "kind": one.kind,
+                    "parameters": dict(list_parameters(one.element)),
+                    "std": dict(one.std),
+                    "log_odds": one.log_odds,
+                    "search": one.search.to_dict(),
+                }
+            )
+        return {
+            "statement": self.statement,
+            "adequate": self.is_adequate,
+            "residual": self.residual,
+            "linear_residual": self.linear_residual,
+            "values": dict(self.values),
+            "found": found,
+            "further": None if self.further is None else self.further.to_dict(),
+        }
+
+    def summary(self) -> str:
+        """Return the elements as text: the outcome, a table, and the search for one more.
+
+        Returns
+        -------
+        str
+        """
+        lines = [self.statement, "", text_table(FOUND_HEADINGS, self.cells(), left=(0, 1, 3))]
+        lines.append(f"\nResidual {self.residual:.3g}, linear model {self.linear_residual:.3g}.")
+        if self.further is not None and self.elements:
+            lines += ["", "One more element:", "", self.further.summary()]
+        return "\n".join(lines)
+
+    def cells(self) -> list[list[str]]:
+        """Return the rows of the table as text, with the columns of the summary.
+
+        Returns
+        -------
+        list of list of str
+        """
+        return [
+            [one.place, one.kind, f"{one.log_odds:.1f}", one.parameters] for one in self.elements
+        ]
+
+    def _repr_html_(self) -> str:
+        facts = {"elements": len(self)}
+        return card(self.statement, facts, table(FOUND_HEADINGS, self.cells(), left=(0, 1, 3)))
+
+
+FOUND_HEADINGS = ("place", "kind", "log odds", "parameters")

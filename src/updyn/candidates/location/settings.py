@@ -22,6 +22,18 @@ class LocationSettings:
     #: [1] Smallest tabulated amplitude over the largest. Effort: at smaller ones, the element is
     #: described by this one.
     least_amplitude: float = 1e-6
+    #: [1] Noise of a measured deformation, relative to it, above which it is replaced
+    #: by that without the element. Effort: candidates are only ranked by it.
+    noisy_amplitude: float = 0.5
+    #: [1] Relative error of the force of an element of the model, over that of the responses.
+    #: Effort: the force of a cubic spring changes three times as much as its deformation.
+    force_error: float = 3.0
+    #: [1] Smallest force for that over the largest of the level. Effort: a gap has none while it is
+    #: open.
+    least_force: float = 0.1
+    #: [1] Smallest effect of a combination of forces on the responses over the largest, from which
+    #: it is determined. Rounding: the others have no effect on any response.
+    least_effect: float = 1e-10
     #: [steps] Steps of the fit of a place. Effort: the best places need less than half of them.
     place_steps: int = 30
     #: [steps] Steps of the fit of a kind to its describing function. Effort: the same.
@@ -66,7 +78,9 @@ class LocationSettings:
     #: Effort: the right candidate is near its minimum then.
     hopeless_steps: int = 5
     #: [1] That cost over the least. Effort: candidates as bad are excluded at any odds.
-    hopeless_ratio: float = 20.0
+    hopeless_ratio: float = 5.0
+    #: [steps] Steps after which it is given up at odds of `excluded_log_odds`. Effort: the same.
+    late_steps: int = 10
     #: [1] Shares of the force of an element by describing functions from which an exact fit starts,
     #: in this order, if there is no periodic motion at one of the lines. Effort: a weaker element
     #: has one.
@@ -85,6 +99,8 @@ class LocationSettings:
     #: [1] Scale of the start of an element: its stiffness over that of the structure at its
     #: deformation. Effort: the fits to describing functions converge from far away.
     start_stiffness: float = 0.3
+    #: [1] Smallest stiffness for that, over the former. Effort: weaker elements have no odds.
+    least_stiffness: float = 1e-5
     #: [fits] Exact fits that are repeated with wider minima. Effort: only if no candidate leaves a
     #: residual like noise.
     refits: int = 3
@@ -105,6 +121,8 @@ class LocationSettings:
     #: [1] Ratio of the variance of the residual to that of the noise up to which the residual is
     #: consistent with noise. Why: an estimated variance is known to 15 %.
     largest_inflation: float = 1.2
+    #: [elements] Largest number of elements that are sought. Default: each adds several searches.
+    most_elements: int = 3
     #: [places] Places that the summary shows. Drawing: the first ones.
     shown_places: int = 8
 

@@ -81,10 +81,10 @@ class LineBalance:
         forces, slopes = self._to_complex(T), self._to_complex(tangents)
         R = self._to_complex(x) + np.einsum("mkef,mfk->mek", H[:, :, :n, :n], forces)
         R[:, :, f.first] -= (self.level[at] * share)[:, None] * H[:, f.first, :n, n]
-        J = self._to_real(np.einsum("mkef,mfkc->mekfc", H[:, :, :n, :n], slopes))
+        J = self.to_coordinates(np.einsum("mkef,mfkc->mekfc", H[:, :, :n, :n], slopes))
         size = n * f.size
         J = J.reshape(len(at), size, size) + np.eye(size)
-        return LineEvaluation(x, self._to_real(R), J, forces, tuple(periods))
+        return LineEvaluation(x, self.to_coordinates(R), J, forces, tuple(periods))
 
     def _tangent(self, period: LineForces, omega: RealArray) -> RealArray:
         """Return the derivative of the coordinates of a force by those of its deformation."""
@@ -103,7 +103,7 @@ class LineBalance:
         flat = self.fourier.to_complex(x.reshape(-1, *x.shape[2:]))
         return flat.reshape(*x.shape[:2], *flat.shape[1:])
 
-    def _to_real(self, U: ComplexArray) -> RealArray:
+    def to_coordinates(self, U: ComplexArray) -> RealArray:
         """Return coordinates along axis 2 from harmonics, (k, n_e, n_h, ...)."""
         flat = self.fourier.to_real(U.reshape(-1, *U.shape[2:]))
         return flat.reshape(*U.shape[:2], *flat.shape[1:])
@@ -154,7 +154,7 @@ class LineBalance:
         n, f, m = self.n_elements, self.fourier, len(self.omega)
         Q = np.zeros((m, n, len(f.harmonics)), dtype=np.complex128)
         Q[:, :, f.first] = self.level[:, None] * self.H[:, f.first, :n, n]
-        return self._to_real(Q)
+        return self.to_coordinates(Q)
 
     def grow(self, x: RealArray, at: IndexArray, end: float = 1.0) -> tuple[RealArray, BoolArray]:
         """Return the solutions at lines that a growing force reaches, and whether each was found.
@@ -171,8 +171,12 @@ class LineBalance:
 
         return _follow(x, advance, cut=0.25, least=LINE_BALANCE.least_level_step)
 
-    def scan(self, near: RealArray, e: int) -> list[tuple[RealArray, BoolArray]]:
+    def scan(
+        self, near: RealArray, e: int, known: BoolArray | None = None
+    ) -> list[tuple[RealArray, BoolArray]]:
         """Return further solutions by the amplitude of element e, and whether each was found.
+
+        Lines with a `known` solution, (m,), are left out if it seems to be the only one.
 
         The force that an amplitude requires follows from the describing function of element e, with
         those of the others at the solutions `near`. Where it rises through the level, a solution
@@ -191,7 +195,9 @@ class LineBalance:
         rises = (excess[:, :-1] < self.level[:, None]) & (excess[:, 1:] >= self.level[:, None])
         found = []
         first, last = rises.argmax(axis=1), rises.shape[1] - 1 - rises[:, ::-1].argmax(axis=1)
-        for position, chosen in ((first, rises.any(axis=1)), (last, rises.sum(axis=1) > 1)):
+        has_several = rises.sum(axis=1) > 1
+        is_sought = rises.any(axis=1) if known is None else rises.any(axis=1) & ~known
+        for position, chosen in ((first, is_sought | has_several), (last, has_several)):
             line = np.flatnonzero(chosen)
             if not len(line):
                 continue
@@ -205,7 +211,7 @@ class LineBalance:
             x, is_solved = near.copy(), np.zeros(m, dtype=np.bool_)
             harmonics = np.zeros((len(line), n, len(f.harmonics)), dtype=np.complex128)
             harmonics[:, :, f.first] = guess
-            x[line], is_solved[line] = self.solve(self._to_real(harmonics), line)
+            x[line], is_solved[line] = self.solve(self.to_coordinates(harmonics), line)
             found.append((x, is_solved))
         return found
 
@@ -231,11 +237,18 @@ class LineBalance:
         real, imag = (np.interp(speeds, known, part) for part in (once.real, once.imag))
         return np.asarray(self.omega[:, None] * (real + 1j * imag), dtype=np.complex128)
 
-    def find_all(self) -> list[tuple[RealArray, BoolArray]]:
-        """Return candidates for the solutions at all lines, and whether each is a solution."""
+    def find_all(self, near: RealArray | None = None) -> list[tuple[RealArray, BoolArray]]:
+        """Return candidates for the solutions at all lines, and whether each is a solution.
+
+        `near` are the solutions of a similar model.
+        """
         linear, n = self.linear(), self.n_elements
-        found = [one for e in range(n) for one in self.scan(linear, e)]
         x, is_solved = linear.copy(), np.zeros(len(linear), dtype=np.bool_)
+        if near is None:
+            found = [one for e in range(n) for one in self.scan(linear, e)]
+        else:
+            x, is_solved = self.solve(near, np.arange(len(near)))
+            found = [one for e in range(n) for one in self.scan(x, e, is_solved)]
         for candidate, ok in found:
             first = ok & ~is_solved
             x[first], is_solved[first] = candidate[first], True
@@ -246,7 +259,7 @@ class LineBalance:
             turned = self.turn(i)
             if turned is not None:
                 x[i], is_solved[i] = turned, True
-        if n > 1:
+        if n > 1 and near is None:
             found += [one for e in range(n) for one in self.scan(x, e)]
         return [(x, is_solved), *found]
 
@@ -345,10 +358,11 @@ class LineBalance:
 
     def _solve_many(self, J: RealArray, right: ComplexArray) -> RealArray:
         """Return J^-1 R at each line, (n_p, m, n_e, n_c), for complex residuals."""
-        p, m = right.shape[:2]
-        rows = self._to_real(right.reshape(p * m, *right.shape[2:])).reshape(p, m, -1)
+        (p, m), n = right.shape[:2], self.n_elements
+        size = J.shape[-1]
+        rows = self.to_coordinates(right.reshape(p * m, *right.shape[2:])).reshape(p, m, size)
         X = np.linalg.solve(J, rows.transpose(1, 2, 0))
-        return np.asarray(X.transpose(2, 0, 1).reshape(p, m, self.n_elements, -1))
+        return np.asarray(X.transpose(2, 0, 1).reshape(p, m, n, size // n))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -96,13 +96,17 @@ class LocalElements:
         The forces of the elements follow from the responses by least squares; None if there are
         fewer responses than elements.
         """
-        n = len(self.elements)
-        if len(part.rows) < n:
+        if len(part.rows) < len(self.elements):
             return None
         H = ElementReceptances.of(self, part, x, np.ones(1), derivatives=False).H[:, 0]
+        return np.abs(self.estimate(part, H))
+
+    def estimate(self, part: FRFPart, H: ComplexArray) -> ComplexArray:
+        """Return the deformations (n_f, n_e, n_j) from the measured motion and the receptances."""
+        n = len(self.elements)
         motion, level = self._motion(part), require_level(part.frf)[:, None, None]
         T = _solve_least_squares(H[:, n:, :n], level * H[:, n:, n:] - motion)
-        return np.abs(level * H[:, :n, n:] - H[:, :n, :n] @ T)
+        return np.asarray(level * H[:, :n, n:] - H[:, :n, :n] @ T)
 
     @staticmethod
     def _motion(part: FRFPart) -> ComplexArray:

@@ -32,6 +32,7 @@ __all__ = [
     "ParameterSet",
     "check_bounds",
     "check_finite",
+    "collect_unknowns",
     "link",
     "no_unknowns",
     "parameters",
@@ -613,6 +614,12 @@ def no_unknowns() -> ParameterSet:
     out = object.__new__(ParameterSet)
     object.__setattr__(out, "items", ())
     return out
+
+
+def collect_unknowns(items: Iterable[Parameter]) -> ParameterSet:
+    """Return a set of unknowns, which may be empty."""
+    found = tuple(items)
+    return ParameterSet(found) if found else no_unknowns()
 
 
 def parameters(

@@ -112,8 +112,11 @@ class EquivalentForward(ElementForward):
 class PeriodicForward(ElementForward):
     """The first harmonic of the periodic response at the level of the data.
 
-    At a line with several solutions, the stable one nearest to the measured values is used.
+    At a line with several solutions, the stable one nearest to the measured values is used. If
+    there is a `memory`, evaluations begin at the last solutions by reference.
     """
+
+    memory: dict[int, RealArray] | None = None
 
     @property
     def fourier(self) -> Fourier:
@@ -165,6 +168,17 @@ class PeriodicForward(ElementForward):
             out.append(np.abs(Q).reshape(now.x.shape[:2]))
         return np.stack(out, axis=2)
 
+    def forces(self, part: FRFPart, x: RealArray) -> ComplexArray:
+        """Return the first harmonics of the forces of elements over that of the force.
+
+        The shape is (n_f, n_e, n_j).
+        """
+        found, first = self._linear(part, x, derivatives=False), self.fourier.first
+        out = [
+            self._solve(part, x, found, j)[1].forces[:, :, first] for j in range(len(part.columns))
+        ]
+        return np.asarray(np.stack(out, axis=2) / require_level(part.frf)[:, None, None])
+
     def _linear(self, part: FRFPart, x: RealArray, *, derivatives: bool) -> ElementReceptances:
         k = self.fourier.harmonics.astype(np.float64)
         return ElementReceptances.of(self.local, part, x, k, derivatives=derivatives)
@@ -192,13 +206,23 @@ class PeriodicForward(ElementForward):
             nearer = distance < best[at]
             x[at[nearer]], best[at[nearer]] = candidate[nearer], distance[nearer]
 
-        for candidate, is_solved in balance.find_all():
+        near = None if self.memory is None else self.memory.get(j)
+        for candidate, is_solved in balance.find_all(near):
             compare(candidate[is_solved], lines[is_solved])
+        far = np.flatnonzero(best > LEVELS.far)
+        if len(far) and len(part.rows) >= n:
+            # The measured motion may lie on a branch that neither amplitudes nor neighbours reach.
+            Q = np.zeros((len(far), n, len(self.fourier.harmonics)), dtype=np.complex128)
+            first = self.fourier.first
+            Q[:, :, first] = self.local.estimate(part, found.H[:, first])[far, :, j]
+            candidate, is_solved = balance.solve(balance.to_coordinates(Q), far)
+            compare(candidate[is_solved], far[is_solved])
         if not np.isfinite(best).all():
             missing = part.frf.freq[int(np.argmin(np.isfinite(best)))]
             raise SolverError(f"no periodic response was found at {missing:g} Hz")
         tried: set[tuple[int, int, float]] = set()
-        for _ in range(LINE_BALANCE.jump_passes):
+        # The branches of the last solutions were looked for at the first evaluation.
+        for _ in range(LINE_BALANCE.jump_passes if near is None else 0):
             before, jumps = best.sum(), balance.jumps(x)
             for at, source in ((jumps + 1, jumps), (jumps, jumps + 1)):
                 # A solution leads to the same one at the next line again.
@@ -211,6 +235,8 @@ class PeriodicForward(ElementForward):
                 compare(candidate[is_solved], at[is_solved])
             if best.sum() == before:
                 break
+        if self.memory is not None:
+            self.memory[j] = x
         return balance, balance.evaluate(x, lines)
 
 
