@@ -306,6 +306,10 @@ class RandomSettings:
     #: [1] Error of an integral of a fit over the integral. Rounding: far below the noise of data,
     #: a measured spectrum with 800 lines takes a third of the time of 1e-8.
     error: float = 1e-6
+    #: [1] Change of a measured standard deviation by the omission of every other line up to which
+    #: the lines resolve its resonances. Why: the start of a fit permits an error of some ten
+    #: percent, which a start of the unknowns off by 30 % also causes.
+    resolved: float = 0.1
     #: [lines] Lines over the band of the force at which a reduced model is accurate. Effort: the
     #: basis also has the modes between them.
     reduced_lines: int = 128

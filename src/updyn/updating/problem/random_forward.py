@@ -80,7 +80,8 @@ class RandomForward(ElementForward):
     def measured(self, part: FRFPart) -> tuple[RealArray, BoolArray]:
         """Return the measured standard deviations, (2, n_e, n_j), and which are known, (n_e,).
 
-        They are integrals over the measured lines, of elements whose DOFs are all responses.
+        They are integrals over the measured lines, of elements whose DOFs are all responses. Those
+        that every other line changes do not resolve the resonances, and count as unknown.
         """
         frf, spectrum = part.frf, _spectrum(part.frf)
         amplitudes, known = self.local.measured(part)
@@ -91,7 +92,11 @@ class RandomForward(ElementForward):
         squared = density[:, None, None] * amplitudes**2
         omega = 2.0 * np.pi * frf.freq[:, None, None]
         both = np.stack([squared, omega**2 * squared])
-        return np.sqrt(np.trapezoid(both, frf.freq, axis=1)), known
+        spread, coarse = (
+            np.sqrt(np.trapezoid(both[:, ::step], frf.freq[::step], axis=1)) for step in (1, 2)
+        )
+        difference = np.abs(coarse - spread) / np.maximum(spread, np.finfo(np.float64).tiny)
+        return spread, known & (difference.max(axis=(0, 2)) <= RANDOM.resolved)
 
     def _balance(self, part: FRFPart, x: RealArray, j: int) -> Linearisation:
         """Return the equations of the motion of the elements under one force."""

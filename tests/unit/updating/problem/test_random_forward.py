@@ -136,6 +136,16 @@ def test_the_equivalent_start_has_the_motion_of_the_data(name) -> None:
         np.testing.assert_allclose(slope, (high - low) / 2, atol=1e-6 * np.abs(slope).max())
 
 
+def test_lines_that_miss_the_resonances_do_not_state_the_motion() -> None:
+    """The start then has the motion of the model."""
+    part = build_part(ELEMENTS["cubic"])
+    _, known = part.forward.measured(part.with_data(measure(build(ELEMENTS["cubic"]))))
+    assert not known.any()
+    x = part.coordinates.start
+    (equivalent,) = make_equivalent(Problem.of([part]), x).parts
+    np.testing.assert_allclose(equivalent.forward.motion, part.forward.spreads(part, x), rtol=1e-6)
+
+
 def test_a_window_is_refused() -> None:
     model = build(ELEMENTS["cubic"])
     with pytest.raises(DataError, match="no exponential window"):
