@@ -12,7 +12,7 @@ from updyn.candidates.location.settings import LOCATION
 from updyn.errors import DataError
 from updyn.frf import FRF
 from updyn.model import Model
-from updyn.updating.judge.levels.detect import check_levels
+from updyn.updating.judge.levels.detect import check_levels, detect_nonlinearity
 from updyn.updating.judge.levels.homogeneity import scatter_variance, stated_variance
 from updyn.updating.problem.noise import NoiseChoice
 from updyn.updating.problem.parameters import ParameterSet, collect_unknowns
@@ -30,6 +30,7 @@ class LevelData:
     the weights of each, as for a fit. `receptances`, `weights` (n_l, n_f, n_i, n_j) and `levels`
     (n_l, n_f) are the data in
     m/N, the square roots of 2 / E|dH|^2 in N/m, and the amplitudes of the force in N.
+    `depends_on_level` is the result of `detect_nonlinearity`.
     """
 
     part: FRFPart
@@ -38,6 +39,7 @@ class LevelData:
     receptances: ComplexArray
     weights: RealArray
     levels: RealArray
+    depends_on_level: bool
 
     @classmethod
     def of(
@@ -60,7 +62,8 @@ class LevelData:
         weights = np.sqrt(2.0 / np.array(variances)) * np.abs(rate) * np.abs(part.sign)
         levels = np.array([test.level for test in ordered])
         errors = [OutputError(np.sqrt(2.0 / variance)) for variance in variances]
-        return cls(part, ordered, errors, receptances, weights, levels)
+        depends = detect_nonlinearity(ordered, noise=noise).is_nonlinear
+        return cls(part, ordered, errors, receptances, weights, levels, depends)
 
     @property
     def omega(self) -> RealArray:

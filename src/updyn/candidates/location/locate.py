@@ -154,6 +154,8 @@ class Location:
     @property
     def is_supported(self) -> bool:
         """Whether the best candidate is likelier than the model without it, whatever one line."""
+        if not self.result.depends_on_level:
+            return False
         if self.base is None:
             return True
         odds = compare_fits(self.best, self.base, self.inflation)
@@ -212,6 +214,7 @@ class Search:
             -math.inf if linear is None else linear.log_evidence(inflation) - top,
             math.nan if linear is None else linear.rms(n_numbers),
             inflation <= LOCATION.largest_inflation,
+            self.data.depends_on_level,
         )
         return Location(result, fits[0], linear, inflation)
 

@@ -103,6 +103,9 @@ class NonlinearityLocation(Sequence[LocationRow]):
     is_adequate : bool
         Whether the residual of the best candidate is consistent with noise. If not, the noise is
         increased for the odds until it is.
+    depends_on_level : bool
+        Whether the FRFs depend on the level (`updyn.detect_nonlinearity`). If not, an element can
+        only make up for errors of the linear model.
 
     Examples
     --------
@@ -119,6 +122,7 @@ class NonlinearityLocation(Sequence[LocationRow]):
     linear: float
     linear_residual: float
     is_adequate: bool
+    depends_on_level: bool = True
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -144,8 +148,11 @@ class NonlinearityLocation(Sequence[LocationRow]):
 
     @property
     def is_likely(self) -> bool:
-        """Whether the best candidate is likelier than the linear model, at odds of 100 to 1."""
-        return self.linear < -CAUSE_ODDS.likely_log_odds
+        """Whether the best candidate is likelier than the linear model, at odds of 100 to 1.
+
+        False if the FRFs do not depend on the level.
+        """
+        return self.depends_on_level and self.linear < -CAUSE_ODDS.likely_log_odds
 
     @property
     def close_rows(self) -> tuple[LocationRow, ...]:
@@ -177,6 +184,8 @@ class NonlinearityLocation(Sequence[LocationRow]):
     @property
     def statement(self) -> str:
         """The outcome in a sentence or two."""
+        if not self.depends_on_level:
+            return "No nonlinear element is needed: the FRFs do not depend on the level."
         if not self.is_likely:
             return (
                 "No nonlinear element is needed: the linear model fits all levels about as well"

@@ -146,7 +146,8 @@ class _Selection:
 
     def add_pair(self, before: Self, location: Location) -> Self:
         """Return the selection with one more element if it supports both; else that before."""
-        if location.result.is_adequate or before.fit is None:
+        result = location.result
+        if result.is_adequate or not result.depends_on_level or before.fit is None:
             return before
         second = self.search_next()
         if second is None:

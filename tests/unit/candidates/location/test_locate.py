@@ -230,3 +230,30 @@ def test_a_model_with_many_connections_is_refused(monkeypatch):
     monkeypatch.setattr("updyn.candidates.location.places.LOCATION", few)
     with pytest.raises(OptionError, match="has 6 connections; state the places of at most 5"):
         list_places(MODEL)
+
+
+def test_a_wrong_linear_model_is_no_nonlinearity() -> None:
+    """A sticking slider makes up for its stiffness, but the FRFs do not depend on the level."""
+    K = 1e4 * np.array([[2.0, -1.0], [-1.0, 2.0]])
+    labels = ["1:X", "2:X"]
+    groups = {"springs": updyn.Group(K, loss_factor=0.03), "masses": updyn.Group(mass=np.eye(2))}
+    model = updyn.Model.from_groups(groups, labels)
+    stiff = 1e4 * np.array([[2.4, -1.4], [-1.4, 2.4]])
+    true = updyn.Model.from_groups(
+        groups | {"springs": updyn.Group(stiff, loss_factor=0.03)}, labels
+    )
+    clean = updyn.response(true, np.linspace(8.0, 40.0, 60), labels, ["2:X"])
+    rng = np.random.default_rng(0)
+
+    def repeat(level: float) -> updyn.FRF:
+        draw = rng.standard_normal((2, *clean.values.shape)) / np.sqrt(2.0)
+        noisy = clean.values * (1.0 + 0.01 * (draw[0] + 1j * draw[1]))
+        return replace(clean, values=noisy).with_level(level)
+
+    tests = [repeat(level) for level in (0.5, 2.0)]
+    options = {"kinds": ["jenkins", "cubic-spring"], "noise": {"relative": 0.01}}
+    found = updyn.locate_nonlinearity(model, tests, **options)
+    assert found.linear < -100.0
+    assert not found.is_likely
+    assert found.statement.endswith("the FRFs do not depend on the level.")
+    assert len(updyn.locate_nonlinearities(model, tests, **options)) == 0
