@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -253,17 +253,12 @@ class ExactProblem:
 
         It is given up early if its cost remains far above `least`, that of another candidate.
         """
-        excess = LOCATION.excluded_log_odds * max(1.0, 2.0 * least / self.data.n_numbers)
-        limits = {
-            LOCATION.hopeless_steps: LOCATION.hopeless_ratio * least,
-            LOCATION.late_steps: least + excess,
-        }
         for share in LOCATION.start_shares:
             x = self._begin(share)
             if share == 1.0:
                 x = _descend(self._equivalent(x, self.likelihood.residual), x)
             if self.likelihood.local(x) is not None:
-                return self._end(_descend(self.likelihood, x, limits))
+                return self._end(_descend(self.likelihood, x, LOCATION.hopeless_ratio * least))
         return None
 
     def fit_describing(self) -> KindFit:
@@ -353,12 +348,10 @@ def _by_line(error: OutputError, difference: ComplexArray) -> RealArray:
     return np.asarray(0.5 * np.sum(np.abs(error.weight * difference) ** 2, axis=(1, 2)))
 
 
-def _descend(
-    likelihood: Likelihood, x: RealArray, limits: Mapping[int, float] | None = None
-) -> RealArray:
+def _descend(likelihood: Likelihood, x: RealArray, limit: float = np.inf) -> RealArray:
     """Return the end of a descent; the start if it cannot be solved.
 
-    It ends if the cost remains above the limit of a number of steps.
+    It ends after a few steps if the cost remains above the limit.
     """
     if likelihood.local(x) is None:
         return x
@@ -367,7 +360,7 @@ def _descend(
     def is_hopeless(step: Step) -> bool:
         if step.local is not None:
             costs.append(step.local.cost)
-        return any(len(costs) >= n and min(costs) > limit for n, limit in (limits or {}).items())
+        return len(costs) >= LOCATION.hopeless_steps and min(costs) > limit
 
     settings = make_descent(LOCATION.exact_steps)
     return settings.minimise(likelihood.local, x, *likelihood.bounds, is_hopeless).x

@@ -300,8 +300,6 @@ class Search:
         fits: list[ExactFit] = []
         solved = []
         for kinds in ranked[: LOCATION.fitted_places]:
-            if self._is_excluded(kinds[0], fits):
-                break
             first = self._fit_first(kinds, fits)
             if first is not None:
                 solved.append(first)
@@ -315,17 +313,10 @@ class Search:
                 is_far = kind.misfit > LOCATION.largest_misfit * fit.start.misfit
                 if rank >= LOCATION.most_kinds or (rank >= LOCATION.least_kinds and is_far):
                     break
-                if self._is_excluded(kind, fits):
-                    break
                 found = self._fit(kind, fits)
                 if found is not None:
                     fits.append(found)
         return self._refit(sorted(fits, key=_cost))
-
-    def _is_excluded(self, start: KindFit, fits: Sequence[ExactFit]) -> bool:
-        """Whether a candidate is far worse by describing functions than another one exactly."""
-        least = min(map(_cost, fits), default=math.inf)
-        return start.cost > least + self._excluded_cost(least)
 
     def _refit(self, fits: Sequence[ExactFit]) -> list[ExactFit]:
         """Return fits, the best of them again unless the first leaves a residual like noise."""

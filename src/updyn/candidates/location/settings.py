@@ -78,9 +78,7 @@ class LocationSettings:
     #: Effort: the right candidate is near its minimum then.
     hopeless_steps: int = 5
     #: [1] That cost over the least. Effort: candidates as bad are excluded at any odds.
-    hopeless_ratio: float = 5.0
-    #: [steps] Steps after which it is given up at odds of `excluded_log_odds`. Effort: the same.
-    late_steps: int = 10
+    hopeless_ratio: float = 20.0
     #: [1] Shares of the force of an element by describing functions from which an exact fit starts,
     #: in this order, if there is no periodic motion at one of the lines. Effort: a weaker element
     #: has one.
