@@ -327,6 +327,10 @@ def _solve(balance: Balance, lines: RealArray, sweep: str) -> list[BranchPoint]:
         # A branch ends at a resonance without damping; a line beyond it begins another one.
         begin = 1 + max([begin, *(point.line for point in found)])
     points += _fill(balance, omega, points)
+    if not points:
+        raise SolverError(
+            "no periodic response was found at any line; use a smaller level, or more lines"
+        )
     if sweep == "down":
         last = len(lines) - 1
         points = [BranchPoint(p.found, last - p.line if p.line >= 0 else -1) for p in points]

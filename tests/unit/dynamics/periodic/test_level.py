@@ -214,3 +214,13 @@ def test_wrong_options_are_refused(change, error, message: str) -> None:
     with pytest.raises(error) as found:
         updyn.response(**{**given, "level": 1.0, **change})
     assert message in str(found.value)
+
+
+def test_a_response_without_any_solution_is_an_error(monkeypatch) -> None:
+    """Its branch is empty."""
+    monkeypatch.setattr("updyn.dynamics.periodic.response.solve_first", lambda balance, omega: None)
+    groups = {"spring": updyn.Group([[1e4]]), "mass": updyn.Group(mass=[[1.0]])}
+    model = updyn.Model.from_groups(groups, ["1:X"])
+    model = model.with_elements({"cube": (updyn.CubicSpring(1e8), "1:X")})
+    with pytest.raises(SolverError, match="no periodic response was found at any line"):
+        updyn.response(model, [5.0, 6.0], ["1:X"], ["1:X"], level=1.0)
