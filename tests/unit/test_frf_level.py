@@ -187,3 +187,13 @@ def test_a_spectrum_in_a_table_is_checked(tmp_path) -> None:
     path.write_text(path.read_text().replace("# spectrum: 5.0 12.0", "# spectrum: 5.0 high"))
     with pytest.raises(FormatError, match="spectrum: expected pairs"):
         updyn.read_frf(path)
+
+
+@pytest.mark.parametrize(("factor", "accepted"), [(1.0 + 0.9e-5, True), (1.0 + 1.1e-5, False)])
+def test_a_level_is_that_of_the_spectrum_to_five_digits(factor, accepted) -> None:
+    options = {"excitation": "random", "spectrum": SPECTRUM}
+    if accepted:
+        measure().with_level(factor * np.sqrt(1.5), **options)
+        return
+    with pytest.raises(DataError, match="its spectrum has the RMS"):
+        measure().with_level(factor * np.sqrt(1.5), **options)

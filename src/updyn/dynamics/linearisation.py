@@ -28,12 +28,12 @@ from updyn.nonlinear.gaussian import LinearForce, derive_linear_force, linearise
 from updyn.nonlinear.quadrature import Rule, find_rule
 from updyn.nonlinear.settings import QUADRATURE
 
-__all__ = ["Linearisation", "LinearisedMotion", "deform"]
+__all__ = ["Linearisation", "LinearisedMotion", "couple", "deform"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LinearisedMotion:
-    """Motion y and forces of the elements, with the receptances at the points of an integral.
+    """Motion y and forces of the elements, with the integrals of its variances.
 
     `y`, (3, n_e), has the means in m (rad), and the logarithms of the standard deviations of
     deformations in m (rad) and velocities in m/s (rad/s). `residual` is r, of the same shape;
@@ -74,7 +74,7 @@ class LinearisedMotion:
 
     def dynamic_stiffness(self, omega: RealArray) -> ComplexArray:
         """Return D at frequencies in rad/s, (n_f, n_e)."""
-        return np.asarray(self.stiffness + 1j * omega[:, None] * self.damping)
+        return _dynamic_stiffness(self.forces, omega)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -167,7 +167,9 @@ class Linearisation:
         largest = float(np.abs(step[1:]).max())
         if not np.isfinite(largest):
             return None
-        return np.asarray(step * min(1.0, RANDOM.largest_step / max(largest, RANDOM.change)))
+        if largest > RANDOM.largest_step:
+            step *= RANDOM.largest_step / largest
+        return np.asarray(step)
 
     def _evaluate(self, y: RealArray, least: RealArray) -> LinearisedMotion:
         """Return the motion with its residual."""
@@ -208,12 +210,10 @@ class Linearisation:
         self, forces: Sequence[LinearForce], most_halvings: int = QUADRATURE.most_halvings
     ) -> Rule:
         """Return the integrals of sigma^2 and sigma_v^2, (2, n_e); not finite at a resonance."""
-        stiffness = np.array([one.stiffness for one in forces])
-        damping = np.array([one.damping for one in forces])
 
         def density(f: RealArray) -> RealArray:
             omega = 2.0 * np.pi * f
-            q = deform(self.receptances(omega), stiffness + 1j * omega[:, None] * damping)
+            q = deform(self.receptances(omega), _dynamic_stiffness(forces, omega))
             squared = np.interp(f, self.freq, self.density)[:, None] * np.abs(q) ** 2
             return np.stack([squared, omega[:, None] ** 2 * squared], axis=1)
 
@@ -279,8 +279,7 @@ class Linearisation:
         omega, weights = self._weigh(motion)
         H = self.receptances(omega)
         D = motion.dynamic_stiffness(omega)
-        A = np.eye(n) + H[:, :, :n] * D[:, None, :]
-        q, by = deform(H, D), np.linalg.solve(A, H[:, :, :n])
+        q, by = deform(H, D), np.linalg.solve(couple(H, D), H[:, :, :n])
         # dq_j/dk_e = -by_je q_e and dq_j/dc_e = i omega dq_j/dk_e.
         product = -q.conj()[:, :, None] * by * q[:, None, :]
         for f, factor in ((1, np.ones_like(omega)), (2, 1j * omega)):
@@ -307,9 +306,8 @@ class Linearisation:
             omega, weights = points[some], all_weights[some]
             H, dH, D = self.receptances(omega), slopes(omega), motion.dynamic_stiffness(omega)
             q = deform(H, D)
-            A = np.eye(n_e) + H[:, :, :n_e] * D[:, None, :]
             right = dH[..., n_e] - np.einsum("pnje,ne->pnj", dH[..., :n_e], D * q)
-            dq = np.linalg.solve(A, right.transpose(1, 2, 0))
+            dq = np.linalg.solve(couple(H, D), right.transpose(1, 2, 0))
             out[:, 1:] += np.einsum("naj,njp->paj", weights, (q.conj()[:, :, None] * dq).real)
         return out
 
@@ -322,8 +320,20 @@ class Linearisation:
         return omega, np.stack([each, omega**2 * each], axis=1)[:, :, None] / size
 
 
+def _dynamic_stiffness(forces: Sequence[LinearForce], omega: RealArray) -> ComplexArray:
+    """Return the dynamic stiffnesses D of linear forces at frequencies in rad/s, (n_f, n_e)."""
+    stiffness = np.array([one.stiffness for one in forces])
+    damping = np.array([one.damping for one in forces])
+    return np.asarray(stiffness + 1j * omega[:, None] * damping)
+
+
+def couple(H: ComplexArray, D: ComplexArray) -> ComplexArray:
+    """Return 1 + H_qq D, (n_f, n_e, n_e); H has the shape (n_f, n_e, n_e + ...)."""
+    n = D.shape[1]
+    return np.asarray(np.eye(n) + H[:, :, :n] * D[:, None, :])
+
+
 def deform(H: ComplexArray, D: ComplexArray) -> ComplexArray:
     """Return the deformations for a unit force, (n_f, n_e); H has the shape (n_f, n_e, n_e + 1)."""
     n = D.shape[1]
-    A = np.eye(n) + H[:, :, :n] * D[:, None, :]
-    return np.asarray(np.linalg.solve(A, H[:, :, n:])[..., 0])
+    return np.asarray(np.linalg.solve(couple(H, D), H[:, :, n:])[..., 0])

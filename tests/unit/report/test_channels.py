@@ -59,6 +59,17 @@ def test_a_channel_of_noise_is_not_the_worst():
     assert worst_and_median(wrong)["worst"] == (0, 0)
 
 
+@pytest.mark.parametrize(
+    ("noise", "residual", "expected"),
+    [(0.51, 1.0, True), (0.49, 0.5, False), (0.6, 1.1, True), (0.6, 1.3, False)],
+)
+def test_noise_is_most_of_a_channel_from_a_half_of_level_and_residual(noise, residual, expected):
+    two = dataclasses.replace(
+        gather(smallest()), noise=np.array([[noise]]), residual_after=np.array([[residual]])
+    )
+    assert is_mostly_noise(two, 0, 0) == expected
+
+
 def test_half_of_the_channels_agree_better_than_the_median_one(data):
     chosen = worst_and_median(data)
     residual = data.residual_after

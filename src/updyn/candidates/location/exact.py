@@ -197,7 +197,7 @@ class Base:
             )
             size = np.abs(found)
             size = np.hypot(size, LOCATION.least_force * size.max(axis=0))
-            size = np.maximum(LOCATION.force_error * share[..., None] * size, 1e-300)
+            size = np.maximum(LOCATION.force_error * share[..., None] * size, np.finfo(float).tiny)
             z.append(found)
             std.append(size)
         return ExpectedForces(np.array(z), np.array(std))

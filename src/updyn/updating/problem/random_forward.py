@@ -6,13 +6,15 @@ another. `FixedRandomForward` has them at given standard deviations of the motio
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from updyn.arrays import BoolArray, ComplexArray, RealArray
-from updyn.dynamics.linearisation import Linearisation, LinearisedMotion, deform
+from updyn.dynamics.linearisation import Linearisation, LinearisedMotion, couple, deform
 from updyn.dynamics.settings import RANDOM
 from updyn.errors import DataError, SolverError
 from updyn.force_spectrum import find_rms
@@ -34,19 +36,8 @@ __all__ = ["FixedRandomForward", "RandomForward"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class RandomForward(ElementForward):
-    """The FRFs of the linearised model under the random force of the data.
-
-    Spectral densities of the force are those of the data.
-    """
-
-    def solved_lines(self, frf: FRF) -> RealArray:
-        """Return the lines, and others over the band of the force."""
-        return np.union1d(frf.freq, _spread_lines(frf))
-
-    def key(self, frf: FRF) -> list[object]:
-        """Return the spectrum of the force."""
-        return ["random", _spectrum(frf)]
+class _LinearisedForward(ElementForward, ABC):
+    """FRFs of a model whose elements are replaced by springs and dampers, other ones by force."""
 
     def receptances(
         self,
@@ -60,21 +51,48 @@ class RandomForward(ElementForward):
         """Return the receptances at a block of lines."""
         found = ElementReceptances.of(self.local, part, x, np.ones(1), derivatives=derivatives)
         out, slopes = [], []
-        for j in range(len(part.columns)):
-            balance = self._balance(part, x, j)
-            motion = balance.solve()
-            own = self._derive(part, x, j, balance, motion) if derivatives else ()
-            H, dH = _Equivalent(motion.stiffness, motion.damping, *own).respond(found, part, j)
+        for j, one in enumerate(self._linearise(part, x, derivatives=derivatives)):
+            H, dH = one.respond(found, part, j)
             out.append(H)
             slopes += [] if dH is None else [dH]
         return stack_references(part, x, lines, rate, out, slopes)
+
+    @abstractmethod
+    def _linearise(
+        self, part: FRFPart, x: RealArray, *, derivatives: bool
+    ) -> Iterator[_Equivalent]:
+        """Yield the springs and dampers for each force."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RandomForward(_LinearisedForward):
+    """The FRFs of the linearised model under the random force of the data.
+
+    Spectral densities of the force are those of the data.
+    """
+
+    def solved_lines(self, frf: FRF) -> RealArray:
+        """Return the lines, and others over the band of the force."""
+        return np.union1d(frf.freq, _spread_lines(frf))
+
+    def key(self, frf: FRF) -> list[object]:
+        """Return the spectrum of the force."""
+        return ["random", _spectrum(frf)]
+
+    def _linearise(
+        self, part: FRFPart, x: RealArray, *, derivatives: bool
+    ) -> Iterator[_Equivalent]:
+        for j, balance in enumerate(self._balances(part, x)):
+            motion = balance.solve()
+            own = self._derive(part, x, j, balance, motion) if derivatives else ()
+            yield _Equivalent(motion.stiffness, motion.damping, *own)
 
     def spreads(self, part: FRFPart, x: RealArray) -> RealArray:
         """Return the mean and the standard deviations of the elements, (3, n_e, n_j).
 
         They are those of deformation, in m (rad), and velocity, in m/s (rad/s).
         """
-        found = [self._balance(part, x, j).solve() for j in range(len(part.columns))]
+        found = [balance.solve() for balance in self._balances(part, x)]
         return np.stack([np.vstack([one.mean, one.spread]) for one in found], axis=2)
 
     def measured(self, part: FRFPart) -> tuple[RealArray, BoolArray]:
@@ -98,18 +116,17 @@ class RandomForward(ElementForward):
         difference = np.abs(coarse - spread) / np.maximum(spread, np.finfo(np.float64).tiny)
         return spread, known & (difference.max(axis=(0, 2)) <= RANDOM.resolved)
 
-    def _balance(self, part: FRFPart, x: RealArray, j: int) -> Linearisation:
-        """Return the equations of the motion of the elements under one force."""
-        values, spectrum = part.values(x), _spectrum(part.frf)
-        return Linearisation(
-            self.local.at(values),
-            lambda omega: self._deformations(part, values, j, omega, derivatives=False)[0],
-            self._static(part, values),
-            spectrum[:, 0],
-            spectrum[:, 1],
-            f"{part.frf.level_text}, force at {part.frf.references.labels[j]}",
-            RANDOM.error,
-        )
+    def _balances(self, part: FRFPart, x: RealArray) -> Iterator[Linearisation]:
+        """Yield the equations of the motion of the elements under each force."""
+        values, (freq, density) = part.values(x), _spectrum(part.frf).T
+        elements, static = self.local.at(values), self._static(part, values)
+        for j, label in enumerate(part.frf.references.labels):
+
+            def deform_at(omega: RealArray, j: int = j) -> ComplexArray:
+                return self._deformations(part, values, j, omega, derivatives=False)[0]
+
+            name = f"{part.frf.level_text}, force at {label}"
+            yield Linearisation(elements, deform_at, static, freq, density, name, RANDOM.error)
 
     def _deformations(
         self, part: FRFPart, values: RealArray, j: int, omega: RealArray, *, derivatives: bool
@@ -158,7 +175,7 @@ class RandomForward(ElementForward):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FixedRandomForward(ElementForward):
+class FixedRandomForward(_LinearisedForward):
     """The FRFs with the springs and dampers of a given motion of the elements.
 
     `motion`, (3, n_e, n_j), has means and standard deviations as of `RandomForward.spreads`.
@@ -170,40 +187,23 @@ class FixedRandomForward(ElementForward):
         """Return the motion."""
         return ["fixed random", self.motion]
 
-    def receptances(
-        self,
-        part: FRFPart,
-        x: RealArray,
-        lines: slice,
-        rate: ComplexArray,
-        *,
-        derivatives: bool,
-    ) -> Receptances:
-        """Return the receptances at a block of lines."""
-        found = ElementReceptances.of(self.local, part, x, np.ones(1), derivatives=derivatives)
+    def _linearise(
+        self, part: FRFPart, x: RealArray, *, derivatives: bool
+    ) -> Iterator[_Equivalent]:
         elements = self.local.at(part.values(x))
-        out, slopes = [], []
-        for j in range(len(part.columns)):
-            forces = [
-                linearise(*pair)
-                for pair in zip(elements, *self.motion[[1, 2, 0], :, j], strict=True)
-            ]
+        for mean, sigma, sigma_v in self.motion.transpose(2, 0, 1).tolist():
+            motions = list(zip(elements, sigma, sigma_v, mean, strict=True))
+            forces = [linearise(*one) for one in motions]
             stiffness = np.array([one.stiffness for one in forces])
             damping = np.array([one.damping for one in forces])
-            dk = dc = None
-            if derivatives:
-                dk, dc = np.zeros((2, part.n, len(elements)))
-                own = [
-                    derive_linear_force(*pair)
-                    for pair in zip(elements, *self.motion[[1, 2, 0], :, j], strict=True)
-                ]
-                for owner, (e, i) in zip(self.local.owners, self.local.places, strict=True):
-                    dk[owner, e] += own[e][1, 3 + i]
-                    dc[owner, e] += own[e][2, 3 + i]
-            H, dH = _Equivalent(stiffness, damping, dk, dc).respond(found, part, j)
-            out.append(H)
-            slopes += [] if dH is None else [dH]
-        return stack_references(part, x, lines, rate, out, slopes)
+            if not derivatives:
+                yield _Equivalent(stiffness, damping)
+                continue
+            slopes = [derive_linear_force(*one) for one in motions]
+            dk, dc = np.zeros((2, part.n, len(elements)))
+            for owner, (e, i) in zip(self.local.owners, self.local.places, strict=True):
+                dk[owner, e], dc[owner, e] = slopes[e][1:, 3 + i]
+            yield _Equivalent(stiffness, damping, dk, dc)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -229,7 +229,7 @@ class _Equivalent:
         forces = (self.dk[:, None] + 1j * omega[:, None] * self.dc[:, None]) * q
         direct = dH[..., n + j] - np.einsum("pfoe,fe->pfo", dH[..., :n], D * q)
         direct -= np.einsum("foe,pfe->pfo", H[..., :n], forces)
-        A = np.eye(n) + H[:, :n, :n] * D[:, None, :]
+        A = couple(H[:, :n], D)
         dq = np.linalg.solve(A, direct[:, :, :n].transpose(1, 2, 0)).transpose(2, 0, 1)
         return out, direct[:, :, n:] - np.einsum("fie,pfe->pfi", H[:, n:, :n], D * dq)
 
@@ -244,6 +244,4 @@ def _spectrum(frf: FRF) -> RealArray:
 def _spread_lines(frf: FRF) -> RealArray:
     """Return lines in Hz over the band of the force."""
     low, high = _spectrum(frf)[[0, -1], 0].tolist()
-    return np.asarray(
-        low + (high - low) * np.arange(1, 1 + RANDOM.reduced_lines) / RANDOM.reduced_lines
-    )
+    return np.linspace(low, high, 1 + RANDOM.reduced_lines)[1:]

@@ -146,6 +146,21 @@ def test_lines_that_miss_the_resonances_do_not_state_the_motion() -> None:
     np.testing.assert_allclose(equivalent.forward.motion, part.forward.spreads(part, x), rtol=1e-6)
 
 
+@pytest.mark.parametrize(("change", "resolved"), [(0.09, True), (0.11, False)])
+def test_every_other_line_changes_a_resolved_motion_by_less_than_a_tenth(change, resolved) -> None:
+    """With motions of 1 and of b at lines in turn, the variances are 1 and (1 + b^2) / 2."""
+    model, fine = build(ELEMENTS["cubic"]), np.linspace(20.0, 30.0, 2001)
+    flat = np.array([[5.0, 0.1], [35.0, 0.1]])
+    part = build_part(ELEMENTS["cubic"]).with_data(measure(model, flat, fine))
+    between = np.sqrt(2.0 / (1.0 - change) ** 2 - 1.0)
+    size = np.where(np.arange(len(fine)) % 2, between, 1.0)
+    displacement = size[:, None, None] * np.array([[1.0, 1.0], [0.0, 0.0]])
+    values = displacement * (2j * np.pi * fine[:, None, None]) ** 2
+    data = replace(part.frf, values=values)
+    _, known = part.forward.measured(part.with_data(data))
+    assert known.all() == resolved
+
+
 def test_a_window_is_refused() -> None:
     model = build(ELEMENTS["cubic"])
     with pytest.raises(DataError, match="no exponential window"):
