@@ -8,10 +8,10 @@ import pytest
 
 from updyn.cli import main
 from updyn.demos import chain, find_demo
-from window import browsing, choose, serving
+from window import PATIENCE, browsing, choose, serving
 
 pytest.importorskip("nicegui")
-pytest.importorskip("playwright")
+expect = pytest.importorskip("playwright.sync_api").expect
 pytestmark = [
     pytest.mark.needs("browser"),
     pytest.mark.filterwarnings("ignore::ResourceWarning"),
@@ -56,8 +56,19 @@ def test_from_a_dropped_file_of_any_layout_to_a_checked_job(chromium, tmp_path):
             page.get_by_label("response *").nth(number).fill(label)
         page.get_by_label("reference *").first.fill("2:X")
         page.get_by_text("'5'; expected a node and a direction").first.wait_for()
+        repeat = page.get_by_role("button", name="Use the first reference for all")
+        box = repeat.bounding_box()
         page.get_by_label("response *").nth(1).fill("5:X")
-        page.get_by_role("button", name="Use the first reference for all").click()
+        page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+        page.mouse.down()
+        page.get_by_text("'5'; expected a node and a direction").first.wait_for(state="hidden")
+        assert repeat.bounding_box()["y"] < box["y"] - box["height"] / 2  # and is clicked still
+        page.mouse.up()
+        expect(page.get_by_label("reference *").nth(1)).to_have_value("2:X", timeout=PATIENCE)
+        page.get_by_role("button", name="Add a channel").hover()
+        page.mouse.down()
+        page.mouse.move(0, 0)  # away from it: no click
+        page.mouse.up()
         choose(page, "measured quantity", "accelerance")
         page.get_by_text("2 responses, 1 reference, 60 lines").wait_for()
         assert sorted(path.name for path in project.iterdir()) == ["chain.h5", "hit.csv"]

@@ -63,6 +63,21 @@ document.documentElement.inert = true;
   if (window.did_handshake) document.documentElement.inert = false;
   else setTimeout(wait, 20);
 }})();
+/* What was pressed is clicked although it moves before the button of the mouse is released, as
+   where the message of an entry vanishes when the focus leaves the entry. The pointer itself may
+   move by a few pixels only. */
+document.addEventListener("pointerdown", (press) => {{
+  const pressed = press.target.closest("button, a, [role=checkbox], [role=radio], [role=tab]");
+  if (!pressed) return;
+  pressed.setPointerCapture(press.pointerId);
+  const follow = (move) => {{
+    const distance = Math.hypot(move.clientX - press.clientX, move.clientY - press.clientY);
+    if (distance > 4) pressed.releasePointerCapture(move.pointerId);
+  }};
+  const forget = () => pressed.removeEventListener("pointermove", follow);
+  pressed.addEventListener("pointermove", follow);
+  pressed.addEventListener("lostpointercapture", forget, {{ once: true }});
+}}, true);
 </script>
 <script defer src="{FIGURE_SCRIPTS}/plotly-cartesian.min.js"></script>
 <script defer src="{FIGURE_SCRIPTS}/report.js"></script>"""

@@ -34,10 +34,10 @@ ACTIONS = """<script>
   note("waits", !place.updynViewer); // folded
   updynReport.reveal("viewer");
   place.scrollIntoView({ behavior: "instant" });
-  for (let i = 0; i < 100 && !place.updynViewer; i++) await later(50);
+  while (!place.updynViewer) await later(50);
   const viewer = place.updynViewer, { stage, panel } = viewer;
   const began = viewer.clock.phase;
-  for (let i = 0; i < 100 && viewer.clock.phase === began; i++) await later(50);
+  while (viewer.clock.phase === began) await later(50);
   note("animated", viewer.clock.phase !== began);
   viewer.clock.play(false);
   note("hidden", [...viewer.state.hidden]);

@@ -22,7 +22,7 @@ ACTIONS = """<script>
   const root = document.documentElement, place = document.querySelector("[data-scene]");
   const note = (name, value) => { root.dataset[name] = typeof value === "string" ? value : JSON.stringify(value); };
   const later = (ms) => new Promise((done) => requestAnimationFrame(() => setTimeout(done, ms)));
-  for (let i = 0; i < 100 && !place.updynViewer; i++) await later(50);
+  while (!place.updynViewer) await later(50);
   const viewer = place.updynViewer, { stage, panel } = viewer;
   note("playing", viewer.clock.playing);
   viewer.clock.play(false);
@@ -112,7 +112,7 @@ def test_it_draws_moves_and_picks(tmp_path):
 CORNER = """<script>
 (async () => {
   const place = document.querySelector("[data-scene]");
-  for (let i = 0; i < 100 && !place.updynViewer; i++) await new Promise((done) => setTimeout(done, 50));
+  while (!place.updynViewer) await new Promise((done) => requestAnimationFrame(() => setTimeout(done, 50)));
   const { stage } = place.updynViewer;
   PIXELS
   document.documentElement.dataset.corner = JSON.stringify([...pixels().slice(0, 3)]);
@@ -131,7 +131,7 @@ def test_the_ground_of_the_picture_is_that_of_the_page(tmp_path, look, ground):
 FILLED = """<script>
 (async () => {
   const place = document.querySelector("[data-scene]"), root = document.documentElement;
-  for (let i = 0; i < 100 && !place.updynViewer; i++) await new Promise((done) => setTimeout(done, 50));
+  while (!place.updynViewer) await new Promise((done) => requestAnimationFrame(() => setTimeout(done, 50)));
   const bottom = (name) => document.querySelector(name).getBoundingClientRect().bottom;
   root.dataset.below = innerHeight - bottom(".v-low");
   root.dataset.high = bottom(".v-stage canvas") / innerHeight;
@@ -159,7 +159,7 @@ def test_without_webgl_a_line_says_so(tmp_path):
     look = """<script>
       (async () => {
         const place = document.querySelector("[data-scene]");
-        for (let i = 0; i < 100 && !place.innerText.trim(); i++) {
+        while (!place.innerText.trim()) {
           await new Promise((done) => requestAnimationFrame(() => setTimeout(done, 50)));
         }
         document.documentElement.dataset.said = place.innerText;
@@ -175,7 +175,7 @@ PARTS = """<script>
 (async () => {
   const root = document.documentElement, place = document.querySelector("[data-scene]");
   const later = (ms) => new Promise((done) => requestAnimationFrame(() => setTimeout(done, ms)));
-  for (let i = 0; i < 100 && !place.updynViewer; i++) await later(50);
+  while (!place.updynViewer) await later(50);
   const viewer = place.updynViewer, [body] = viewer.bodies;
   root.dataset.bar = viewer.panel.top.hidden;
   root.dataset.lines = body.lines.length / 2;
@@ -232,7 +232,7 @@ LOOKS = """<script>
   const root = document.documentElement, place = document.querySelector("[data-scene]");
   const note = (name, value) => { root.dataset[name] = JSON.stringify(value); };
   const later = (ms) => new Promise((done) => requestAnimationFrame(() => setTimeout(done, ms)));
-  for (let i = 0; i < 100 && !place.updynViewer; i++) await later(50);
+  while (!place.updynViewer) await later(50);
   const viewer = place.updynViewer, { stage, panel, base } = viewer, [body] = viewer.bodies;
   viewer.clock.play(false);
   viewer.set({ show: "rest" });
