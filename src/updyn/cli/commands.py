@@ -58,6 +58,7 @@ if TYPE_CHECKING:
     from distributed import Client
 
     from updyn.acceptance.result import Acceptance
+    from updyn.correlation.model_modes import ModelModes
     from updyn.demos import Demo
     from updyn.engines import Engine
     from updyn.job import Job, JobRun, Prepared
@@ -208,7 +209,12 @@ def check(job: Path, /, *, out: Path | None = None, verbose: Verbose = False) ->
         Print all tables before the outcome.
     """
     from updyn.job import check_out, job_analysis, job_selection, load_job, prepare
-    from updyn.job.start import agreements_at_start, choose_noise_once, counterparts_at_start
+    from updyn.job.start import (
+        agreements_at_start,
+        choose_noise_once,
+        counterparts_at_start,
+        start_models,
+    )
 
     loaded = load_job(job)
     ready = choose_noise_once(prepare(loaded))
@@ -216,17 +222,19 @@ def check(job: Path, /, *, out: Path | None = None, verbose: Verbose = False) ->
     pages = _find_start_folder(loaded, "check", out)
     selection = job_selection(ready)
     analysis = job_analysis(ready, selection)
-    unknowns = selection or ready.parameters
-    agreements = agreements_at_start(ready, unknowns)
+    models = start_models(ready, selection or ready.parameters)
+    agreements = agreements_at_start(ready, models)
     figures = {
         test.name: agreements[test.name].figures if test.name in agreements else {}
         for test in ready.tests
     }
-    counterparts = counterparts_at_start(ready, unknowns)
+    counterparts = counterparts_at_start(ready, models)
     faults = _find_faults(ready)
     checked = CheckResult(ready, selection, analysis.report, faults, folder, figures, counterparts)
     print_outcome(join_sections(CHECK, checked), brief_check(checked), verbose=verbose)
-    _write_start(ready, "check", pages, selection, analysis, faults, agreements, counterparts)
+    _write_start(
+        ready, "check", pages, selection, analysis, faults, agreements, models, counterparts
+    )
     return NOT_DETERMINED if checked.has_few_common_modes or not analysis.report.complete else DONE
 
 
@@ -263,6 +271,7 @@ def _write_start(
     analysis: Analysis,
     faults: Mapping[str, tuple[Finding, ...]],
     agreements: Mapping[str, StartAgreement],
+    models: Mapping[str, ModelModes],
     counterparts: Mapping[str, Counterparts] | None = None,
 ) -> None:
     """Write the pages of a job before any fit, and print their paths."""
@@ -271,7 +280,7 @@ def _write_start(
     if folder is None:
         return
     pages = write_start_pages(
-        ready, work, folder, selection, analysis, faults, agreements, counterparts
+        ready, work, folder, selection, analysis, faults, agreements, counterparts, models
     )
     print_text("Before the fit, as a page: " + ", ".join(map(str, pages)))
 
@@ -498,6 +507,7 @@ def correlate(job: Path, /, *, out: Path | None = None, verbose: Verbose = False
         choose_noise_once,
         compute_start_frf,
         start_correlation,
+        start_models,
     )
     from updyn.modal import ModeSet
 
@@ -505,10 +515,11 @@ def correlate(job: Path, /, *, out: Path | None = None, verbose: Verbose = False
     ready = choose_noise_once(prepare(loaded))
     pages = _find_start_folder(loaded, "correlate", out)
     faults = _find_faults(ready)
+    models = start_models(ready, ready.parameters)
     agreements = {}
     details, outcome = [describe_job(ready)], [brief_head(ready)]
     for test in ready.tests:
-        table = start_modes(test, ready.parameters)
+        table = start_modes(test, models[test.name])
         modes = correlation_at_start(table)
         if isinstance(test.data, ModeSet):
             text = start_modes_text(modes)
@@ -516,7 +527,7 @@ def correlate(job: Path, /, *, out: Path | None = None, verbose: Verbose = False
             brief = brief_modes(modes, LAYOUT.table_rows, output_width())
             outcome.append("\n".join(filter(None, [test.name, brief])))
             continue
-        computed = compute_start_frf(test, ready.parameters)
+        computed = compute_start_frf(test, models[test.name].model)
         found = start_correlation(test, computed)
         agreement = agreements[test.name] = StartAgreement.of(test, computed, table)
         compared = StartComparison(ready, test.name, agreement.figures, found, faults, modes)
@@ -530,7 +541,7 @@ def correlate(job: Path, /, *, out: Path | None = None, verbose: Verbose = False
     if pages is not None:
         selection = job_selection(ready)
         analysis = job_analysis(ready, selection)
-        _write_start(ready, "correlate", pages, selection, analysis, faults, agreements)
+        _write_start(ready, "correlate", pages, selection, analysis, faults, agreements, models)
     return DONE if acceptance is None or acceptance.accepted else NOT_DETERMINED
 
 

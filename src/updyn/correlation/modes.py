@@ -18,7 +18,8 @@ from updyn.correlation.clusters import (
     pair_frequencies,
     principal_vectors,
 )
-from updyn.correlation.settings import MODE_PAIRING, MODEL_MODES
+from updyn.correlation.model_modes import ModelModes
+from updyn.correlation.settings import MODE_PAIRING
 from updyn.correlation.shapes import (
     ModePairs,
     auto_mac,
@@ -29,8 +30,8 @@ from updyn.correlation.shapes import (
     mac,
 )
 from updyn.dofs import Dof, DofSet
-from updyn.dynamics.modes import Modes, complex_modes_of, modes_up_to
-from updyn.errors import DataError, DofError, ModelError
+from updyn.dynamics.modes import Modes
+from updyn.errors import DataError, DofError
 from updyn.frf import check_band
 from updyn.group import is_number
 from updyn.model import Model
@@ -42,7 +43,6 @@ __all__ = [
     "ModeCorrelation",
     "ModesLike",
     "correlate_modes",
-    "model_modes",
     "weigh_sensors",
 ]
 
@@ -308,7 +308,7 @@ def _format_mode(of: Modes, at: int) -> list[str]:
 
 
 def correlate_modes(
-    computed: Model | ModesLike,
+    computed: Model | ModelModes | ModesLike,
     measured: ModesLike,
     *,
     band: tuple[float, float] | None = None,
@@ -321,9 +321,9 @@ def correlate_modes(
 
     Parameters
     ----------
-    computed : Model, Modes or ModeSet
-        The modes of a model are computed (`model_modes`); those within `band` and paired ones are
-        kept. Given modes are all kept.
+    computed : Model, ModelModes, Modes or ModeSet
+        The modes of a model are computed (`ModelModes.damped`); those within `band` and paired
+        ones are kept. Given modes are all kept.
     measured : ModeSet or Modes
         The measured modes.
     band : (float, float), optional
@@ -393,10 +393,12 @@ def correlate_modes(
         raise DofError("correlate: no DOF to compare the shapes at")
     b = _reduce_to_dofs(measured, at)
     if isinstance(computed, Model):
+        computed = ModelModes(computed)
+    if isinstance(computed, ModelModes):
         low, high = float(b.frequency[0]), float(b.frequency[-1])
         if band is not None:
             low, high = check_band(band)
-        found = model_modes(computed, max(high, float(b.frequency[-1])) * (1.0 + gate))
+        found = computed.damped(max(high, float(b.frequency[-1])) * (1.0 + gate))
         at_sensors = _reduce_to_dofs(found, at)
         move = np.ones(len(found), bool) if alone else find_moving(at_sensors.shapes, found.shapes)
         if not move.any():
@@ -425,39 +427,6 @@ def correlate_modes(
     values = _compute_mac(a, b)
     values.flags.writeable = False
     return ModeCorrelation(a, b, values, matched.pairs, matched.subspaces, close)
-
-
-def model_modes(model: Model, highest: float) -> Modes:
-    """Return at most 400 modes of a model up to a frequency in Hz, without rigid-body modes.
-
-    The modes are complex if the model is damped, has at most 5000 DOFs and no loss factor that
-    depends on frequency; otherwise real, with loss factors by modal strain energy.
-    """
-    found = modes_up_to(model, highest, MODEL_MODES.most_modes)
-    if found.loss_factor.any() and model.n_dofs <= MODEL_MODES.most_complex_dofs:
-        found = _compute_damped(model, found)
-    return _select_elastic(found, highest)
-
-
-def undamped_modes(model: Model, highest: float) -> Modes:
-    """Return at most 400 real modes up to a frequency in Hz, without rigid-body modes."""
-    return _select_elastic(modes_up_to(model, highest, MODEL_MODES.most_modes), highest)
-
-
-def _select_elastic(found: Modes, highest: float) -> Modes:
-    """Return the modes above 0 and up to a frequency."""
-    kept = (found.frequency > 0) & (found.frequency <= highest)
-    if not kept.any():
-        raise DataError(f"the model has no mode above 0 and up to {highest:g} Hz")
-    return found.select(kept)
-
-
-def _compute_damped(model: Model, undamped: Modes) -> Modes:
-    """Return the complex modes, or the undamped ones if complex modes cannot be computed."""
-    try:
-        return complex_modes_of(model, undamped)
-    except ModelError:  # loss factors over frequency, or overdamped motions
-        return undamped
 
 
 def _reduce_to_dofs(of: ModesLike, dofs: DofSet) -> Modes:

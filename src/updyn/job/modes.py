@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
+from updyn.correlation.model_modes import ModelModes
 from updyn.correlation.modes import ModeCorrelation
 from updyn.job.prepared import PreparedTest
-from updyn.job.start import start_model
 from updyn.updating.judge.modal_table import ModalTable
 from updyn.updating.judge.settings import EFFORT
 from updyn.updating.modes import compare_start_modes, judge_by_modes, modal_table
-from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.result import JointResult, UpdateResult
 
 __all__ = [
@@ -59,9 +58,9 @@ def _select_informative(
     ]
 
 
-def start_modes(test: PreparedTest, unknowns: ParameterSet) -> ModalTable:
+def start_modes(test: PreparedTest, model: ModelModes) -> ModalTable:
     """Return the modes of the test and of the model at the start."""
-    return compare_start_modes(start_model(test, unknowns), test.data, test.modes)
+    return compare_start_modes(model, test.data, test.modes)
 
 
 def correlation_at_start(table: ModalTable) -> ModeCorrelation | str:

@@ -13,6 +13,7 @@ import numpy as np
 
 from updyn.arrays import RealArray
 from updyn.correlation import Correlation, correlate
+from updyn.correlation.model_modes import ModelModes
 from updyn.errors import SolverError
 from updyn.frf import FRF
 from updyn.job.folder import check_out, default_out
@@ -43,6 +44,7 @@ __all__ = [
     "start_correlation",
     "start_folder",
     "start_model",
+    "start_models",
     "write_start_pages",
 ]
 
@@ -67,7 +69,12 @@ def start_model(test: PreparedTest, unknowns: ParameterSet | Selection) -> Model
     return chosen.parameters.at_start(chosen.start_of(test.model))
 
 
-def compute_start_frf(test: PreparedTest, unknowns: ParameterSet | Selection) -> FRF:
+def start_models(ready: Prepared, unknowns: ParameterSet | Selection) -> dict[str, ModelModes]:
+    """Return the models at the start of the unknowns with their modes, by test name."""
+    return {test.name: ModelModes(start_model(test, unknowns)) for test in ready.tests}
+
+
+def compute_start_frf(test: PreparedTest, model: Model) -> FRF:
     """Return the FRF of a model at the start values of its unknowns, at all lines of a test.
 
     If the model is reduced, the other lines that the page draws are included, so that one reduced
@@ -76,7 +83,7 @@ def compute_start_frf(test: PreparedTest, unknowns: ParameterSet | Selection) ->
     from updyn.report.data import fine_grid
 
     frf, tier, lines = test.frf, choose_tier(test), test.frf.freq
-    model, backend = start_model(test, unknowns), test.job.method.backend
+    backend = test.job.method.backend
     if tier == "reduced" and test.job.output.report:
         drawn = frf.freq[frf.freq > 0.0]
         lines = np.union1d(lines, fine_grid([model], drawn, reduced=True))
@@ -120,23 +127,25 @@ class StartAgreement:
 
 
 def agreements_at_start(
-    ready: Prepared, unknowns: ParameterSet | Selection
+    ready: Prepared, models: Mapping[str, ModelModes]
 ) -> dict[str, StartAgreement]:
     """Return the agreement by test name; none for modes or if the model cannot be solved."""
     found: dict[str, StartAgreement] = {}
     for test in ready.tests:
         if isinstance(test.data, FRF):
             with suppress(SolverError):
-                found[test.name] = StartAgreement.of(test, compute_start_frf(test, unknowns))
+                found[test.name] = StartAgreement.of(
+                    test, compute_start_frf(test, models[test.name].model)
+                )
     return found
 
 
 def counterparts_at_start(
-    ready: Prepared, unknowns: ParameterSet | Selection
+    ready: Prepared, models: Mapping[str, ModelModes]
 ) -> dict[str, Counterparts]:
     """Return the number of modes with a counterpart in the model, by test name."""
     return {
-        test.name: find_counterparts(start_model(test, unknowns), test.data, test.modes)
+        test.name: find_counterparts(models[test.name], test.data, test.modes)
         for test in ready.tests
     }
 
@@ -174,6 +183,7 @@ def write_start_pages(
     findings: Mapping[str, Sequence[Finding]],
     agreements: Mapping[str, StartAgreement],
     counterparts: Mapping[str, Counterparts] | None = None,
+    models: Mapping[str, ModelModes] | None = None,
 ) -> list[Path]:
     """Write a page for each test of a job before any fit.
 
@@ -195,6 +205,8 @@ def write_start_pages(
         From `agreements_at_start`.
     counterparts : mapping of str to Counterparts, optional
         From `counterparts_at_start`.
+    models : mapping of str to ModelModes, optional
+        From `start_models`; by default, modes are computed anew.
 
     Returns
     -------
@@ -204,6 +216,7 @@ def write_start_pages(
     """
     from updyn.report import write_start
 
+    models = models or start_models(ready, selection or ready.parameters)
     names = _list_pages(ready.job, work)
     with open_folder(folder):
         check_out(ready.job, folder, names)  # again, now that no other run can change the folder
@@ -212,7 +225,8 @@ def write_start_pages(
                 (new / name).parent.mkdir(exist_ok=True)
                 faults = findings.get(test.name, ())
                 agreement = agreements.get(test.name)
-                start = _make_start(ready, test, selection, analysis, faults, agreement)
+                model = models[test.name]
+                start = _make_start(ready, test, model, selection, analysis, faults, agreement)
                 start = replace(start, counterparts=(counterparts or {}).get(test.name))
                 write_start(start, new / name)
     return [folder / name for name in names]
@@ -228,6 +242,7 @@ def _list_pages(job: Job, work: str) -> list[str]:
 def _make_start(
     ready: Prepared,
     test: PreparedTest,
+    model: ModelModes,
     selection: Selection | None,
     analysis: Analysis,
     findings: Sequence[Finding],
@@ -240,7 +255,7 @@ def _make_start(
     title = ready.title
     responses, band = _find_validation_set(test)
     return Start(
-        model=start_model(test, chosen),
+        model=model.model,
         data=test.data,
         parameters=chosen.parameters,
         identifiability=analysis.report,
@@ -257,6 +272,7 @@ def _make_start(
         job=shlex.quote(ready.job.path.name),
         computed=agreement.computed if agreement else None,
         table=agreement.modes if agreement else None,
+        model_modes=model,
     )
 
 

@@ -15,6 +15,7 @@ from updyn.job.start import (
     choose_noise_once,
     counterparts_at_start,
     start_folder,
+    start_models,
     write_start_pages,
 )
 
@@ -45,9 +46,10 @@ def write_start(job: Job, work: str, out: str | Path | None = None) -> StartPage
     unknowns = selection or ready.parameters
     analysis = job_analysis(ready, selection)
     findings = {test.name: job_findings(test, ready.parameters) for test in ready.tests}
-    agreements = agreements_at_start(ready, unknowns)
-    counterparts = counterparts_at_start(ready, unknowns) if work == "check" else None
+    models = start_models(ready, unknowns)
+    agreements = agreements_at_start(ready, models)
+    counterparts = counterparts_at_start(ready, models) if work == "check" else None
     pages = write_start_pages(
-        ready, work, folder, selection, analysis, findings, agreements, counterparts
+        ready, work, folder, selection, analysis, findings, agreements, counterparts, models
     )
     return StartPages(pages, analysis.report, sum(map(len, findings.values())))

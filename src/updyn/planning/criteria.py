@@ -10,7 +10,7 @@ from typing import ClassVar
 import numpy as np
 
 from updyn.arrays import RealArray
-from updyn.correlation.modes import undamped_modes
+from updyn.correlation.model_modes import ModelModes
 from updyn.dynamics.modes import Modes
 from updyn.planning.information import Candidates, PairInformation
 from updyn.planning.layout import Layout, OverPoints, best_layout
@@ -35,7 +35,7 @@ class Planning:
     def modes(self) -> Modes:
         """Undamped flexible modes in the band, otherwise below it; `DataError` if none exist."""
         freq = self.candidates.freq
-        found = undamped_modes(self.candidates.model, float(freq[-1]))
+        found = ModelModes(self.candidates.model).undamped(float(freq[-1]))
         inside = found.frequency >= freq[0]
         return found.select(inside) if inside.any() else found
 

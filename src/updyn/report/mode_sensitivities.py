@@ -27,7 +27,9 @@ def sensitivity_map(content: PageContent) -> Figure | None:
     if start is None or modes is None or not len(modes):
         return None
     try:
-        values = frequency_sensitivities(start.model, start.parameters, start.data, modes.frequency)
+        values = frequency_sensitivities(
+            content.start_modes, start.parameters, start.data, modes.frequency
+        )
     except (UpdynError, np.linalg.LinAlgError):  # the section on modes states the reason
         return None
     largest = np.max(np.abs(values), axis=0, initial=0.0)

@@ -10,7 +10,7 @@ import numpy as np
 
 from updyn.arrays import NumberArray, RealArray
 from updyn.correlation import ModeCorrelation, Subspace
-from updyn.correlation.modes import model_modes
+from updyn.correlation.model_modes import ModelModes
 from updyn.dofs import Dof
 from updyn.dynamics.excitation import fix_base
 from updyn.dynamics.modes import Modes
@@ -87,10 +87,13 @@ def scene_of(
     if moves and has_sensors:
         measured = connect_nodes(sensor_body(_choose_geometry(geometry, data[0]), responses))
         first = data[0]
-        fixed = models
+        computed = {name: content.start_modes.replace_model(one) for name, one in models.items()}
         if isinstance(first, FRF):
-            fixed = {name: fix_base(model, first) for name, model in models.items()}
-        shapes = _ModalShapes.of(content.modes, fixed)
+            computed = {
+                name: one.replace_model(fix_base(one.model, first))
+                for name, one in computed.items()
+            }
+        shapes = _ModalShapes.of(content.modes, computed)
         if shapes is not None:
             modes = shapes.make_layers(body, measured)
             energy = shapes.strain_energy()
@@ -166,18 +169,19 @@ class _ModalShapes:
     correlations: Mapping[str, ModeCorrelation]
 
     @classmethod
-    def of(cls, table: ModalTable, models: Mapping[str, Model]) -> _ModalShapes | None:
+    def of(cls, table: ModalTable, computed: Mapping[str, ModelModes]) -> _ModalShapes | None:
         """Return the shapes; None if no modes are available."""
+        models = {name: one.model for name, one in computed.items()}
         n_dofs = models["start"].n_dofs
         if not table.known or table.test is None or n_dofs > EFFORT.most_dofs:
             return None
         full: dict[str, Modes] = {}
-        for name, model in models.items():
+        for name, one in computed.items():
             entries = [getattr(row, name) for row in table.rows]
             highest = max((e.frequency for e in entries if e is not None), default=0.0)
             if highest > 0.0:
                 try:
-                    full[name] = model_modes(model, highest * (1.0 + REPORT_LIST.same_frequency))
+                    full[name] = one.damped(highest * (1.0 + REPORT_LIST.same_frequency))
                 except (UpdynError, np.linalg.LinAlgError):  # the section on modes says why
                     continue
         if not full:

@@ -29,6 +29,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, ClassVar
 
+from updyn.correlation.model_modes import ModelModes
 from updyn.frf import FRF
 from updyn.model import Model
 from updyn.registry import Registry
@@ -129,8 +130,14 @@ class PageContent:
         """Modal table, computed at first use if the result has none."""
         if self.start is not None:
             start = self.start
-            return start.table or compare_start_modes(start.model, start.data, start.modes)
+            return start.table or compare_start_modes(self.start_modes, start.data, start.modes)
         return self.result.modes or modal_table(self.result)
+
+    @cached_property
+    def start_modes(self) -> ModelModes:
+        """The modes of the model before the update."""
+        known = None if self.start is None else self.start.model_modes
+        return known or ModelModes(self.start_model)
 
 
 @dataclass(frozen=True, slots=True)

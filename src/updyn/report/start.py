@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from updyn.arrays import RealArray
+from updyn.correlation.model_modes import ModelModes
 from updyn.frf import FRF
 from updyn.modal import ModeSet
 from updyn.model import Model
@@ -66,6 +67,8 @@ class Start:
         FRFs of the model if they are known, on lines of the data; the page computes others.
     table : ModalTable or None
         Modes of test and model if they are known; else the page computes them.
+    model_modes : ModelModes or None
+        Modes of `model` that are known, so that the page does not compute them again.
     """
 
     model: Model
@@ -86,3 +89,4 @@ class Start:
     job: str = "job.toml"
     computed: FRF | None = None
     table: ModalTable | None = None
+    model_modes: ModelModes | None = None

@@ -8,14 +8,13 @@ from dataclasses import replace
 import numpy as np
 
 from updyn.arrays import RealArray
+from updyn.correlation.model_modes import ModelModes
 from updyn.dynamics.affine import AffineSystem
 from updyn.dynamics.excitation import hold_base
-from updyn.dynamics.modes import modes_up_to
 from updyn.errors import OptionError, UpdynError
 from updyn.frf import FRF
 from updyn.modal import ModeSet
 from updyn.modal.sensitivity import derivative_forces
-from updyn.model import Model
 from updyn.sensitivity import Unknowns
 from updyn.updating.judge.counterparts import identify_modes_for, limit_size
 from updyn.updating.judge.modal_table import ModalTable, compare_modes
@@ -82,9 +81,10 @@ def modal_table(
         )
     given = modes or _find_given_modes(result)
     start = result.parameters.at_start(result.start)
+    models = ModelModes(start), ModelModes(result.model)
     if given is not None:
-        return _make_table(start, result.model, given, (), largest)
-    return _make_table(start, result.model, *_select_frfs(result), largest)
+        return _make_table(*models, given, (), largest)
+    return _make_table(*models, *_select_frfs(result), largest)
 
 
 def find_measured_modes(result: UpdateResult) -> ModeSet:
@@ -122,7 +122,11 @@ def judge_by_modes(result: UpdateResult, tables: Sequence[ModalTable]) -> Update
 
 
 def compare_start_modes(
-    model: Model, data: FRF | ModeSet, modes: ModeSet | None = None, *, largest: int | None = None
+    computed: ModelModes,
+    data: FRF | ModeSet,
+    modes: ModeSet | None = None,
+    *,
+    largest: int | None = None,
 ) -> ModalTable:
     """Compare the modes of the test, or the given ones, with those of the model before any update.
 
@@ -131,8 +135,8 @@ def compare_start_modes(
     """
     test = modes or data
     if isinstance(test, ModeSet):
-        return _make_table(model, None, test, (), largest)
-    return _make_table(model, None, *_use_few(test), largest)
+        return _make_table(computed, None, test, (), largest)
+    return _make_table(computed, None, *_use_few(test), largest)
 
 
 def _use_few(frf: FRF) -> tuple[FRF, tuple[str, ...]]:
@@ -147,18 +151,18 @@ def _use_few(frf: FRF) -> tuple[FRF, tuple[str, ...]]:
 
 
 def frequency_sensitivities(
-    model: Model, parameters: ParameterSet, data: FRF | ModeSet, frequency: RealArray
+    computed: ModelModes, parameters: ParameterSet, data: FRF | ModeSet, frequency: RealArray
 ) -> RealArray:
     """Return the sensitivities of natural frequencies, shape (n_modes, n_unknowns).
 
-    They are d ln f / d ln p of the undamped modes nearest to `frequency`, in Hz, of a `model` at
+    They are d ln f / d ln p of the undamped modes nearest to `frequency`, in Hz, of a model at
     the start of the unknowns; 0 for unknowns on damping.
     """
     if isinstance(data, FRF):
-        model, _ = hold_base(model, data)
-    system = AffineSystem.compile(model)
+        computed, _ = computed.hold_base(data)
+    system = AffineSystem.compile(computed.model)
     unknowns, values = Unknowns.find(system, parameters), np.ones(len(parameters))
-    found = modes_up_to(model, float(frequency.max()), model.n_dofs)
+    found = computed.up_to(float(frequency.max()))
     modes = found.select(found.frequency > 0.0)
     nearest = np.argmin(np.abs(modes.frequency - frequency[:, None]), axis=1)
     shapes = np.asarray(modes.shapes[:, nearest], dtype=np.float64)
@@ -171,26 +175,27 @@ def frequency_sensitivities(
 
 
 def _make_table(
-    start: Model,
-    updated: Model | None,
+    start: ModelModes,
+    updated: ModelModes | None,
     test: FRF | ModeSet,
     notes: tuple[str, ...],
     largest: int | None,
 ) -> ModalTable:
     largest = EFFORT.most_dofs if largest is None else largest
-    if start.n_dofs > largest:
+    n_dofs = start.model.n_dofs
+    if n_dofs > largest:
         note = (
-            f"The modes of a model of {start.n_dofs} DOFs are computed when asked for:"
-            f" updyn.modal_table(result, largest={start.n_dofs})."
+            f"The modes of a model of {n_dofs} DOFs are computed when asked for:"
+            f" updyn.modal_table(result, largest={n_dofs})."
         )
         return ModalTable(notes=(note,))
     if isinstance(test, ModeSet):
         return compare_modes(start, updated, test)
     try:
         if updated is not None:
-            updated, _ = hold_base(updated, test)
-        start, test = hold_base(start, test)
-        found = identify_modes_for(updated or start, test)
+            updated, _ = updated.hold_base(test)
+        start, test = start.hold_base(test)
+        found = identify_modes_for((updated or start).model, test)
     except (UpdynError, np.linalg.LinAlgError) as error:
         why = str(error).removeprefix("modes: ")
         return ModalTable(notes=(f"No modes could be identified from the FRFs: {why}.",))

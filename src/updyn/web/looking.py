@@ -23,7 +23,7 @@ from updyn.job import Job, Prepared, job_findings, job_identifiability, load_job
 from updyn.job.prepare import prepare_model, read_measurement
 from updyn.job.prepared import PreparedTest
 from updyn.job.proposal import job_text, propose_unknown, read_inputs
-from updyn.job.start import choose_tier, counterparts_at_start
+from updyn.job.start import choose_tier, counterparts_at_start, start_models
 from updyn.matching.result import MatchError
 from updyn.modal import ModeSet
 from updyn.model import Model
@@ -408,7 +408,7 @@ def _check_identifiability(found: IdentifiabilityView) -> CheckRow:
 def _check_modes(ready: Prepared) -> list[CheckRow]:
     """Return how many modes of each test have a counterpart in the model."""
     rows = []
-    for name, one in counterparts_at_start(ready, ready.parameters).items():
+    for name, one in counterparts_at_start(ready, start_models(ready, ready.parameters)).items():
         statement = f"{name}: {one.statement}".removeprefix(": ")
         rows.append(CheckRow(statement, one.few, (one.remedy or REMEDY) if one.few else ""))
     return rows
@@ -496,7 +496,7 @@ def _view_repair(ready: Prepared, test: PreparedTest, finding: Finding) -> Repai
 def count_counterparts(path: Path, text: str) -> list[str]:
     """Return a statement per test on the number of its modes with a counterpart in the model."""
     ready = _load_and_prepare(path, text)
-    found = counterparts_at_start(ready, ready.parameters)
+    found = counterparts_at_start(ready, start_models(ready, ready.parameters))
     return [f"{name}: {one.statement}".removeprefix(": ") for name, one in found.items()]
 
 

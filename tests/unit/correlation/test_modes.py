@@ -9,7 +9,7 @@ import pytest
 import scipy.linalg
 
 import updyn
-from updyn.correlation.modes import model_modes
+from updyn.correlation.model_modes import ModelModes
 from updyn.dynamics.guyan import reduced_mass
 from updyn.errors import DataError, DofError
 from updyn.modal import ModeSet
@@ -153,7 +153,7 @@ def test_modes_of_the_model_in_the_band_are_listed_and_no_others():
 def test_rigid_body_modes_and_modes_at_rest_are_left_out():
     k = 1e4
     K = np.array([[k, -k, 0.0], [-k, k, 0.0], [0.0, 0.0, 2 * k]])  # free; the third by itself
-    frequencies = model_modes(model(K, np.eye(3)), 1e3).frequency
+    frequencies = ModelModes(model(K, np.eye(3))).damped(1e3).frequency
     assert frequencies == pytest.approx([np.sqrt(2 * k) / (2 * np.pi)] * 2)
     measured = updyn.ModeSet([22.0], [[1.0], [-1.0]], ["1:Z", "2:Z"])
     found = updyn.correlate(model(K, np.eye(3)), measured, band=(1.0, 50.0))
@@ -170,7 +170,7 @@ def test_a_damped_model_has_the_damping_of_its_poles():
     damped = updyn.Model.from_groups(groups, [f"{i + 1}:Z" for i in range(N)])
     whole = 0.4 * (1 + 0.1j) * K + 0.6 * (1 + 0.01j) * np.diag(np.diag(K))
     value = np.sort_complex(scipy.linalg.eigvals(whole, M))
-    found = model_modes(damped, 1e6)
+    found = ModelModes(damped).damped(1e6)
     assert found.frequency == pytest.approx(np.sqrt(value.real) / (2 * np.pi))
     assert found.loss_factor == pytest.approx(value.imag / value.real)
 

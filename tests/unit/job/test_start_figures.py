@@ -11,8 +11,9 @@ import pytest
 
 import updyn
 from updyn.cli import main
+from updyn.correlation import model_modes
 from updyn.job import job_analysis, job_findings, load_job, prepare
-from updyn.job.start import agreements_at_start, choose_noise_once, start_model
+from updyn.job.start import agreements_at_start, choose_noise_once, start_model, start_models
 from updyn.model import Group, Model
 from updyn.report import data
 from updyn.report.start import Start
@@ -168,7 +169,7 @@ def test_a_reduced_start_model_is_solved_once_for_test_and_page(folder, monkeypa
     path = folder / "job.toml"
     path.write_text(JOB.format(method='tier = "reduced"'), encoding="utf-8")
     ready = prepare(load_job(path))
-    (agreement,) = agreements_at_start(ready, ready.parameters).values()
+    (agreement,) = agreements_at_start(ready, start_models(ready, ready.parameters)).values()
     computed = agreement.computed
     assert len(computed.freq) > len(LINES)
     model = start_model(ready.tests[0], ready.parameters)
@@ -190,6 +191,19 @@ def test_a_reduced_start_model_is_solved_once_for_test_and_page(folder, monkeypa
     made = data.gather_start(start)
     np.testing.assert_array_equal(made.grid, computed.freq)
     np.testing.assert_array_equal(made.before_curve, computed.values)
+
+
+def test_check_computes_modes_for_higher_frequencies_only(folder, monkeypatch) -> None:
+    path, highest = folder / "job.toml", []
+    path.write_text(JOB.format(method=""), encoding="utf-8")
+
+    def modes_up_to(*given):
+        highest.append(given[1])
+        return updyn.dynamics.modes.modes_up_to(*given)
+
+    monkeypatch.setattr(model_modes, "modes_up_to", modes_up_to)
+    assert main(["check", str(path)]) == 0
+    assert highest == sorted(set(highest))
 
 
 @pytest.mark.parametrize("validation", ["", 'validation = ["3:X"]'])

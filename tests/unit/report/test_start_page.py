@@ -14,6 +14,7 @@ import updyn
 from pages_read import Page, attributes, dump, unfolded
 from report_case import realistic
 from updyn.correlation.figures import FIGURE_NAMES
+from updyn.correlation.model_modes import ModelModes
 from updyn.correlation.modes import correlate_modes
 from updyn.model import Group, Model
 from updyn.remedy import Remedy
@@ -218,7 +219,9 @@ def test_an_error_of_the_model_is_not_one_of_the_data(start, tmp_path, found, ba
 def test_sensitivities_are_those_of_differences(start):
     """Natural frequencies of the whole model with one unknown changed, by central differences."""
     frequency = updyn.modes(start.model, 12).frequency[6:]  # without rigid-body modes
-    found = frequency_sensitivities(start.model, start.parameters, start.data, frequency)
+    found = frequency_sensitivities(
+        ModelModes(start.model), start.parameters, start.data, frequency
+    )
     step = 1e-4
     for k, name in enumerate(start.parameters.names):
         group, _, quantity = name.rpartition(".")
@@ -242,7 +245,9 @@ def test_sensitivities_count_from_the_start_of_the_unknowns():
     unknowns = updyn.parameters(model, stiffness=["spring"], mass=["mass"])
     unknowns = ParameterSet(tuple(replace(p, start=1.5) for p in unknowns))
     data = updyn.response(model, [1.0, 2.0, 3.0], ["1:X"], ["1:X"])
-    found = frequency_sensitivities(unknowns.at_start(model), unknowns, data, np.array([3.0]))
+    found = frequency_sensitivities(
+        ModelModes(unknowns.at_start(model)), unknowns, data, np.array([3.0])
+    )
     expected = [0.5 if p.quantity == "stiffness" else -0.5 for p in unknowns]
     np.testing.assert_allclose(found, [expected], rtol=1e-12)
 
@@ -256,7 +261,7 @@ def test_the_map_has_the_most_sensitive_unknowns(start, html):
 
 def test_axes_of_modes_join_the_pairs(start, html):
     figure = embedded(html, "updyn-figures")["overview-modes-start"]
-    found = compare_start_modes(start.model, start.data).correlations["start"]
+    found = compare_start_modes(ModelModes(start.model), start.data).correlations["start"]
     drawn = [trace for trace in figure["data"] if trace["name"].startswith("MAC ")]
     pairs = sorted(pair for trace in drawn for pair in zip(trace["x"][::3], trace["x"][1::3], strict=True))  # fmt: skip
     first, second, mac = found.pairs

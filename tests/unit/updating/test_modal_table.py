@@ -9,6 +9,7 @@ import pytest
 import scipy.linalg
 
 import updyn
+from updyn.correlation.model_modes import ModelModes
 from updyn.errors import OptionError
 from updyn.updating.judge import counterparts
 from updyn.updating.judge.modal_table import compare_modes
@@ -167,8 +168,8 @@ def test_modes_before_a_fit_are_those_of_few_references_with_a_note(monkeypatch)
     frf = dataclasses.replace(
         clean, values=clean.values * (1.0 + 0.01 * (noise[0] + 1j * noise[1]))
     )
-    table = compare_start_modes(model(), frf)
+    table = compare_start_modes(ModelModes(model()), frf)
     assert table.notes[0].startswith("The modes of the test are those of 2 of 5 references")
     np.testing.assert_allclose(table.test.frequency, frequencies(changed=True), rtol=1e-3)
-    one = compare_start_modes(model(), frf.select(references=LABELS[:1]))
+    one = compare_start_modes(ModelModes(model()), frf.select(references=LABELS[:1]))
     assert not any("references" in note for note in one.notes)

@@ -16,11 +16,10 @@ import scipy.special
 
 from updyn.arrays import IndexArray, RealArray
 from updyn.correlation.clusters import PairingRule, pair_clusters, pair_frequencies
-from updyn.correlation.modes import undamped_modes
+from updyn.correlation.model_modes import ModelModes
 from updyn.correlation.settings import MODE_PAIRING
 from updyn.correlation.shapes import find_moving
 from updyn.dofs import Dof, DofSet
-from updyn.dynamics.excitation import hold_base
 from updyn.dynamics.modes import Modes
 from updyn.errors import DataError, InputError, SolverError
 from updyn.frf import FRF
@@ -89,7 +88,11 @@ class Counterparts:
 
 
 def find_counterparts(
-    model: Model, data: FRF | ModeSet, modes: ModeSet | None = None, *, largest: int | None = None
+    model: Model | ModelModes,
+    data: FRF | ModeSet,
+    modes: ModeSet | None = None,
+    *,
+    largest: int | None = None,
 ) -> Counterparts:
     """Find the measured modes that have a counterpart in a model of at most `largest` DOFs."""
     # By default, `largest` is `EFFORT.most_dofs`. Peaks of the mode indicator are compared first,
@@ -97,6 +100,8 @@ def find_counterparts(
     # modes have one, exchanged section axes, omitted sensors and a common factor on frequencies
     # are tried, because these mistakes do not mean another structure. Modes that cannot be
     # compared raise no error: the statement gives the reason.
+    computed = ModelModes(model) if isinstance(model, Model) else model
+    model = computed.model
     if model.nonlinear:
         return _unknown_counterparts(
             "Whether model and test have modes in common was not checked: the model has nonlinear"
@@ -111,16 +116,16 @@ def find_counterparts(
     given = modes if modes is not None else data
     try:
         if isinstance(data, FRF):
-            model, measured = hold_base(model, data)
+            computed, measured = computed.hold_base(data)
             given = measured if modes is None else modes
         if isinstance(given, ModeSet):
-            return _pair_modes(model, given, "given")
+            return _pair_modes(computed, given, "given")
         if len(given.freq) < COUNTERPARTS.least_lines:
             return _unknown_counterparts(
                 f"Whether model and test have modes in common is not known: {len(given.freq)} lines"
                 f" do not show resonances (at least {COUNTERPARTS.least_lines} are needed)."
             )
-        return _find_in_frfs(model, given)
+        return _find_in_frfs(computed, given)
     except (InputError, SolverError, np.linalg.LinAlgError) as error:
         return _unknown_counterparts(
             f"Whether model and test have modes in common is not known: {error}."
@@ -131,10 +136,10 @@ def _unknown_counterparts(why: str) -> Counterparts:
     return Counterparts(0, 0, (), why, known=False)
 
 
-def _find_in_frfs(model: Model, frf: FRF) -> Counterparts:
+def _find_in_frfs(computed: ModelModes, frf: FRF) -> Counterparts:
     """Return the counterparts of the peaks of FRFs, or else of their identified modes."""
     peaks = find_resonance_peaks(frf)
-    found = None if peaks is None else _pair_modes(model, peaks, "peaks")
+    found = None if peaks is None else _pair_modes(computed, peaks, "peaks")
     if found is not None and not _needs_identification(found):
         return found
     longer = max(len(frf.responses), len(frf.references))
@@ -146,11 +151,11 @@ def _find_in_frfs(model: Model, frf: FRF) -> Counterparts:
     if len(frf.freq) * longer > COUNTERPARTS.most_values_per_reference:
         return _without_identification(found)
     try:
-        identified = identify_modes_for(model, limit_size(frf))
+        identified = identify_modes_for(computed.model, limit_size(frf))
     except (InputError, np.linalg.LinAlgError):
         identified = None
     if identified is not None:
-        of_modes = _pair_modes(model, identified, "identified")
+        of_modes = _pair_modes(computed, identified, "identified")
         if found is None or of_modes.n_measured >= found.n_measured or of_modes.n_paired:
             return of_modes
     if found is None:
@@ -278,15 +283,15 @@ def _select_dofs(of: Modes, at: IndexArray) -> Modes:
     return Modes(of.frequency[move], of.loss_factor[move], shapes[:, move], of.dofs[at])
 
 
-def _pair_modes(model: Model, test: ModeSet, source: str) -> Counterparts:
+def _pair_modes(computed: ModelModes, test: ModeSet, source: str) -> Counterparts:
     n = int(np.count_nonzero(test.frequency > 0.0))
-    sets = _modes_at_sensors(model, test)
+    sets = _modes_at_sensors(computed, test)
     found = replace(sets.count_pairs(n), source=source)
     if not sets.n_sensors:
         return _add_statement(replace(found, known=False))
     if _exceeds_chance(found):
         return _add_statement(found)
-    variant = _try_variants(model, test, n)
+    variant = _try_variants(computed.model, test, n)
     if variant is not None:
         known = replace(found, mistake=variant.mistake, remedy=variant.remedy)
         return _add_statement(known, variant.counterparts)
@@ -307,16 +312,16 @@ def _pair_modes(model: Model, test: ModeSet, source: str) -> Counterparts:
     return _add_statement(replace(found, known=_is_too_few(found)))
 
 
-def _modes_at_sensors(model: Model, test: ModeSet) -> _ModeSets:
+def _modes_at_sensors(of_model: ModelModes, test: ModeSet) -> _ModeSets:
     elastic = test.frequency > 0.0
     measured = Modes(
         test.frequency[elastic], test.loss_factor[elastic], test.shapes[:, elastic], test.dofs
     )
     highest = float(test.frequency[-1]) * COUNTERPARTS.frequency_factor
     try:
-        modes = undamped_modes(model, highest)
+        modes = of_model.undamped(highest)
     except DataError:  # no mode below that limit: use the lowest modes
-        modes = undamped_modes(model, np.inf)
+        modes = of_model.undamped(np.inf)
     match = modes.dofs.match(test.dofs, "DOF of the measured modes")
     shapes = np.asarray(modes.shapes[match.index] * match.sign[:, None])
     move = find_moving(shapes, modes.shapes) if len(test.dofs) else np.ones(len(modes), np.bool_)
@@ -385,7 +390,7 @@ def _try_variants(model: Model, test: ModeSet, n_measured: int) -> _Hypothesis |
     best: _Hypothesis | None = None
     for variant in variants:
         try:
-            found = _modes_at_sensors(variant.model(), test).count_pairs(n_measured)
+            found = _modes_at_sensors(ModelModes(variant.model()), test).count_pairs(n_measured)
         except (InputError, SolverError):
             continue
         if best is None or found.n_paired > best.counterparts.n_paired:

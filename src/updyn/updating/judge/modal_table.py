@@ -11,6 +11,7 @@ import numpy as np
 
 from updyn.arrays import NumberArray
 from updyn.correlation import cross_orthogonality
+from updyn.correlation.model_modes import ModelModes
 from updyn.correlation.modes import BY_FREQUENCY, ModeCorrelation, ModesLike, correlate_modes
 from updyn.dynamics.guyan import reduced_mass
 from updyn.dynamics.modes import Modes
@@ -200,8 +201,8 @@ def _format_value(entry: ModeEntry | None, name: str, form: str, unit: str = "")
 
 
 def compare_modes(
-    start: Model,
-    updated: Model | None,
+    start: ModelModes,
+    updated: ModelModes | None,
     test: ModesLike,
     band: tuple[float, float] | None = None,
 ) -> ModalTable:
@@ -229,7 +230,7 @@ def compare_modes(
     is_reducible = 0 < len(test.dofs) <= EFFORT.most_reduced_dofs
     if updated is not None and "updated" in found and is_reducible:
         cross_orthogonality, orthogonality = _compute_orthogonality(
-            updated, found["updated"], measured, notes
+            updated.model, found["updated"], measured, notes
         )
     return ModalTable(
         measured,

@@ -390,6 +390,6 @@ def test_up_to_a_million_values_of_a_force_are_searched_for_modes(
     monkeypatch.setattr(f"{place}limit_size", lambda frf: frf)
     monkeypatch.setattr(f"{place}identify_modes_for", refuse)
     frf = SimpleNamespace(freq=range(n_lines), responses=range(1000), references=range(1))
-    statement = _find_in_frfs(None, frf).statement
+    statement = _find_in_frfs(SimpleNamespace(model=None), frf).statement
     assert ("no modes could be identified" in statement) is is_searched
     assert ("1,000,000 values of one force are not searched" in statement) is not is_searched
