@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -52,6 +53,25 @@ class Basis:
         out.terms = [np.ascontiguousarray(A[:size, :size]) for A in self.terms]
         out._is_normal = self._is_normal
         return out
+
+    def combine_last(self, size: int, C: RealArray) -> Basis:
+        """Return a basis of the first `size` vectors and combinations of the others, W C."""
+        out = self.take_leading(size)
+        others = np.hstack([self._blocks[0][:, :0], *self._split_off(size)])
+        out._blocks.append(others @ C)
+        out.terms = [
+            np.block([[A[:size, :size], A[:size, size:] @ C],
+                      [C.T @ A[size:, :size], C.T @ A[size:, size:] @ C]])
+            for A in self.terms
+        ]  # fmt: skip
+        out._is_normal = False
+        return out
+
+    def _split_off(self, size: int) -> Iterator[RealArray]:
+        """Yield the vectors after the first `size`, in blocks."""
+        for block in self._blocks:
+            yield block[:, min(size, block.shape[1]) :]
+            size = max(size - block.shape[1], 0)
 
     def expand(self, coordinates: RealArray) -> RealArray:
         """Return V q for real coordinates q, shape (r, k), as (N, k)."""

@@ -392,7 +392,8 @@ class Reduction:
         if self.basis.size > size:
             return None
         self.basis.extend(self._orthonormalise(missing, state))
-        return self._estimate_within(definite, state, freq, size)
+        self._omit_rounding_errors(size, state)
+        return self._estimate(definite, state, freq, size)
 
     @use_one_thread
     def enrich_until_accurate(
@@ -510,20 +511,22 @@ class Reduction:
             W[part, : len(kept)] = W[part] @ C
         return W[:, : len(kept)]
 
-    def _estimate_within(
-        self, definite: Factorised, state: State, freq: RealArray, size: int
-    ) -> ErrorEstimate:
-        """Return the estimate with as many of the vectors after the first `size` as possible."""
-        # The last ones, of least importance, are omitted if they make the larger model singular by
-        # rounding.
-        while True:
-            try:
-                return self._estimate(definite, state, freq, size)
-            except SolverError:
-                added = self.basis.size - size
-                if added == 0:
-                    raise
-                self.basis = self.basis.take_leading(size + added // 2)
+    def _omit_rounding_errors(self, size: int, state: State) -> None:
+        """Omit combinations of missing directions that consist of rounding errors.
+
+        Missing directions, the vectors after the first `size`, would be orthogonal to these in P,
+        were it not for rounding errors.
+        """
+        P = self.basis.weighted_sum(self.shifted.weights(state, -self.shifted.top))
+        scale = 1.0 / np.sqrt(np.maximum(np.diag(P), np.finfo(np.float64).tiny))
+        P *= scale[:, None] * scale
+        square, axes = np.linalg.eigh(P[:size, :size])
+        known = square > BASIS.independent_share * square.max(initial=0.0)
+        inside = (axes[:, known] / np.sqrt(square[known])).T @ P[:size, size:]
+        outside, axes = np.linalg.eigh(P[size:, size:] - inside.T @ inside)
+        kept = outside > BASIS.outside_share
+        if not kept.all():
+            self.basis = self.basis.combine_last(size, scale[size:, None] * axes[:, kept])
 
     def _estimate(
         self, definite: Factorised, state: State, freq: RealArray, size: int

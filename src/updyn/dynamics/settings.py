@@ -33,6 +33,9 @@ class BasisSettings:
     #: [1] Share of the largest squared size from which a direction is independent; smaller ones are
     #: omitted. Why: a Gram matrix has squared sizes, whose rounding is some 1e3 times eps.
     independent_share: float = 1e-10
+    #: [1] Squared norm outside the basis, below which a missing direction of unit norm consists of
+    #: rounding errors. Rounding: without these it is 1.
+    outside_share: float = 0.5
     #: [1] Norm of an orthogonalised unit column from which it is a new direction, and permitted
     #: error of the solutions that span a basis. Why: a larger error of a solution would appear as a
     #: direction.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import scipy.linalg
 import scipy.sparse as sp
 
 import updyn
@@ -321,10 +322,36 @@ def test_projected_matrices_are_those_of_the_basis_however_it_grew() -> None:
             term.local if isinstance(term.local, np.ndarray) else term.local.toarray()
         )
         np.testing.assert_allclose(A, V.T @ full @ V, rtol=1e-9, atol=1e-9 * np.abs(A).max())
+    C = rng.standard_normal((4, 2))
+    combined = basis.combine_last(5, C)
+    W = np.hstack([V[:, :5], V[:, 5:] @ C])
+    np.testing.assert_allclose(combined.expand(np.eye(7)), W, rtol=1e-10, atol=1e-12)
+    for A, of_combined in zip(basis.terms, combined.terms, strict=True):
+        T = scipy.linalg.block_diag(np.eye(5), C)
+        np.testing.assert_allclose(of_combined, T.T @ A @ T, rtol=1e-9, atol=1e-9)
     C = rng.standard_normal((9, 5))
     basis.rotate(C)
     np.testing.assert_allclose(basis.expand(np.eye(5)), V @ C, rtol=1e-10, atol=1e-12)
     np.testing.assert_allclose(basis.at(np.array([3, 1])), (V @ C)[[3, 1]], rtol=1e-10, atol=1e-12)
+
+
+@pytest.mark.parametrize(("outside", "kept"), [(0.4, 0), (0.7, 1)])
+def test_a_missing_direction_mostly_in_the_basis_is_omitted(outside: float, kept: int) -> None:
+    """Without rounding errors it would be orthogonal to the basis in K + omega^2 M."""
+    system = AffineSystem.compile(plate(8))
+    reduction = built(system, system.start, np.arange(4), np.arange(1), (8.0, 70.0))
+    size = reduction.basis.size
+    weights = reduction.shifted.weights(system.start, -reduction.shifted.top)
+    P = system.multiply(weights, np.eye(system.n))
+    V = reduction.basis.expand(np.eye(size))
+    new, held = np.random.default_rng(0).standard_normal((2, system.n, 1))
+    for _ in range(2):
+        new -= V @ np.linalg.lstsq(V.T @ P @ V, V.T @ P @ new)[0]
+    held = V @ (V.T @ held)
+    new, held = (x / np.sqrt(x.T @ P @ x) for x in (new, held))
+    reduction.basis.extend(np.sqrt(outside) * new + np.sqrt(1.0 - outside) * held)
+    reduction._omit_rounding_errors(size, system.start)
+    assert reduction.basis.size == size + kept
 
 
 @pytest.mark.parametrize("change", ["rotated", "extended", "leading"])
