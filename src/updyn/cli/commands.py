@@ -58,12 +58,11 @@ if TYPE_CHECKING:
     from distributed import Client
 
     from updyn.acceptance.result import Acceptance
-    from updyn.correlation.model_modes import ModelModes
     from updyn.demos import Demo
     from updyn.engines import Engine
     from updyn.job import Job, JobRun, Prepared
     from updyn.job.proposal import Inputs
-    from updyn.job.start import StartAgreement
+    from updyn.job.start import StartAgreement, StartModel
     from updyn.updating.judge.causes.finding import Finding
     from updyn.updating.judge.counterparts import Counterparts
     from updyn.updating.judge.identifiability import Analysis
@@ -221,19 +220,19 @@ def check(job: Path, /, *, out: Path | None = None, verbose: Verbose = False) ->
     folder = check_out(loaded)
     pages = _find_start_folder(loaded, "check", out)
     selection = job_selection(ready)
-    analysis = job_analysis(ready, selection)
-    models = start_models(ready, selection or ready.parameters)
-    agreements = agreements_at_start(ready, models)
+    starts = start_models(ready, selection or ready.parameters)
+    analysis = job_analysis(ready, selection, starts)
+    agreements = agreements_at_start(ready, starts)
     figures = {
         test.name: agreements[test.name].figures if test.name in agreements else {}
         for test in ready.tests
     }
-    counterparts = counterparts_at_start(ready, models)
+    counterparts = counterparts_at_start(ready, starts)
     faults = _find_faults(ready)
     checked = CheckResult(ready, selection, analysis.report, faults, folder, figures, counterparts)
     print_outcome(join_sections(CHECK, checked), brief_check(checked), verbose=verbose)
     _write_start(
-        ready, "check", pages, selection, analysis, faults, agreements, models, counterparts
+        ready, "check", pages, selection, analysis, faults, agreements, starts, counterparts
     )
     return NOT_DETERMINED if checked.has_few_common_modes or not analysis.report.complete else DONE
 
@@ -271,7 +270,7 @@ def _write_start(
     analysis: Analysis,
     faults: Mapping[str, tuple[Finding, ...]],
     agreements: Mapping[str, StartAgreement],
-    models: Mapping[str, ModelModes],
+    starts: Mapping[str, StartModel],
     counterparts: Mapping[str, Counterparts] | None = None,
 ) -> None:
     """Write the pages of a job before any fit, and print their paths."""
@@ -280,7 +279,7 @@ def _write_start(
     if folder is None:
         return
     pages = write_start_pages(
-        ready, work, folder, selection, analysis, faults, agreements, counterparts, models
+        ready, work, folder, selection, analysis, faults, agreements, counterparts, starts
     )
     print_text("Before the fit, as a page: " + ", ".join(map(str, pages)))
 
@@ -515,11 +514,12 @@ def correlate(job: Path, /, *, out: Path | None = None, verbose: Verbose = False
     ready = choose_noise_once(prepare(loaded))
     pages = _find_start_folder(loaded, "correlate", out)
     faults = _find_faults(ready)
-    models = start_models(ready, ready.parameters)
+    selection = None if pages is None else job_selection(ready)
+    starts = start_models(ready, selection or ready.parameters)
     agreements = {}
     details, outcome = [describe_job(ready)], [brief_head(ready)]
     for test in ready.tests:
-        table = start_modes(test, models[test.name])
+        table = start_modes(test, starts[test.name].modes)
         modes = correlation_at_start(table)
         if isinstance(test.data, ModeSet):
             text = start_modes_text(modes)
@@ -527,7 +527,7 @@ def correlate(job: Path, /, *, out: Path | None = None, verbose: Verbose = False
             brief = brief_modes(modes, LAYOUT.table_rows, output_width())
             outcome.append("\n".join(filter(None, [test.name, brief])))
             continue
-        computed = compute_start_frf(test, models[test.name].model)
+        computed = compute_start_frf(test, starts[test.name])
         found = start_correlation(test, computed)
         agreement = agreements[test.name] = StartAgreement.of(test, computed, table)
         compared = StartComparison(ready, test.name, agreement.figures, found, faults, modes)
@@ -539,9 +539,8 @@ def correlate(job: Path, /, *, out: Path | None = None, verbose: Verbose = False
         outcome.append(acceptance.statement)
     print_outcome("\n\n".join(details), "\n\n".join([*outcome, ""]), verbose=verbose)
     if pages is not None:
-        selection = job_selection(ready)
-        analysis = job_analysis(ready, selection)
-        _write_start(ready, "correlate", pages, selection, analysis, faults, agreements, models)
+        analysis = job_analysis(ready, selection, starts)
+        _write_start(ready, "correlate", pages, selection, analysis, faults, agreements, starts)
     return DONE if acceptance is None or acceptance.accepted else NOT_DETERMINED
 
 

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from updyn.errors import InputError, JobError, UpdynError, UpdynWarning
@@ -26,6 +27,7 @@ from updyn.job.modes import modal_texts, with_modes
 from updyn.job.prepare import prepare
 from updyn.job.prepared import Prepared
 from updyn.job.schema import Job
+from updyn.job.start import StartModel
 from updyn.modal import ModeSet
 from updyn.outputs.switch import open_folder, replace_files
 from updyn.progress import RunStage, asks_to_stop
@@ -265,13 +267,19 @@ def job_identifiability(prepared: Prepared, selection: Selection | None = None) 
     return job_analysis(prepared, selection).report
 
 
-def job_analysis(prepared: Prepared, selection: Selection | None = None) -> Analysis:
+def job_analysis(
+    prepared: Prepared,
+    selection: Selection | None = None,
+    starts: Mapping[str, StartModel] = MappingProxyType({}),
+) -> Analysis:
     """Return the matrices behind `job_identifiability`.
 
     Parameters
     ----------
     prepared, selection
         As for `job_identifiability`.
+    starts : mapping of str to StartModel, optional
+        From `start_models`, whose reduced models are used.
 
     Returns
     -------
@@ -284,8 +292,9 @@ def job_analysis(prepared: Prepared, selection: Selection | None = None) -> Anal
     """
     tests = make_tests(prepared, held_out=False)
     noises = {test.name: test.noise for test in prepared.tests if test.noise is not None}
+    reduced = {name: one.reduced for name, one in starts.items() if one.reduced is not None}
     with locate_update_errors(prepared.job):
-        return start_analysis(tests, selection or prepared.parameters, noises)
+        return start_analysis(tests, selection or prepared.parameters, noises, reduced)
 
 
 def make_tests(prepared: Prepared, *, held_out: bool = True) -> list[Test]:

@@ -22,6 +22,7 @@ from updyn.job.schema import Job
 from updyn.model import Model
 from updyn.outputs.switch import open_folder, replace_files
 from updyn.updating.fit.reducing import is_reduced
+from updyn.updating.fit.start_problem import ReducedStart
 from updyn.updating.judge.counterparts import Counterparts, find_counterparts
 from updyn.updating.judge.modal_table import ModalTable
 from updyn.updating.level_model import respond_as_measured
@@ -36,6 +37,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "StartAgreement",
+    "StartModel",
     "agreements_at_start",
     "choose_noise_once",
     "choose_tier",
@@ -69,12 +71,39 @@ def start_model(test: PreparedTest, unknowns: ParameterSet | Selection) -> Model
     return chosen.parameters.at_start(chosen.start_of(test.model))
 
 
-def start_models(ready: Prepared, unknowns: ParameterSet | Selection) -> dict[str, ModelModes]:
-    """Return the models at the start of the unknowns with their modes, by test name."""
-    return {test.name: ModelModes(start_model(test, unknowns)) for test in ready.tests}
+@dataclass(frozen=True, slots=True, eq=False)
+class StartModel:
+    """The model of a test at the start of the unknowns, with what several tables need of it.
+
+    `modes` are its modes, `reduced` the reduced model for its FRFs, both computed at first use;
+    None for modes as data and for nonlinear elements.
+    """
+
+    modes: ModelModes
+    reduced: ReducedStart | None = None
+
+    @classmethod
+    def of(cls, test: PreparedTest, unknowns: ParameterSet | Selection) -> StartModel:
+        """Return the model of a test."""
+        modes = ModelModes(start_model(test, unknowns))
+        if not isinstance(test.data, FRF) or modes.model.nonlinear:
+            return cls(modes)
+        chosen, backend = Selection.of(unknowns), test.job.method.backend
+        model = chosen.start_of(test.model)
+        return cls(modes, ReducedStart(model, test.data, chosen.parameters, backend))
+
+    @property
+    def model(self) -> Model:
+        """The model."""
+        return self.modes.model
 
 
-def compute_start_frf(test: PreparedTest, model: Model) -> FRF:
+def start_models(ready: Prepared, unknowns: ParameterSet | Selection) -> dict[str, StartModel]:
+    """Return the models at the start of the unknowns, by test name."""
+    return {test.name: StartModel.of(test, unknowns) for test in ready.tests}
+
+
+def compute_start_frf(test: PreparedTest, start: StartModel) -> FRF:
     """Return the FRF of a model at the start values of its unknowns, at all lines of a test.
 
     If the model is reduced, the other lines that the page draws are included, so that one reduced
@@ -83,11 +112,13 @@ def compute_start_frf(test: PreparedTest, model: Model) -> FRF:
     from updyn.report.data import fine_grid
 
     frf, tier, lines = test.frf, choose_tier(test), test.frf.freq
-    backend = test.job.method.backend
     if tier == "reduced" and test.job.output.report:
         drawn = frf.freq[frf.freq > 0.0]
-        lines = np.union1d(lines, fine_grid([model], drawn, reduced=True))
-    return respond_as_measured(model, frf, lines, tier=tier, backend=backend, certified=False)
+        lines = np.union1d(lines, fine_grid([start.model], drawn, reduced=True))
+    if tier == "reduced" and start.reduced is not None:
+        return start.reduced.respond(lines)
+    backend = test.job.method.backend
+    return respond_as_measured(start.model, frf, lines, tier=tier, backend=backend)
 
 
 def start_correlation(test: PreparedTest, computed: FRF) -> Correlation:
@@ -127,7 +158,7 @@ class StartAgreement:
 
 
 def agreements_at_start(
-    ready: Prepared, models: Mapping[str, ModelModes]
+    ready: Prepared, starts: Mapping[str, StartModel]
 ) -> dict[str, StartAgreement]:
     """Return the agreement by test name; none for modes or if the model cannot be solved."""
     found: dict[str, StartAgreement] = {}
@@ -135,17 +166,17 @@ def agreements_at_start(
         if isinstance(test.data, FRF):
             with suppress(SolverError):
                 found[test.name] = StartAgreement.of(
-                    test, compute_start_frf(test, models[test.name].model)
+                    test, compute_start_frf(test, starts[test.name])
                 )
     return found
 
 
 def counterparts_at_start(
-    ready: Prepared, models: Mapping[str, ModelModes]
+    ready: Prepared, starts: Mapping[str, StartModel]
 ) -> dict[str, Counterparts]:
     """Return the number of modes with a counterpart in the model, by test name."""
     return {
-        test.name: find_counterparts(models[test.name], test.data, test.modes)
+        test.name: find_counterparts(starts[test.name].modes, test.data, test.modes)
         for test in ready.tests
     }
 
@@ -183,7 +214,7 @@ def write_start_pages(
     findings: Mapping[str, Sequence[Finding]],
     agreements: Mapping[str, StartAgreement],
     counterparts: Mapping[str, Counterparts] | None = None,
-    models: Mapping[str, ModelModes] | None = None,
+    starts: Mapping[str, StartModel] | None = None,
 ) -> list[Path]:
     """Write a page for each test of a job before any fit.
 
@@ -205,8 +236,8 @@ def write_start_pages(
         From `agreements_at_start`.
     counterparts : mapping of str to Counterparts, optional
         From `counterparts_at_start`.
-    models : mapping of str to ModelModes, optional
-        From `start_models`; by default, modes are computed anew.
+    starts : mapping of str to StartModel, optional
+        From `start_models`; by default, they are computed anew.
 
     Returns
     -------
@@ -216,7 +247,7 @@ def write_start_pages(
     """
     from updyn.report import write_start
 
-    models = models or start_models(ready, selection or ready.parameters)
+    starts = starts or start_models(ready, selection or ready.parameters)
     names = _list_pages(ready.job, work)
     with open_folder(folder):
         check_out(ready.job, folder, names)  # again, now that no other run can change the folder
@@ -225,7 +256,7 @@ def write_start_pages(
                 (new / name).parent.mkdir(exist_ok=True)
                 faults = findings.get(test.name, ())
                 agreement = agreements.get(test.name)
-                model = models[test.name]
+                model = starts[test.name].modes
                 start = _make_start(ready, test, model, selection, analysis, faults, agreement)
                 start = replace(start, counterparts=(counterparts or {}).get(test.name))
                 write_start(start, new / name)

@@ -44,12 +44,12 @@ def write_start(job: Job, work: str, out: str | Path | None = None) -> StartPage
     ready = choose_noise_once(prepare(job))
     selection = job_selection(ready)
     unknowns = selection or ready.parameters
-    analysis = job_analysis(ready, selection)
     findings = {test.name: job_findings(test, ready.parameters) for test in ready.tests}
-    models = start_models(ready, unknowns)
-    agreements = agreements_at_start(ready, models)
-    counterparts = counterparts_at_start(ready, models) if work == "check" else None
+    starts = start_models(ready, unknowns)
+    analysis = job_analysis(ready, selection, starts)
+    agreements = agreements_at_start(ready, starts)
+    counterparts = counterparts_at_start(ready, starts) if work == "check" else None
     pages = write_start_pages(
-        ready, work, folder, selection, analysis, findings, agreements, counterparts, models
+        ready, work, folder, selection, analysis, findings, agreements, counterparts, starts
     )
     return StartPages(pages, analysis.report, sum(map(len, findings.values())))

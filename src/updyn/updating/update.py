@@ -21,7 +21,7 @@ from updyn.model import Model
 from updyn.progress import RunStage, display_progress
 from updyn.updating.fit.methods import make_method
 from updyn.updating.fit.monitor import CAUSES, JUDGE, Progress
-from updyn.updating.fit.start_problem import build_start_problem
+from updyn.updating.fit.start_problem import ReducedStart, build_start_problem
 from updyn.updating.judge.assessment import analyse_start
 from updyn.updating.judge.identifiability import Analysis, Identifiability
 from updyn.updating.problem.data import Test, check_tests, name_tests
@@ -395,13 +395,16 @@ def start_analysis(
     tests: Sequence[Test],
     parameters: ParameterSet | Selection,
     noises: Mapping[str, NoiseModel] = MappingProxyType({}),
+    starts: Mapping[str, ReducedStart] = MappingProxyType({}),
 ) -> Analysis:
     """Return the analysis on which `joint_identifiability` is based; it raises the same errors.
 
-    `noises` are noise models by test name; those of other tests are chosen.
+    `noises` and `starts` are noise models and reduced models by test name; those of other tests
+    are chosen and built.
     """
     chosen = Selection.of(parameters)
     tests = [replace(test, model=chosen.start_of(test.model)) for test in tests]
     check_tests(tests, chosen.parameters)
-    analysis, advice = analyse_start(*build_start_problem(tests, chosen.parameters, noises))
+    problem, found = build_start_problem(tests, chosen.parameters, noises, starts)
+    analysis, advice = analyse_start(problem, found)
     return replace(analysis, report=replace(analysis.report, advice=advice))

@@ -10,7 +10,7 @@ import updyn
 from updyn.cli import main
 from updyn.errors import JobError
 from updyn.job import load_job, prepare, run_job
-from updyn.job.start import compute_start_frf, start_model
+from updyn.job.start import StartModel, compute_start_frf
 from updyn.report.formats import percentage
 
 FREQ = np.linspace(0.7, 2.0, 25) / (2 * np.pi)
@@ -90,7 +90,7 @@ def test_checks_compare_the_start_at_each_level(tmp_path: Path, capsys) -> None:
     assert "No known fault was found" in text
     ready = prepare(load_job(path))
     high = ready.tests[1]
-    computed = compute_start_frf(high, start_model(high, ready.parameters))
+    computed = compute_start_frf(high, StartModel.of(high, ready.parameters))
     model = linear().with_elements({"cube": (updyn.CubicSpring(0.4), "1:X")})
     wanted = updyn.response(model, FREQ, ["1:X"], ["1:X"], level=0.2).values
     np.testing.assert_allclose(computed.values, wanted, rtol=1e-3)

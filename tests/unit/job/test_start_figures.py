@@ -10,13 +10,22 @@ import numpy as np
 import pytest
 
 import updyn
+from overriding import override
 from updyn.cli import main
 from updyn.correlation import model_modes
 from updyn.job import job_analysis, job_findings, load_job, prepare
-from updyn.job.start import agreements_at_start, choose_noise_once, start_model, start_models
+from updyn.job.start import (
+    agreements_at_start,
+    choose_noise_once,
+    compute_start_frf,
+    start_model,
+    start_models,
+)
 from updyn.model import Group, Model
 from updyn.report import data
 from updyn.report.start import Start
+from updyn.updating.fit.reducing import Reducing
+from updyn.updating.fit.settings import REDUCED_TIER
 from updyn.updating.problem.noise import Estimated
 
 LINES = np.linspace(0.5, 40.0, 80)
@@ -204,6 +213,25 @@ def test_check_computes_modes_for_higher_frequencies_only(folder, monkeypatch) -
     monkeypatch.setattr(model_modes, "modes_up_to", modes_up_to)
     assert main(["check", str(path)]) == 0
     assert highest == sorted(set(highest))
+
+
+@pytest.mark.parametrize("validation", ["", 'validation = ["3:X"]'])
+def test_the_start_model_is_reduced_once(folder, monkeypatch, validation) -> None:
+    override(monkeypatch, REDUCED_TIER, most_exact_dofs=N - 1)
+    path, begun = folder / "job.toml", []
+    path.write_text(JOB.format(method=validation), encoding="utf-8")
+    ready = prepare(load_job(path))
+    separate = job_analysis(ready)
+    begin = Reducing.begin
+    monkeypatch.setattr(Reducing, "begin", lambda reducing: begun.append(1) or begin(reducing))
+    starts = start_models(ready, ready.parameters)
+    shared = job_analysis(ready, None, starts)
+    computed = compute_start_frf(ready.tests[0], starts[""])
+    assert begun == [1]
+    np.testing.assert_allclose(shared.covariance, separate.covariance, rtol=1e-3, atol=1e-12)
+    model = start_model(ready.tests[0], ready.parameters)
+    exact = updyn.response(model, computed.freq, computed.responses, computed.references, "accelerance")  # fmt: skip
+    np.testing.assert_allclose(computed.values, exact.values, atol=1e-6 * np.abs(exact.values).max())  # fmt: skip
 
 
 @pytest.mark.parametrize("validation", ["", 'validation = ["3:X"]'])
