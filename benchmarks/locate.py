@@ -3,9 +3,9 @@
 The structures and levels of levels.py with one element at a random place: between two degrees of
 freedom that a stiffness connects, or between one and ground; all of these are candidates. Kinds:
 hardening and softening cubic springs, gap, slider, joint, quadratic damper and dry friction, each
-at the same number of places. 1 % noise and a floor of 0.1 % of the rms. The stiffnesses and loss
-factors of the model are off by up to 30 %, and are unknowns (--exact and the solid: known). An
-element that has no periodic response at a level is drawn again.
+at the same number of places, which the force moves. 1 % noise and a floor of 0.1 % of the rms. The
+stiffnesses and loss factors of the model are off by up to 30 %, and are unknowns (--exact and the
+solid: known). An element that has no periodic response at a level is drawn again.
 
     OMP_NUM_THREADS=1 python benchmarks/locate.py [STRUCTURE ...] [--draws 2] [--first 0] [--exact]
 
@@ -72,14 +72,29 @@ def _positive(label: str) -> str:
     return str(abs(updyn.DofSet([label])[0]))
 
 
-def add_element(s: levels.Structure, place: list[str], make: Maker) -> updyn.Model:
-    """Return the model with an element that changes at the amplitude of the middle level."""
+#: Least deformation by the force over that by the same force at the place: far above rounding.
+MOVED = 1e-9
+
+
+def list_moved(s: levels.Structure) -> list[str]:
+    """Names of the candidates that the force moves: an element at others changes no FRF."""
+    moves = {name: find_moves(s, place) for name, place in list_candidates(s).items()}
+    return [name for name, (own, by_force) in moves.items() if (by_force > MOVED * own).any()]
+
+
+def find_moves(s: levels.Structure, place: list[str]) -> tuple[np.ndarray, np.ndarray]:
+    """Deformations of a place by a force there, and by that of the test, in m/N at each line."""
     at = list(dict.fromkeys([*place, s.force]))
     found = updyn.response(s.model, s.freq, at, at)
     w = np.zeros(len(at))
     w[[at.index(label) for label in place]] = [1.0, -1.0][: len(place)]
-    across = np.abs(np.einsum("i,fij,j->f", w, found.values, w))
-    moved = np.abs(np.einsum("i,fi->f", w, found.values[:, :, at.index(s.force)]))
+    own = np.abs(np.einsum("i,fij,j->f", w, found.values, w))
+    return own, np.abs(np.einsum("i,fi->f", w, found.values[:, :, at.index(s.force)]))
+
+
+def add_element(s: levels.Structure, place: list[str], make: Maker) -> updyn.Model:
+    """Return the model with an element that changes at the amplitude of the middle level."""
+    across, moved = find_moves(s, place)
     peak = int(moved.argmax())
     element = make(0.3 / np.median(across), 0.5 * moved[peak], 2.0 * np.pi * s.freq[peak])
     return s.model.with_elements({"truth": (element, place)})
@@ -99,9 +114,9 @@ class Outcome:
 def run_draw(s: levels.Structure, name: str, seed: int, *, exact: bool) -> Outcome:
     kind, make = MAKERS[name]
     rng = np.random.default_rng([seed, list(MAKERS).index(name)])
-    candidates = list_candidates(s)
+    candidates, moved = list_candidates(s), list_moved(s)
     while True:
-        place = list(candidates)[rng.integers(len(candidates))]
+        place = moved[rng.integers(len(moved))]
         true = add_element(s, candidates[place], make)
         try:
             tests = [levels.measure(true, s, level, rng) for level in levels.LEVELS]
@@ -142,9 +157,10 @@ def draw_elements(
     if not count:
         clean = updyn.response(s.model, s.freq, s.sensors, [s.force])
         return s.model, [], [add_noise(clean.with_level(f * s.middle), rng) for f in levels.LEVELS]
+    moved = list_moved(s)
     while True:
         names, model = [], s.model
-        chosen = rng.choice(list(candidates), count, replace=False).tolist()
+        chosen = rng.choice(moved, count, replace=False).tolist()
         kinds = rng.choice(list(MAKERS), count, replace=False).tolist()
         for number, (place, key) in enumerate(zip(chosen, kinds, strict=True)):
             kind, make = MAKERS[key]
