@@ -254,10 +254,15 @@ class ExactProblem:
         It is given up early if its cost remains far above `least`, that of another candidate.
         """
         for share in LOCATION.start_shares:
-            x = self._begin(share)
+            first = self._begin(share)
+            starts = [first]
             if share == 1.0:
-                x = _descend(self._equivalent(x, self.likelihood.residual), x)
-            if self.likelihood.local(x) is not None:
+                # Near the minimum, errors of describing functions exceed the noise.
+                equivalent = self._equivalent(first, self.likelihood.residual)
+                starts.append(_descend(equivalent, first))
+            costs = [self.whole.likelihood().cost(x) for x in starts]
+            if np.isfinite(costs).any():
+                x = starts[int(np.argmin(costs))]
                 return self._end(_descend(self.likelihood, x, LOCATION.hopeless_ratio * least))
         return None
 

@@ -14,7 +14,7 @@ from updyn.candidates.location.describing import KindFit, fit_kind
 from updyn.candidates.location.exact import Base, BaseFit, ExactFit, ExactProblem
 from updyn.candidates.location.kinds import Kind, choose_kinds
 from updyn.candidates.location.levels import LevelData
-from updyn.candidates.location.place import ExpectedForces, PlaceFit, fit_place
+from updyn.candidates.location.place import PlaceFit, PlaceProblem
 from updyn.candidates.location.places import check_places
 from updyn.candidates.location.result import LocationRow, NonlinearityLocation
 from updyn.candidates.location.settings import LOCATION
@@ -225,37 +225,33 @@ class Search:
         for name, dofs in self.places.items():
             new = {self.base.new_name: (CubicSpring(1.0), dofs)}
             local = LocalElements.find(self.base.model.with_elements(new), unknowns)
-            fit = fit_place(name, local, self.data, self.base.linear_x, expected)
+            fit = PlaceProblem(name, local, self.data, expected).fit(self.base.linear_x)
             if fit is not None:
-                found[name] = local, fit
+                found[name] = fit
         if not found:
             raise SolverError("an element at none of the places changes a measured response")
         if len(unknowns):
             starts = [self.lowest, self.data.part.coordinates.start]
-            self._search_linear(found, starts, len(found), expected)
-            self._search_linear(found, self._scatter(), LOCATION.most_searched, expected)
-        return sorted((fit for _, fit in found.values()), key=lambda fit: fit.cost)
+            self._search_linear(found, starts, len(found))
+            self._search_linear(found, self._scatter(), LOCATION.most_searched)
+        return sorted(found.values(), key=_cost)
 
     def _search_linear(
-        self,
-        found: dict[str, tuple[LocalElements, PlaceFit]],
-        starts: Sequence[RealArray],
-        most: int,
-        expected: ExpectedForces | None,
+        self, found: dict[str, PlaceFit], starts: Sequence[RealArray], most: int
     ) -> None:
         """Replace fits by better ones from further starts unless the residual is like noise."""
-        ordered = sorted(found, key=lambda name: found[name][1].cost)
+        ordered = sorted(found, key=lambda name: found[name].cost)
         limit = LOCATION.largest_inflation * self.data.n_spare
-        if 2.0 * found[ordered[0]][1].cost <= limit:
+        if 2.0 * found[ordered[0]].cost <= limit:
             return
         soft = self.data.softened()
         for name in ordered[:most]:
-            local, best = found[name]
-            fits = [fit_place(name, local, soft, x, expected) for x in starts]
+            problem = found[name].problem
+            fits = [replace(problem, data=soft).fit(x) for x in starts]
             near = min((fit for fit in fits if fit is not None), key=_cost, default=None)
-            fit = None if near is None else fit_place(name, local, self.data, near.x, expected)
-            if fit is not None and fit.cost < best.cost:
-                found[name] = local, fit
+            fit = None if near is None else problem.fit(near.x)
+            if fit is not None and fit.cost < found[name].cost:
+                found[name] = fit
 
     def _scatter(self) -> list[RealArray]:
         """Return further starts of the linear unknowns."""
@@ -283,12 +279,29 @@ class Search:
         return out
 
     def _fit_kinds(self, place: PlaceFit) -> list[KindFit]:
-        """Return the kinds at a place by misfit, with the other elements from their forces."""
+        """Return the kinds at a place by cost, each at the linear unknowns that suit it best.
+
+        The forces of any kind may make up for errors of linear unknowns, which are then far from
+        the right ones at the place fit, but not at a level at which the element hardly acts.
+        """
+        best = {fit.kind.name: fit for fit in self._fit_kinds_at(place)}
+        starts = np.unique([self.lowest, self.base.linear_x], axis=0)
+        for x in starts if self.base.n_linear else ():
+            near = place.problem.at(x)
+            if near is None or near.cost > min(map(_cost, best.values()), default=math.inf):
+                continue
+            for fit in self._fit_kinds_at(near):
+                known = best.get(fit.kind.name)
+                if known is None or fit.cost < known.cost:
+                    best[fit.kind.name] = fit
+        return sorted(best.values(), key=_cost)
+
+    def _fit_kinds_at(self, place: PlaceFit) -> list[KindFit]:
+        """Return the kinds at a place with the other elements from their forces."""
         model, name, omega = self.base.model, self.base.new_name, self.data.omega
         dofs, others = self.places[place.name], self.base.fit_others(place)
         fits = [fit_kind(model, name, place, dofs, kind, omega) for kind in self.kinds]
-        found = [replace(fit, others=others) for fit in fits if fit is not None]
-        return sorted(found, key=lambda fit: fit.misfit)
+        return [replace(fit, others=others) for fit in fits if fit is not None]
 
     def _fit_jointly(self, found: Sequence[KindFit]) -> list[KindFit]:
         """Return the kinds at a place fitted together with the linear unknowns."""
@@ -370,7 +383,7 @@ class Search:
         )
 
 
-def _cost(fit: PlaceFit | ExactFit) -> float:
+def _cost(fit: PlaceFit | KindFit | ExactFit) -> float:
     return fit.cost
 
 

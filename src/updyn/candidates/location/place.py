@@ -30,7 +30,7 @@ from updyn.errors import SolverError
 from updyn.updating.problem.local import Local, reduce_blocks
 from updyn.updating.problem.local_elements import ElementReceptances, LocalElements
 
-__all__ = ["ExpectedForces", "MeasuredElement", "PlaceFit", "fit_place", "linear_local"]
+__all__ = ["ExpectedForces", "MeasuredElement", "PlaceFit", "PlaceProblem", "linear_local"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -90,49 +90,79 @@ class PlaceFit:
     elements of the model.
     """
 
-    name: str
+    problem: PlaceProblem
     x: RealArray
     cost: float
     element: MeasuredElement
     others: tuple[MeasuredElement, ...] = ()
 
+    @property
+    def name(self) -> str:
+        """Name of the place."""
+        return self.problem.name
 
-def fit_place(
-    name: str,
-    local: LocalElements,
-    data: LevelData,
-    x: RealArray,
-    expected: ExpectedForces | None = None,
-) -> PlaceFit | None:
-    """Return the fit of a place from linear unknowns x; None if it has no effect.
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlaceProblem:
+    """The data with an element of any kind at one place.
 
     `local` are the elements of the model, whose forces are expected, and, last, one at the place.
     """
-    bounds, n = data.part.coordinates.bounds, len(local.elements)
 
-    def evaluate(x: RealArray) -> Local | None:
-        try:
-            return _project(data, expected, _receptances(local, data, x, derivatives=True), n, x)
-        except SolverError:
-            return None
+    name: str
+    local: LocalElements
+    data: LevelData
+    expected: ExpectedForces | None = None
 
-    cost = None
-    if len(x):
-        if evaluate(x) is None:
+    def fit(self, x: RealArray) -> PlaceFit | None:
+        """Return the fit of the linear unknowns from x; None if the element has no effect."""
+        if not len(x):
+            return self.at(x)
+        if self._project(x) is None:
             return None
         settings = make_descent(LOCATION.place_steps)
-        outcome = settings.minimise(evaluate, x, *bounds)
-        x, cost = outcome.x, outcome.local.cost
-    H, _ = _receptances(local, data, x, derivatives=False)
-    forces = _Forces.of(_weight(data, expected, H[:, n:, :n]))
-    if not forces.effect[..., -1].any():
-        return None
-    r = _residual(data, expected, H, n)
-    z = forces.solve(r)
-    if cost is None:
-        cost = 0.5 * float(np.sum(np.abs(forces.project(r)) ** 2))
-    found = _describe(H[:, :n], z, forces.deviations, data.levels)
-    return PlaceFit(name, x, cost, found[-1], found[:-1])
+        bounds = self.data.part.coordinates.bounds
+        return self.at(settings.minimise(self._project, x, *bounds).x)
+
+    def at(self, x: RealArray) -> PlaceFit | None:
+        """Return the forces at linear unknowns x; None if the element has no effect."""
+        data, n = self.data, len(self.local.elements)
+        try:
+            H, _, forces, r = self._evaluate(x, derivatives=False)
+        except SolverError:
+            return None
+        if not forces.effect[..., -1].any():
+            return None
+        centre, weight = data.part.coordinates.prior
+        squares = np.sum(np.abs(forces.project(r)) ** 2) + np.sum((weight * (x - centre)) ** 2)
+        found = _describe(H[:, :n], forces.solve(r), forces.deviations, data.levels)
+        return PlaceFit(self, x, 0.5 * float(squares), found[-1], found[:-1])
+
+    def _project(self, x: RealArray) -> Local | None:
+        """Return the least-squares problem in the linear unknowns, with the best forces."""
+        data, n = self.data, len(self.local.elements)
+        try:
+            _, dH, forces, r = self._evaluate(x, derivatives=True)
+        except SolverError:
+            return None
+        z = forces.solve(r)
+        columns = []
+        for one in [] if dH is None else dH:
+            moved = one[:, n:, n:].transpose(0, 2, 1)
+            moved = moved - np.einsum("fie,lfje->lfji", one[:, n:, :n], z)
+            moved *= data.weights.transpose(0, 1, 3, 2)
+            rest = np.zeros((*moved.shape[:3], r.shape[-1] - moved.shape[-1]))
+            columns.append(forces.project(np.concatenate([moved, rest], axis=-1)))
+        return _reduce(data, forces.project(r), columns, x)
+
+    def _evaluate(
+        self, x: RealArray, *, derivatives: bool
+    ) -> tuple[ComplexArray, ComplexArray | None, _Forces, ComplexArray]:
+        """Return H, dH, the problem of the forces, and the residual without forces."""
+        n = len(self.local.elements)
+        H, dH = _receptances(self.local, self.data, x, derivatives=derivatives)
+        forces = _Forces.of(_weight(self.data, self.expected, H[:, n:, :n]))
+        return H, dH, forces, _residual(self.data, self.expected, H, n)
 
 
 def linear_local(data: LevelData, x: RealArray) -> Local | None:
@@ -237,27 +267,6 @@ def _describe(
         MeasuredElement.of(z[..., e], std[..., e], moved[..., e], H[:, e, e], levels)
         for e in range(n)
     )
-
-
-def _project(
-    data: LevelData,
-    expected: ExpectedForces | None,
-    found: tuple[ComplexArray, ComplexArray | None],
-    n: int,
-    x: RealArray,
-) -> Local:
-    """Return the least-squares problem in the linear unknowns, with the best z."""
-    H, dH = found
-    forces = _Forces.of(_weight(data, expected, H[:, n:, :n]))
-    r = _residual(data, expected, H, n)
-    z = forces.solve(r)
-    columns = []
-    for one in [] if dH is None else dH:
-        moved = one[:, n:, n:].transpose(0, 2, 1) - np.einsum("fie,lfje->lfji", one[:, n:, :n], z)
-        moved *= data.weights.transpose(0, 1, 3, 2)
-        rest = np.zeros((*moved.shape[:3], r.shape[-1] - moved.shape[-1]))
-        columns.append(forces.project(np.concatenate([moved, rest], axis=-1)))
-    return _reduce(data, forces.project(r), columns, x)
 
 
 def _reduce(

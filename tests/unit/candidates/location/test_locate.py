@@ -10,7 +10,7 @@ import pytest
 import updyn
 from updyn.candidates.location.describing import ELEMENT
 from updyn.candidates.location.levels import LevelData
-from updyn.candidates.location.place import fit_place
+from updyn.candidates.location.place import PlaceProblem
 from updyn.candidates.location.places import list_places
 from updyn.candidates.location.result import LocationRow, NonlinearityLocation
 from updyn.candidates.location.settings import LOCATION
@@ -44,15 +44,15 @@ def chain() -> updyn.Model:
 MODEL = chain()
 
 
-def measure(element, place, noise=NOISE, levels=LEVELS, seed=0):
+def measure(element, place, noise=NOISE, levels=LEVELS, seed=0, sensors=SENSORS):
     """Noisy FRFs of the chain with an element at several levels."""
     rng, tests = np.random.default_rng(seed), []
     true = MODEL if element is None else MODEL.with_elements({"x": (element, place)})
     for level in levels:
         if element is None:
-            frf = updyn.response(true, FREQ, SENSORS, ["6:X"]).with_level(level)
+            frf = updyn.response(true, FREQ, sensors, ["6:X"]).with_level(level)
         else:
-            frf = updyn.response(true, FREQ, SENSORS, ["6:X"], level=level).frf
+            frf = updyn.response(true, FREQ, sensors, ["6:X"], level=level).frf
         H = frf.values
         rms = np.sqrt(np.mean(np.abs(H) ** 2))
         size = np.hypot(noise.get("relative", 0.0) * np.abs(H), noise.get("floor", 0.0) * rms)
@@ -101,6 +101,34 @@ def test_linear_unknowns_are_fitted_with_the_element():
     assert found.best.model.groups["left"].stiffness[0, 0] == pytest.approx(2000.0, rel=0.01)
 
 
+def locate_behind_a_sensor(element, levels, places, kinds):
+    """An element on "left", which the sensors bound; springs off by up to 20 %."""
+    wrong = MODEL.scaled({"left": {"stiffness": 1.2}, "right": {"stiffness": 0.85}})
+    unknowns = updyn.parameters(wrong, stiffness="all", loss_factor="all")
+    tests = measure(element, ["2:X"], levels=levels, sensors=["3:X", "5:X", "6:X"])
+    named = {place: [place] for place in places}
+    return updyn.locate_nonlinearity(wrong, tests, named, kinds, unknowns=unknowns, noise=NOISE)
+
+
+def test_forces_of_any_kind_do_not_replace_the_linear_unknowns():
+    """A force behind the sensor at 3:X explains the data with any stiffness of "left"."""
+    element = updyn.CubicSpring(-3000.0)
+    places = ["1:X", "2:X", "3:X"]
+    found = locate_behind_a_sensor(element, (0.2, 5.0), places, ["cubic-spring"])
+    assert max(found.places.values()) < 1.1
+    assert found.best.place == "2:X"
+    assert found.best.element.coefficient == pytest.approx(-3000.0, rel=0.05)
+    assert found.is_adequate
+
+
+def test_an_exact_fit_begins_at_the_better_of_two_starts():
+    """Describing functions weighted by the noise alone lead away from a start near the minimum."""
+    element, kinds = updyn.CubicSpring(3e4), ["polynomial-spring"]
+    found = locate_behind_a_sensor(element, (0.2, 1.0, 5.0), ["2:X"], kinds)
+    assert found.is_adequate
+    assert found.best.element.coefficients[3] == pytest.approx(3e4, rel=0.05)
+
+
 def test_equal_kinds_and_equal_places_are_not_distinguishable():
     element, dofs, _ = CASES["cubic-spring"]
     found = updyn.locate_nonlinearity(
@@ -137,7 +165,7 @@ def test_the_force_of_a_linear_spring_is_its_stiffness():
     tests = measure(updyn.PolynomialSpring({1: 300.0}), ["4:X", "5:X"], noise={}, levels=(1.0, 2.0))
     data = LevelData.of(MODEL, tests, no_unknowns(), NOISE)
     placed = MODEL.with_elements({ELEMENT: (updyn.CubicSpring(1.0), ["4:X", "5:X"])})
-    fit = fit_place("x", LocalElements.find(placed, no_unknowns()), data, np.zeros(0))
+    fit = PlaceProblem("x", LocalElements.find(placed, no_unknowns()), data).fit(np.zeros(0))
     assert fit is not None
     assert np.allclose(fit.element.stiffness, 300.0, rtol=1e-5)
     assert np.allclose(fit.element.amplitude[1], 2.0 * fit.element.amplitude[0], rtol=1e-5)
