@@ -94,6 +94,12 @@ def test_job_tables_load_no_part_of_scipy_that_they_may_not_need():
     assert not unwanted & set(fresh(code).split())
 
 
+def test_a_page_loads_no_rooms_of_other_pages():
+    loaded = fresh("import sys\nfrom updyn.report import write_start\nprint(*sys.modules)").split()
+    others = {"acceptance", "candidates", "comparison", "planning", "population"}
+    assert not {f"updyn.{room}" for room in others} & set(loaded)
+
+
 def seconds(code: str) -> float:
     """Least time of one statement in five fresh interpreters: noise of the machine only adds."""
     timed = f"import time\nt = time.perf_counter()\n{code}\nprint(time.perf_counter() - t)"

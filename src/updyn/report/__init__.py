@@ -1,21 +1,8 @@
-"""Self-contained HTML pages with the figures of results."""
+"""Self-contained HTML pages with the figures of results.
 
-from updyn.report.acceptance import write_acceptance
-from updyn.report.before import write_start
-from updyn.report.candidates import write_candidates
-from updyn.report.comparison import write_comparison
-from updyn.report.location import write_location
-from updyn.report.page import write_report
-from updyn.report.planning import write_plan
-from updyn.report.start import Start
+The names in ``__init__.pyi`` are loaded on first use, so that a page loads no other rooms.
+"""
 
-__all__ = [
-    "Start",
-    "write_acceptance",
-    "write_candidates",
-    "write_comparison",
-    "write_location",
-    "write_plan",
-    "write_report",
-    "write_start",
-]
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
