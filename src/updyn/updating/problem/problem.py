@@ -51,6 +51,38 @@ class LineBlock:
     dH: ComplexArray | None  # noqa: N815
     measured: ComplexArray
 
+    def copy(self) -> LineBlock:
+        """Return the block with arrays of its own for the model."""
+        dH = None if self.dH is None else self.dH.copy()
+        return replace(self, H=self.H.copy(), dH=dH)
+
+
+@dataclass(slots=True, eq=False)
+class LatestBlocks:
+    """Blocks of lines with derivatives at the latest point: the last one, and others if small.
+
+    A residual with other weights at the same point then needs no further solutions.
+    """
+
+    _x: RealArray | None = None
+    _blocks: dict[tuple[int, int], LineBlock] = field(default_factory=dict)
+    _bytes: int = 0
+
+    def find(self, x: RealArray, lines: slice) -> LineBlock | None:
+        """Return the block of some lines at a point, or None."""
+        if self._x is None or not np.array_equal(self._x, x):
+            return None
+        return self._blocks.get((lines.start, lines.stop))
+
+    def store(self, x: RealArray, block: LineBlock) -> None:
+        """Store a block at a point; those of other points are dropped."""
+        size = block.H.nbytes + (0 if block.dH is None else block.dH.nbytes)
+        at_other_point = self._x is None or not np.array_equal(self._x, x)
+        if at_other_point or self._bytes + size > EVALUATION.cache_bytes:
+            self._x, self._blocks, self._bytes = x.copy(), {}, 0
+        self._blocks[block.lines.start, block.lines.stop] = block
+        self._bytes += size
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FRFPart:
@@ -77,6 +109,7 @@ class FRFPart:
     forward: Forward = field(default=LINEAR, repr=False)
     _digest: list[bytes] = field(default_factory=list, init=False, repr=False)
     _effort: dict[str, float] = field(default_factory=dict, init=False, repr=False)
+    _latest: LatestBlocks = field(default_factory=LatestBlocks, init=False, repr=False)
     _gains: Gains | None = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -296,6 +329,28 @@ class FRFPart:
 
     def block(self, x: RealArray, lines: slice, *, derivatives: bool = True) -> LineBlock:
         """Return the model, times the calibration factors, and the data at a block of lines."""
+        if not (derivatives and self.solver.tier == "sparse"):
+            return self._compute_block(x, lines, derivatives=derivatives)
+        known = self._latest.find(x, lines)
+        if known is None:
+            known = self._compute_block(x, lines, derivatives=True)
+            self._latest.store(x, known)
+        return known.copy()
+
+    def known_responses(self, x: RealArray, lines: slice) -> ComplexArray | None:
+        """Return the model at the latest block of lines if its derivatives were computed at x."""
+        known = self._latest.find(x, lines)
+        return None if known is None else known.H
+
+    def remember_responses(self, x: RealArray, blocks: Sequence[ComplexArray | None]) -> None:
+        """Store the model's responses at x, by block of all lines, if all are known."""
+        known = [H for H in blocks if H is not None]
+        if len(known) == len(blocks):
+            found = np.concatenate(known)
+            found.flags.writeable = False
+            self.session.remember([(digest(self.key("responses", x)), (found,))])
+
+    def _compute_block(self, x: RealArray, lines: slice, *, derivatives: bool) -> LineBlock:
         rate = self.frf.s[lines] ** self.frf.power
         H, dH = self.forward.receptances(self, x, lines, rate, derivatives=derivatives)
         if dH is not None and (self.sign != 1.0).any():

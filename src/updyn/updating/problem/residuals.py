@@ -414,9 +414,20 @@ def reduce_cached(residual: LineResidual, part: FRFPart, x: RealArray) -> Local:
 
 
 def reduce_residual(residual: LineResidual, part: FRFPart, x: RealArray, n: int) -> Local:
-    """Return the reduced problem at x for a residual with n derivatives."""
+    """Return the reduced problem at x for a residual with n derivatives.
+
+    Responses of the model that are known afterwards are stored in the cache.
+    """
     items = [(residual.on(part, lines), x, lines) for lines in residual.partition(part)]
-    local = reduce_blocks(part.map_lines(_reduce_block, items), n)
+    responses: list[ComplexArray | None] = []
+
+    def reduced() -> Iterator[RealArray]:
+        for triangle, H in part.map_lines(_reduce_block, items):
+            responses.append(H)
+            yield triangle
+
+    local = reduce_blocks(reduced(), n)
+    part.remember_responses(x, responses)
     if not (np.isfinite(local.cost) and np.isfinite(local.R).all()):
         raise SolverError(f"{residual.name}: the model's answer is not finite")
     return local
@@ -461,10 +472,13 @@ def _evaluate_block(
 
 
 @use_one_thread
-def _reduce_block(part: FRFPart, item: tuple[LineResidual, RealArray, slice]) -> RealArray:
+def _reduce_block(
+    part: FRFPart, item: tuple[LineResidual, RealArray, slice]
+) -> tuple[RealArray, ComplexArray | None]:
+    """Return the triangle of a block of lines, and the model's responses if they are known."""
     r, J = _evaluate_block(part, item)
     # The order of the rows has no effect (eq. 12); this one is that of the memory.
-    return qr_triangle(_as_real(J, len(J)), _as_real(r, 1)[0])
+    return qr_triangle(_as_real(J, len(J)), _as_real(r, 1)[0]), part.known_responses(*item[1:])
 
 
 def _as_real(values: ComplexArray, n: int) -> RealArray:

@@ -9,6 +9,7 @@ import pytest
 
 import updyn
 from overriding import override
+from updyn.dynamics.fields import LineSolver
 from updyn.engines import Serial
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.problem.problem import FRFPart, Problem
@@ -231,6 +232,64 @@ def test_the_callback_is_asked_between_blocks_and_sees_the_lines(
     assert np.isnan([p.cost for p in seen[: len(blocks) - 1]]).all()
 
 
+# -- blocks of the latest point -------------------------------------------------------------------------------------
+@pytest.fixture
+def solved(monkeypatch):
+    """Number of lines of each sparse solution."""
+    found = []
+    solve = LineSolver.solve
+
+    def counted(solver, coefficients, *about):
+        found.append(coefficients.shape[1])
+        return solve(solver, coefficients, *about)
+
+    monkeypatch.setattr(LineSolver, "solve", counted)
+    return found
+
+
+def sparse(chain12, data, unknowns, **session):
+    session = Session(**session)
+    return FRFPart.build(chain12, data, unknowns, tier="sparse", session=session)
+
+
+def test_other_weights_at_the_same_point_need_no_solution(
+    chain12, data, unknowns, in_blocks, solved
+):
+    part = sparse(chain12, data, unknowns, cache=RecentCache())
+    problem, x = Problem.of([part]), np.full(len(unknowns), 0.05)
+    weights = [scale * np.ones(data.values.shape) for scale in (1.0, 2.0)]
+    first = OutputError(weights[0]).local(problem, x)
+    assert sum(solved) == len(data.freq)
+    again = OutputError(weights[1]).local(problem, x)
+    LogError().local(problem, x)
+    H = part.responses(x)
+    assert sum(solved) == len(data.freq)
+    np.testing.assert_allclose(again.cost, 4.0 * first.cost, rtol=1e-12)
+    anew = sparse(chain12, data, unknowns)
+    np.testing.assert_array_equal(again.R, OutputError(weights[1]).local(Problem.of([anew]), x).R)
+    np.testing.assert_allclose(H, anew.responses(x), rtol=1e-10)
+    assert not H.flags.writeable
+    part.block(x + 0.01, slice(0, 3))
+    part.block(x, slice(0, 3))
+    assert sum(solved) == 3 * len(data.freq) + 6
+
+
+def test_blocks_beyond_the_limit_are_dropped(
+    chain12, data, unknowns, in_blocks, solved, monkeypatch
+):
+    part = sparse(chain12, data, unknowns, cache=RecentCache())
+    x, blocks = np.full(len(unknowns), 0.05), part.partition()
+    largest = 16 * data.values[blocks[0]].size * (1 + len(unknowns))
+    override(monkeypatch, EVALUATION, cache_bytes=2 * largest)
+    for lines in blocks:
+        part.block(x, lines)
+    assert len(solved) == len(blocks)
+    part.block(x, blocks[-1])
+    assert len(solved) == len(blocks)
+    part.block(x, blocks[0])
+    assert len(solved) == len(blocks) + 1
+
+
 # -- whole runs ------------------------------------------------------------------------------------------------------
 def outcome(result):
     return (
@@ -243,11 +302,12 @@ def outcome(result):
     )
 
 
+@pytest.mark.parametrize("tier", ["dense", "sparse"])
 @pytest.mark.parametrize("method", ["maximum-likelihood", "log", "output-error", "equation-error"])
-def test_spreading_lines_changes_no_bit_of_a_run(chain12, data, unknowns, in_blocks, method):
+def test_spreading_lines_changes_no_bit_of_a_run(chain12, data, unknowns, in_blocks, method, tier):
     engine = Remote()
-    here = updyn.update(chain12, data, unknowns, method=method)
-    there = updyn.update(chain12, data, unknowns, method=method, engine=engine)
+    here = updyn.update(chain12, data, unknowns, method=method, tier=tier)
+    there = updyn.update(chain12, data, unknowns, method=method, tier=tier, engine=engine)
     assert outcome(here) == outcome(there)
     assert set(engine.functions) >= {"_reduce_block", "_block_responses"}
     assert (here.options["engine"], there.options["engine"]) == ("serial", "4 remote")
