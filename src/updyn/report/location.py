@@ -118,8 +118,8 @@ class ElementsSection(_LocationSection):
         """Return the rows of the table."""
         found: LocatedNonlinearities = content.further["located"]
         text = (
-            "Elements fitted together to all levels by harmonic balance. Log odds: of the model"
-            " over that without the element, with all other unknowns fitted again."
+            "Elements fitted together to all levels. Log odds: of the model over that without the"
+            " element, with all other unknowns fitted again."
         )
         kinds = ("text", "text", "", "text")
         return {"text": text, "head": FOUND_HEADINGS, "kinds": kinds, "rows": found.cells()}
@@ -163,8 +163,8 @@ class CandidatesSection(_LocationSection):
         """Return the rows of the table."""
         location: NonlinearityLocation = content.further["location"]
         text = (
-            "Elements fitted to all levels by harmonic balance, the best first. Residual: rms in"
-            " standard deviations of the noise. Log evidence: less that of the first candidate."
+            "Elements fitted to all levels, the best first. Residual: rms in standard deviations of"
+            " the noise. Log evidence: less that of the first candidate."
         )
         kinds = ("text", "text", "", "", "", "text")
         return {"text": text, "head": HEADINGS, "kinds": kinds, "rows": location.cells()}

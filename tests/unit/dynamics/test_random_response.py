@@ -174,12 +174,6 @@ def test_the_frf_states_the_random_level():
     assert not frf.with_level(3.0).is_random
 
 
-def test_a_location_refuses_random_levels():
-    frf, lower = respond(MODEL).frf, respond(MODEL, level=0.5).frf
-    with pytest.raises(DataError, match="the data are of a random force"):
-        updyn.locate_nonlinearity(two_masses(loss_factor=0.03), [frf, lower])
-
-
 def test_a_linearisation_that_does_not_settle_is_an_error(monkeypatch):
     settings = linearisation.RANDOM
     monkeypatch.setattr(linearisation, "RANDOM", type(settings)(most_iterations=3))

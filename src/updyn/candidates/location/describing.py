@@ -7,22 +7,23 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from updyn.arrays import ComplexArray, RealArray
+from updyn.arrays import RealArray
 from updyn.candidates.location.descent import make_descent
 from updyn.candidates.location.kinds import Kind, Scale
+from updyn.candidates.location.levels import LevelData
+from updyn.candidates.location.motion import Motion
 from updyn.candidates.location.place import MeasuredElement, PlaceFit
 from updyn.candidates.location.settings import LOCATION
 from updyn.errors import OptionError
 from updyn.model import Model
 from updyn.nonlinear.element import NonlinearElement
 from updyn.nonlinear.local import Place
-from updyn.nonlinear.over_lines import describe_first_harmonic
 from updyn.nonlinear.parameters import change_parameters, list_parameters
 from updyn.updating.problem.coordinates import Coordinates
 from updyn.updating.problem.local import Local, reduce_blocks
 from updyn.updating.problem.parameters import ParameterSet, parameters
 
-__all__ = ["ELEMENT", "KindFit", "choose_parameters", "fit_element", "fit_kind", "scale_of"]
+__all__ = ["ELEMENT", "KindFit", "choose_parameters", "find_scale", "fit_element", "fit_kind"]
 
 #: Name of the first element that is found.
 ELEMENT = "nonlinearity"
@@ -49,18 +50,18 @@ class KindFit:
     cost: float
 
 
-def scale_of(place: MeasuredElement, omega: RealArray) -> Scale:
-    """Return the scale of elements at a place, at half the amplitude of a middle level.
+def find_scale(place: MeasuredElement, motion: Motion) -> Scale:
+    """Return the scale of elements at a place.
 
     The stiffness is a share of that of the structure, or that of the force if it is smaller.
     """
-    middle = place.amplitude[len(place.amplitude) // 2].max(axis=1)
-    peak, tiny = int(middle.argmax()), float(np.finfo(np.float64).tiny)
+    tiny = float(np.finfo(np.float64).tiny)
     whole = LOCATION.start_stiffness / max(float(np.median(place.drive)), tiny)
     weight = 1.0 / np.maximum(place.std, tiny)
     own = float(np.linalg.norm(weight * np.abs(place.stiffness)) / np.linalg.norm(weight))
     stiffness = min(whole, max(own, LOCATION.least_stiffness * whole))
-    return Scale(stiffness, max(0.5 * float(middle[peak]), tiny), float(omega[peak]))
+    amplitude, omega = motion.typical
+    return Scale(stiffness, max(amplitude, tiny), omega)
 
 
 def choose_parameters(
@@ -78,16 +79,16 @@ def choose_parameters(
 
 
 def fit_kind(
-    model: Model, name: str, place: PlaceFit, dofs: Place, kind: Kind, omega: RealArray
+    model: Model, name: str, place: PlaceFit, dofs: Place, kind: Kind, data: LevelData
 ) -> KindFit | None:
     """Return the best fit of a kind from its starts; None if none can be evaluated.
 
     `name` is that of the new element.
     """
-    fits = []
-    for start in kind.starts(scale_of(place.element, omega)):
+    fits, motion = [], data.motion(place.element.amplitude)
+    for start in kind.starts(find_scale(place.element, motion)):
         unknowns = choose_parameters(model, name, kind, start, dofs)
-        found = fit_element(place.element, start, unknowns, omega)
+        found = fit_element(place.element, start, unknowns, motion)
         if found is not None:
             element, misfit = found
             about = place.x, np.zeros(0), misfit, place.cost + misfit
@@ -96,11 +97,11 @@ def fit_kind(
 
 
 def fit_element(
-    place: MeasuredElement, start: NonlinearElement, unknowns: ParameterSet, omega: RealArray
+    place: MeasuredElement, start: NonlinearElement, unknowns: ParameterSet, motion: Motion
 ) -> tuple[NonlinearElement, float] | None:
     """Return the element that fits the force by its describing function, and its misfit."""
     coordinates, names = Coordinates(unknowns), [p.quantity for p in unknowns]
-    measured, at = place.stiffness, place.amplitude
+    measured = place.stiffness
     error = LOCATION.describing_error * np.abs(measured)
     weight = np.sqrt(2.0 / (place.std**2 + error**2))
 
@@ -111,7 +112,7 @@ def fit_element(
         return change_parameters(start, values)
 
     def residual(x: RealArray) -> RealArray:
-        r = weight * (_tabulate(element_at(x), at, omega) - measured)
+        r = weight * (motion.describe(element_at(x)) - measured)
         return np.concatenate([r.real.ravel(), r.imag.ravel()])
 
     def evaluate(x: RealArray) -> Local | None:
@@ -135,28 +136,3 @@ def fit_element(
     settings = make_descent(LOCATION.kind_steps, LOCATION.kind_tolerance)
     outcome = settings.minimise(evaluate, x, lower, upper)
     return element_at(outcome.x), outcome.local.cost
-
-
-def _tabulate(element: NonlinearElement, amplitudes: RealArray, omega: RealArray) -> ComplexArray:
-    """Return the describing function over the deformation at amplitudes (n_l, n_f, n_j)."""
-    of_velocity = element.quantity == "mobility"
-    at = amplitudes * omega[None, :, None] if of_velocity else amplitudes
-    largest = at.max()
-    least = max(float(at.min()), LOCATION.least_amplitude * largest)
-    grid = np.geomspace(least, largest, LOCATION.table_points)
-    N = _describe(element, grid)
-    found = np.interp(at, grid, N.real) + 1j * np.interp(at, grid, N.imag)
-    return np.asarray(found * omega[None, :, None] if of_velocity else found)
-
-
-def _describe(element: NonlinearElement, grid: RealArray) -> ComplexArray:
-    """Return the describing function at 1 rad/s over the deformation, shape (n,)."""
-    one = np.ones(len(grid))
-    if not element.has_memory:
-        return describe_first_harmonic(element, grid, one, LOCATION.samples)[0]
-    # A loop is slow to follow, and has a closed form below macroslip.
-    N = np.array(element.describing(grid, one))
-    rest = ~np.isfinite(N)
-    if rest.any():
-        N[rest] = describe_first_harmonic(element, grid[rest], one[rest], LOCATION.samples)[0]
-    return N

@@ -1,4 +1,4 @@
-"""Models with elements fitted exactly, by harmonic balance, with their evidence."""
+"""Models with elements fitted to all levels without further approximation, with evidence."""
 
 from __future__ import annotations
 
@@ -34,6 +34,7 @@ from updyn.updating.problem.local import Local
 from updyn.updating.problem.parameters import Parameter, ParameterSet, collect_unknowns
 from updyn.updating.problem.periodic_forward import PeriodicForward
 from updyn.updating.problem.problem import FRFPart, Problem
+from updyn.updating.problem.random_forward import RandomForward
 from updyn.updating.problem.residuals import OutputError, OutputErrorSet
 from updyn.updating.problem.session import Session
 
@@ -141,7 +142,7 @@ class Base:
         return replace(self, model=model, unknowns=unknowns, x=self.x[at])
 
     def likelihood(self) -> Likelihood:
-        """Return the likelihood of the data, by harmonic balance."""
+        """Return the likelihood of the data."""
         session, tests = Session(), self.data.tests
         parts = [_build(self.model, test, self.unknowns, session, self.solver) for test in tests]
         return Likelihood(Problem.of(parts), OutputErrorSet(tuple(self.data.errors), ()))
@@ -189,7 +190,7 @@ class Base:
             return None
         z, std = [], []
         for part, error in zip(self.likelihood().problem.parts, self.data.errors, strict=True):
-            assert isinstance(part.forward, PeriodicForward)
+            assert isinstance(part.forward, PeriodicForward | RandomForward)
             found = part.forward.forces(part, self.x).transpose(0, 2, 1)
             r = error.weight * (part.responses(self.x) - part.frf.values)
             share = np.linalg.norm(r, axis=1) / np.linalg.norm(
@@ -212,7 +213,8 @@ class Base:
                 continue
             own = collect_unknowns(self.unknowns.items[i] for i in at)
             own = own.with_start(np.clip(values[at], own.lower, own.upper))
-            found = fit_element(measured, local.element, own, self.data.omega)
+            motion = self.data.motion(measured.amplitude)
+            found = fit_element(measured, local.element, own, motion)
             if found is not None:
                 fitted = list_parameters(found[0])
                 values[at] = [fitted[p.quantity] for p in own]

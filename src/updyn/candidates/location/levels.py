@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from updyn.arrays import ComplexArray, RealArray
+from updyn.candidates.location.motion import Motion, RandomMotion, SineMotion
 from updyn.candidates.location.settings import LOCATION
 from updyn.errors import DataError
 from updyn.frf import FRF
@@ -17,6 +18,7 @@ from updyn.updating.judge.levels.homogeneity import scatter_variance, stated_var
 from updyn.updating.problem.noise import NoiseChoice
 from updyn.updating.problem.parameters import ParameterSet, collect_unknowns
 from updyn.updating.problem.problem import FRFPart
+from updyn.updating.problem.random_forward import find_spread
 from updyn.updating.problem.residuals import OutputError
 
 __all__ = ["LevelData"]
@@ -49,11 +51,6 @@ class LevelData:
         ordered = [_without_zero(test) for test in check_levels(tests)]
         if len(ordered) < 2:
             raise DataError("a nonlinearity is located by FRFs at two levels or more, found one")
-        if any(test.is_random for test in ordered):
-            raise DataError(
-                "excitation: the data are of a random force; a nonlinearity is located by FRFs of a"
-                " sine"
-            )
         linear = collect_unknowns(p for p in unknowns if not p.of_element)
         part = FRFPart.build(replace(model, nonlinear={}), ordered[0], linear)
         variances = [_find_variance(test, noise) for test in ordered]
@@ -80,6 +77,14 @@ class LevelData:
         """Number of real data less those of the forces of an element and the linear unknowns."""
         n_unknowns = len(self.part.coordinates.parameters)
         return max(self.n_numbers - self.n_forces - n_unknowns, 1)
+
+    def motion(self, amplitude: RealArray) -> Motion:
+        """Return the motion of a deformation with amplitudes (n_l, n_f, n_j) in m."""
+        if not self.part.frf.is_random:
+            return SineMotion(amplitude, self.omega)
+        pairs = zip(self.tests, amplitude, strict=True)
+        spread = np.stack([find_spread(test, one) for test, one in pairs], axis=1)
+        return RandomMotion(np.maximum(spread, np.finfo(np.float64).tiny ** 0.25), self.omega)
 
     def softened(self) -> LevelData:
         """Return the data with errors relative to |H| added, which widen minima."""

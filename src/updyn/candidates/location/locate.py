@@ -60,7 +60,7 @@ def locate_nonlinearity(
         that are known to exist; the sought one is a further one.
     tests : iterable of FRF
         Measurements of the same channels and lines at two levels or more (`FRF.with_level`), of at
-        least two responses.
+        least two responses: all of sines or all of random forces.
     places : mapping of str to place, optional
         Candidates by name, each a combination of DOFs as for `Model.with_elements`. By default, the
         pairs of DOFs of one direction that the stiffness connects, and the DOFs that it connects to
@@ -93,8 +93,9 @@ def locate_nonlinearity(
     least squares, whatever its kind; the residual, with linear unknowns fitted, ranks the places
     (Noel & Kerschen, Mech. Syst. Signal Process. 83 (2017) 2). Kinds: force over deformation is the
     describing function of the element at the amplitude of the deformation, to which each kind is
-    fitted. The best candidates are fitted exactly, by harmonic balance, and compared by their
-    evidence, as `compare_models` does.
+    fitted; of a random force, it is the spring and the damper of its linearisation. The best
+    candidates are fitted as by `updyn.update`, and compared by their evidence, as `compare_models`
+    does.
 
     Examples
     --------
@@ -298,9 +299,9 @@ class Search:
 
     def _fit_kinds_at(self, place: PlaceFit) -> list[KindFit]:
         """Return the kinds at a place with the other elements from their forces."""
-        model, name, omega = self.base.model, self.base.new_name, self.data.omega
+        model, name = self.base.model, self.base.new_name
         dofs, others = self.places[place.name], self.base.fit_others(place)
-        fits = [fit_kind(model, name, place, dofs, kind, omega) for kind in self.kinds]
+        fits = [fit_kind(model, name, place, dofs, kind, self.data) for kind in self.kinds]
         return [replace(fit, others=others) for fit in fits if fit is not None]
 
     def _fit_jointly(self, found: Sequence[KindFit]) -> list[KindFit]:

@@ -40,7 +40,8 @@ def locate_nonlinearities(
         As for `updyn.locate_nonlinearity`.
     tests : iterable of FRF
         Measurements of the same channels and lines at two levels or more (`FRF.with_level`), of
-        more responses than `most` plus the elements of the model.
+        more responses than `most` plus the elements of the model: all of sines or all of random
+        forces.
     places : mapping of str to place, optional
         Candidates as for `updyn.locate_nonlinearity`.
     kinds : iterable of str or mapping of str to element, optional

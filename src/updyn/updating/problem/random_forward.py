@@ -32,7 +32,7 @@ from updyn.updating.problem.local_elements import (
 if TYPE_CHECKING:
     from updyn.updating.problem.problem import FRFPart
 
-__all__ = ["FixedRandomForward", "RandomForward"]
+__all__ = ["FixedRandomForward", "RandomForward", "find_spread"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,6 +56,12 @@ class _LinearisedForward(ElementForward, ABC):
             out.append(H)
             slopes += [] if dH is None else [dH]
         return stack_references(part, x, lines, rate, out, slopes)
+
+    def forces(self, part: FRFPart, x: RealArray) -> ComplexArray:
+        """Return the forces of the elements over that of the force, shape (n_f, n_e, n_j)."""
+        found = ElementReceptances.of(self.local, part, x, np.ones(1), derivatives=False)
+        each = enumerate(self._linearise(part, x, derivatives=False))
+        return np.stack([one.force(found, part, j) for j, one in each], axis=2)
 
     @abstractmethod
     def _linearise(
@@ -101,18 +107,8 @@ class RandomForward(_LinearisedForward):
         They are integrals over the measured lines, of elements whose DOFs are all responses. Those
         that every other line changes do not resolve the resonances, and count as unknown.
         """
-        frf, spectrum = part.frf, _spectrum(part.frf)
         amplitudes, known = self.local.measured(part)
-        density = (
-            np.interp(frf.freq, spectrum[:, 0], spectrum[:, 1], left=0.0, right=0.0)
-            / find_rms(spectrum) ** 2
-        )
-        squared = density[:, None, None] * amplitudes**2
-        omega = 2.0 * np.pi * frf.freq[:, None, None]
-        both = np.stack([squared, omega**2 * squared])
-        spread, coarse = (
-            np.sqrt(np.trapezoid(both[:, ::step], frf.freq[::step], axis=1)) for step in (1, 2)
-        )
+        spread, coarse = (find_spread(part.frf, amplitudes, step) for step in (1, 2))
         difference = np.abs(coarse - spread) / np.maximum(spread, np.finfo(np.float64).tiny)
         return spread, known & (difference.max(axis=(0, 2)) <= RANDOM.resolved)
 
@@ -215,13 +211,23 @@ class _Equivalent:
     dk: RealArray | None = None
     dc: RealArray | None = None
 
+    def dynamic_stiffness(self, omega: RealArray) -> ComplexArray:
+        """Return the stiffness of each element at frequencies in rad/s, (n_f, n_e)."""
+        return np.asarray(self.stiffness + 1j * omega[:, None] * self.damping)
+
+    def force(self, found: ElementReceptances, part: FRFPart, j: int) -> ComplexArray:
+        """Return the forces of the elements over force j, (n_f, n_e)."""
+        H, n = found.H[:, 0], len(self.stiffness)
+        D = self.dynamic_stiffness(2.0 * np.pi * part.frf.freq)
+        return np.asarray(D * deform(H[:, :n][..., [*range(n), n + j]], D))
+
     def respond(
         self, found: ElementReceptances, part: FRFPart, j: int
     ) -> tuple[ComplexArray, ComplexArray | None]:
         """Return the responses to force j, (n_f, n_i), and their derivatives, (n, n_f, n_i)."""
         omega, n = 2.0 * np.pi * part.frf.freq, len(self.stiffness)
         H, dH = found.H[:, 0], None if found.dH is None else found.dH[:, :, 0]
-        D = self.stiffness + 1j * omega[:, None] * self.damping
+        D = self.dynamic_stiffness(omega)
         q = deform(H[:, :n][..., [*range(n), n + j]], D)
         out = H[:, n:, n + j] - np.einsum("fie,fe->fi", H[:, n:, :n], D * q)
         if dH is None or self.dk is None or self.dc is None:
@@ -232,6 +238,19 @@ class _Equivalent:
         A = couple(H[:, :n], D)
         dq = np.linalg.solve(A, direct[:, :, :n].transpose(1, 2, 0)).transpose(2, 0, 1)
         return out, direct[:, :, n:] - np.einsum("fie,pfe->pfi", H[:, n:, :n], D * dq)
+
+
+def find_spread(frf: FRF, amplitudes: RealArray, step: int = 1) -> RealArray:
+    """Return standard deviations of deformations and velocities, (2, ...), over the lines.
+
+    `amplitudes`, (n_f, ...), are those of the deformations under a sine of the level of the data.
+    """
+    spectrum = _spectrum(frf)
+    density = np.interp(frf.freq, spectrum[:, 0], spectrum[:, 1], left=0.0, right=0.0)
+    shape = (len(frf.freq), *[1] * (amplitudes.ndim - 1))
+    squared = density.reshape(shape) / find_rms(spectrum) ** 2 * amplitudes**2
+    both = np.stack([squared, (2.0 * np.pi * frf.freq.reshape(shape)) ** 2 * squared])
+    return np.sqrt(np.trapezoid(both[:, ::step], frf.freq[::step], axis=1))
 
 
 def _spectrum(frf: FRF) -> RealArray:

@@ -10,11 +10,13 @@ import pytest
 import updyn
 from updyn.candidates.location.describing import ELEMENT
 from updyn.candidates.location.levels import LevelData
+from updyn.candidates.location.motion import RandomMotion
 from updyn.candidates.location.place import PlaceProblem
 from updyn.candidates.location.places import list_places
 from updyn.candidates.location.result import LocationRow, NonlinearityLocation
 from updyn.candidates.location.settings import LOCATION
 from updyn.errors import DataError, OptionError
+from updyn.nonlinear.gaussian import linearise
 from updyn.updating.problem.local_elements import LocalElements
 from updyn.updating.problem.parameters import no_unknowns
 
@@ -44,7 +46,7 @@ def chain() -> updyn.Model:
 MODEL = chain()
 
 
-def measure(element, place, noise=NOISE, levels=LEVELS, seed=0, sensors=SENSORS):
+def measure(element, place, noise=NOISE, levels=LEVELS, seed=0, sensors=SENSORS, **how):
     """Noisy FRFs of the chain with an element at several levels."""
     rng, tests = np.random.default_rng(seed), []
     true = MODEL if element is None else MODEL.with_elements({"x": (element, place)})
@@ -52,7 +54,7 @@ def measure(element, place, noise=NOISE, levels=LEVELS, seed=0, sensors=SENSORS)
         if element is None:
             frf = updyn.response(true, FREQ, sensors, ["6:X"]).with_level(level)
         else:
-            frf = updyn.response(true, FREQ, sensors, ["6:X"], level=level).frf
+            frf = updyn.response(true, FREQ, sensors, ["6:X"], level=level, **how).frf
         H = frf.values
         rms = np.sqrt(np.mean(np.abs(H) ** 2))
         size = np.hypot(noise.get("relative", 0.0) * np.abs(H), noise.get("floor", 0.0) * rms)
@@ -83,6 +85,43 @@ def test_place_and_kind_are_right_and_the_parameters_within_their_errors(kind):
         assert abs(error) < 4.0 * std, name
         assert std < 0.2 * abs(getattr(element, name)), name
     assert set(found.best.model.nonlinear) == {ELEMENT}
+
+
+RANDOM = {
+    "cubic-spring": updyn.CubicSpring(4e5),
+    "jenkins": updyn.JenkinsElement(400.0, 3.0),
+}
+
+
+@pytest.mark.parametrize("kind", list(RANDOM))
+def test_random_tests_have_place_and_kind_as_well(kind):
+    element, place = RANDOM[kind], ["2:X", "3:X"]
+    places = {"1": ["1:X"], "2 - 3": place, "4 - 5": ["4:X", "5:X"], "6": ["6:X"]}
+    tests = measure(element, place, levels=(2.0, 12.0), excitation="random")
+    found = updyn.locate_nonlinearity(MODEL, tests, places, ["quadratic-damper", *RANDOM], noise=NOISE)
+    assert (found.best.place, found.best.kind) == ("2 - 3", kind)
+    assert found.is_likely
+    assert found.is_adequate
+    for name, std in found.best.std.items():
+        error = getattr(found.best.element, name) - getattr(element, name)
+        assert abs(error) < 4.0 * std, name
+
+
+def test_random_tests_and_sines_are_not_compared():
+    element, place = RANDOM["cubic-spring"], ["2:X", "3:X"]
+    (frf,) = measure(element, place, levels=(2.0,), excitation="random")
+    tests = [frf, frf.with_level(12.0)]
+    with pytest.raises(DataError, match="random"):
+        updyn.locate_nonlinearity(MODEL, tests, {"joint": place}, noise=NOISE)
+
+
+@pytest.mark.parametrize("element", [*RANDOM.values(), updyn.QuadraticDamper(20.0)])
+def test_the_equivalent_stiffness_of_a_random_motion_is_that_of_its_linearisation(element):
+    omega, spread = np.array([3.0, 20.0]), np.array([[[0.01], [0.03]], [[0.2], [0.5]]])
+    found = RandomMotion(spread, omega).describe(element)
+    for level in range(2):
+        one = linearise(element, *spread[:, level, 0])
+        np.testing.assert_allclose(found[level, :, 0], one.stiffness + 1j * omega * one.damping)
 
 
 def test_linear_unknowns_are_fitted_with_the_element():

@@ -32,7 +32,7 @@ BOTH = {"a": (SPRING, PLACES["joint"]), "b": (DAMPER, PLACES["end"])}
 
 
 @cache
-def measure(names=""):
+def measure(names="", excitation="sine"):
     """Noisy FRFs of the masses with some of the elements at two levels."""
     rng, tests = np.random.default_rng(0), []
     elements = {name: BOTH[name] for name in names}
@@ -40,7 +40,8 @@ def measure(names=""):
         frf = updyn.response(MODEL, FREQ, AT, ["3:X"]).with_level(level)
         if elements:
             true = MODEL.with_elements(elements)
-            frf = updyn.response(true, FREQ, AT, ["3:X"], level=level).frf
+            how = {"level": level, "excitation": excitation}
+            frf = updyn.response(true, FREQ, AT, ["3:X"], **how).frf
         draw = rng.standard_normal((2, *frf.values.shape)) / np.sqrt(2.0)
         tests.append(replace(frf, values=frf.values * (1.0 + 0.01 * (draw[0] + 1j * draw[1]))))
     return tests
@@ -61,6 +62,15 @@ def test_two_elements_are_found_with_their_parameters():
     assert set(found.model.nonlinear) == {one.name for one in found}
     assert found.further is not None
     assert not found.further.is_likely
+
+
+def test_two_elements_are_found_in_random_tests():
+    tests = measure("ab", "random")
+    found = updyn.locate_nonlinearities(MODEL, tests, PLACES, KINDS, noise=NOISE, most=2)
+    assert {(one.place, one.kind) for one in found} == {
+        ("joint", "cubic-spring"), ("end", "quadratic-damper"),
+    }  # fmt: skip
+    assert found.is_adequate
 
 
 def test_a_second_element_is_not_reported_for_one():

@@ -47,6 +47,19 @@ def measure(model: updyn.Model, spectrum=SPECTRUM, freq=FREQ) -> updyn.FRF:
     ).frf
 
 
+@pytest.mark.parametrize("name", ["cubic", "jenkins", "damper"])
+def test_forces_of_elements_change_the_responses_of_the_linear_model(name):
+    model = build(ELEMENTS[name])
+    frf = measure(model)
+    part = FRFPart.build(model, frf, updyn.parameters(model, nonlinear="all"))
+    z = part.forward.forces(part, part.coordinates.start)[:, 0] * [-1.0, 1.0]  # a force along 2:X
+    ends = frf.responses, frf.references
+    linear = updyn.response(replace(model, nonlinear={}), FREQ, *ends, "accelerance").values
+    both = linear.sum(axis=2)  # the element is between both references, 2:-X is opposite
+    expected = linear - both[:, :, None] * z[:, None]
+    np.testing.assert_allclose(frf.values, expected, rtol=0, atol=1e-6 * np.abs(expected).max())
+
+
 def build_part(*elements, ground: float = 1e4) -> FRFPart:
     model = build(*elements, ground=ground)
     bounds = {"element 0.offset": (-1e-3, 1e-3)} if "backlash" in str(elements[0]).lower() else None
