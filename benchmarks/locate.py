@@ -5,9 +5,11 @@ freedom that a stiffness connects, or between one and ground; all of these are c
 hardening and softening cubic springs, gap, slider, joint, quadratic damper and dry friction, each
 at the same number of places, which the force moves. 1 % noise and a floor of 0.1 % of the rms. The
 stiffnesses and loss factors of the model are off by up to 30 %, and are unknowns (--exact and the
-solid: known). An element that has no periodic response at a level is drawn again.
+solid: known). An element that has no periodic response at a level is drawn again. With
+``--random``, tests are those of a random force (levels.py).
 
     OMP_NUM_THREADS=1 python benchmarks/locate.py [STRUCTURE ...] [--draws 2] [--first 0] [--exact]
+        [--random]
 
 With ``--elements N``, N elements of different kinds at different places are sought by
 `updyn.locate_nonlinearities` (0: a linear structure), of the kinds in random order. Elements whose
@@ -111,7 +113,7 @@ class Outcome:
     seconds: float
 
 
-def run_draw(s: levels.Structure, name: str, seed: int, *, exact: bool) -> Outcome:
+def run_draw(s: levels.Structure, name: str, seed: int, *, exact: bool, is_random: bool) -> Outcome:
     kind, make = MAKERS[name]
     rng = np.random.default_rng([seed, list(MAKERS).index(name)])
     candidates, moved = list_candidates(s), list_moved(s)
@@ -119,7 +121,7 @@ def run_draw(s: levels.Structure, name: str, seed: int, *, exact: bool) -> Outco
         place = moved[rng.integers(len(moved))]
         true = add_element(s, candidates[place], make)
         try:
-            tests = [levels.measure(true, s, level, rng) for level in levels.LEVELS]
+            tests = [levels.measure(true, s, level, rng, is_random) for level in levels.LEVELS]
         except updyn.UpdynError:
             continue
         break
@@ -292,9 +294,13 @@ def run_record(names: Sequence[str], count: int, seeds: range, model_is: str, re
                 )
 
 
-def run(name: str, seeds: range, kinds: list[str], *, exact: bool) -> None:
+def run(name: str, seeds: range, kinds: list[str], *, exact: bool, is_random: bool) -> None:
     s = levels.make_structures()[name]()
-    found = [run_draw(s, kind, seed, exact=exact) for seed in seeds for kind in kinds]
+    found = [
+        run_draw(s, kind, seed, exact=exact, is_random=is_random)
+        for seed in seeds
+        for kind in kinds
+    ]
     both = sum(one.place and one.kind for one in found)
     print(
         f"| {name} | {s.model.n_dofs} | {len(list_candidates(s))} | {len(found)} |"
@@ -316,6 +322,7 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--kinds", nargs="*", default=list(MAKERS), help=", ".join(MAKERS))
     parser.add_argument("--exact", action="store_true", help="the linear model is known")
+    parser.add_argument("--random", action="store_true", help="tests of a random force")
     parser.add_argument("--elements", type=int, help="number of elements; several are sought")
     parser.add_argument("--wrong", action="store_true", help="errors of the model are not fitted")
     parser.add_argument("--record", type=Path, default=Path("locate.jsonl"), help="file of draws")
@@ -332,7 +339,7 @@ def main() -> None:
     )
     for name in given.structures or levels.make_structures():
         seeds = range(given.first, given.first + given.draws)
-        run(name, seeds, given.kinds, exact=given.exact)
+        run(name, seeds, given.kinds, exact=given.exact, is_random=given.random)
 
 
 if __name__ == "__main__":
