@@ -98,7 +98,9 @@ def test_random_tests_have_place_and_kind_as_well(kind):
     element, place = RANDOM[kind], ["2:X", "3:X"]
     places = {"1": ["1:X"], "2 - 3": place, "4 - 5": ["4:X", "5:X"], "6": ["6:X"]}
     tests = measure(element, place, levels=(2.0, 12.0), excitation="random")
-    found = updyn.locate_nonlinearity(MODEL, tests, places, ["quadratic-damper", *RANDOM], noise=NOISE)
+    found = updyn.locate_nonlinearity(
+        MODEL, tests, places, ["quadratic-damper", *RANDOM], noise=NOISE
+    )
     assert (found.best.place, found.best.kind) == ("2 - 3", kind)
     assert found.is_likely
     assert found.is_adequate
