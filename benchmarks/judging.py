@@ -17,6 +17,7 @@ import time
 import warnings
 from collections import defaultdict
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import models
@@ -38,7 +39,7 @@ PARTS = {
     "misfit": "_typical_misfit",
     "advice": "advise",
     "agreement": "_correlate_part",
-    "rounding": "worst_rounding",
+    "rounding": "find_worst_rounding",
     "adequacy": "assess_adequacy",
     "answers": "find_alternatives",
 }
@@ -84,8 +85,9 @@ def evaluation(problem: Problem, x: np.ndarray) -> float:
         )
         for p, v in zip(fresh.parts, variance, strict=True)
     ]
-    again, found = fresh.with_parts(parts), []
+    found = []
     for _ in range(2):
+        again = fresh.with_parts([replace(part) for part in parts])  # without kept derivatives
         begun = time.process_time()
         make_log_error(again).local(again, x)
         found.append(time.process_time() - begun)
