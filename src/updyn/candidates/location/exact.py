@@ -256,17 +256,28 @@ class ExactProblem:
         It is given up early if its cost remains far above `least`, that of another candidate.
         """
         for share in LOCATION.start_shares:
-            first = self._begin(share)
-            starts = [first]
-            if share == 1.0:
-                # Near the minimum, errors of describing functions exceed the noise.
-                equivalent = self._equivalent(first, self.likelihood.residual)
-                starts.append(_descend(equivalent, first))
-            costs = [self.whole.likelihood().cost(x) for x in starts]
-            if np.isfinite(costs).any():
-                x = starts[int(np.argmin(costs))]
-                return self._end(_descend(self.likelihood, x, LOCATION.hopeless_ratio * least))
+            start = self._choose_start(share)
+            if start is not None:
+                likelihood, x = start
+                x = _descend(likelihood, x, LOCATION.hopeless_ratio * least)
+                return self._end(likelihood, x)
         return None
+
+    def _choose_start(self, share: float) -> tuple[Likelihood, RealArray] | None:
+        """Return the unknowns from which an exact fit starts, and its likelihood; None if none.
+
+        The describing function fitted to the responses is nearer than that fitted to the force
+        only if that is far from the minimum: its error exceeds the noise.
+        """
+        x = self._begin(share)
+        likelihood, cost = self.likelihood, self.likelihood.cost(x)
+        if share == 1.0:
+            equivalent = self._equivalent(x, likelihood.residual)
+            moved = _descend(equivalent, x)
+            other = self.whole.likelihood()
+            if equivalent.cost(moved) < cost and other.cost(moved) < cost:
+                return other, moved
+        return (likelihood, x) if np.isfinite(cost) else None
 
     def fit_describing(self) -> KindFit:
         """Return the fit by describing functions together with the linear unknowns."""
@@ -320,11 +331,10 @@ class ExactProblem:
         """Return the fit with wider minima first, or the same if that is not better."""
         residual = OutputErrorSet(tuple(self.data.soften(LOCATION.soft_error)), ())
         x = _descend(replace(self.likelihood, residual=residual), fit.x)
-        found = self._end(_descend(self.likelihood, x))
+        found = self._end(self.likelihood, _descend(self.likelihood, x))
         return fit if found is None or found.cost >= fit.cost else found
 
-    def _end(self, x: RealArray) -> ExactFit | None:
-        likelihood = self.likelihood
+    def _end(self, likelihood: Likelihood, x: RealArray) -> ExactFit | None:
         local = likelihood.residual.local(likelihood.problem, x)
         if local is not None and 2.0 * local.cost > (
             LOCATION.largest_inflation * self.data.n_numbers
