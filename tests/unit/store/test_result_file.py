@@ -11,6 +11,7 @@ import pytest
 import xarray as xr
 
 from io_samples import assert_same_frf, assert_same_model, geometry
+from updyn.correlation.model_modes import ModelModes
 from updyn.errors import FormatError, InputError, UpdynWarning
 from updyn.frf import FRF
 from updyn.io.hdf5 import read_model, write_model
@@ -68,7 +69,8 @@ def modal() -> ModalTable:
     shapes = np.array([[1.0, 2.0 / 3.0], [-1.0 + 0.1j, 1.0]])
     test = ModeSet([45.0, 200.0], shapes, ["1:Z", "2:-Z"], [0.01, NAN])
     model = start_model()
-    return compare_modes(model, model.scaled({"arm": {"stiffness": 1.0 / 3.0}}), test)
+    updated = model.scaled({"arm": {"stiffness": 1.0 / 3.0}})
+    return compare_modes(ModelModes(model), ModelModes(updated), test)
 
 
 def others() -> tuple[Alternative, ...]:

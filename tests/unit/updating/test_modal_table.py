@@ -147,7 +147,7 @@ def test_calibration_factors_are_divided_out():
 
 def test_a_model_without_modes_there_is_said():
     modes = updyn.ModeSet([1.0], np.ones((N, 1)), LABELS)
-    table = compare_modes(model(), model(), modes)
+    table = compare_modes(ModelModes(model()), ModelModes(model()), modes)
     assert not table.known
     assert "The modes of the start model could not be computed" in table.notes[0]
 

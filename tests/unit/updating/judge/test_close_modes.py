@@ -9,6 +9,7 @@ import pytest
 import scipy.linalg
 
 import updyn
+from updyn.correlation.model_modes import ModelModes
 from updyn.store.result import result_to_json
 from updyn.updating.judge.modal_figures import correlate_measured_modes
 from updyn.updating.judge.modal_table import compare_modes
@@ -69,7 +70,7 @@ def test_separate_modes_have_the_figures_of_their_residuals():
 
 
 def test_the_modal_table_marks_the_mac_of_subspaces():
-    table = compare_modes(mast(0.1), mast(), measured(45.0))
+    table = compare_modes(ModelModes(mast(0.1)), ModelModes(mast()), measured(45.0))
     for row in table.rows:
         assert row.updated.mac == pytest.approx(1.0)
         assert row.updated.in_subspace
@@ -85,7 +86,7 @@ def test_the_modal_table_marks_the_mac_of_subspaces():
 
 
 def test_a_table_of_separate_modes_has_no_marks():
-    model = mast(0.1)
+    model = ModelModes(mast(0.1))
     table = compare_modes(model, model, updyn.modes(mast(0.12), 2 * N))
     assert not any(row.updated.in_subspace for row in table.rows)
     assert "*" not in table.text()
