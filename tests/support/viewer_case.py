@@ -11,6 +11,18 @@ from updyn.geometry import Geometry
 from updyn.model import Group, Model
 from updyn.viewer import model_scene
 
+#: Waits for the next frame and then some ms. Messages keep the page from resting until the frame: the
+#: virtual time of a page at rest runs out.
+LATER = """const later = async (ms) => {
+  const { port1, port2 } = new MessageChannel();
+  let drawn = false;
+  requestAnimationFrame(() => { drawn = true; });
+  await new Promise((done) => {
+    port1.onmessage = () => { if (drawn) done(); else port2.postMessage(0); };
+    port2.postMessage(0);
+  });
+  await new Promise((done) => setTimeout(done, ms));
+};"""
 #: For scripts in a page with the viewer's `stage`: the pixels of a copy of its canvas, right after a frame.
 PIXELS = """const pixels = () => {
   stage.draw();

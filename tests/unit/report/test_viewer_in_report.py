@@ -10,7 +10,7 @@ import pytest
 
 import updyn
 from pages_read import overheard, settled_and_overheard, told
-from viewer_case import PIXELS, block
+from viewer_case import LATER, PIXELS, block
 
 pytestmark = pytest.mark.needs("browser")
 
@@ -22,15 +22,7 @@ ACTIONS = """<script>
 (async () => {
   const root = document.documentElement, place = document.querySelector("#viewer [data-scene]");
   const note = (name, value) => { root.dataset[name] = typeof value === "string" ? value : JSON.stringify(value); };
-  // The next frame. Messages keep the page from resting meanwhile: the virtual time of a page at rest runs out.
-  const frame = () => new Promise((done) => {
-    const { port1, port2 } = new MessageChannel();
-    let drawn = false;
-    requestAnimationFrame(() => { drawn = true; });
-    port1.onmessage = () => { if (drawn) done(); else port2.postMessage(0); };
-    port2.postMessage(0);
-  });
-  const later = async (ms) => { await frame(); await new Promise((done) => setTimeout(done, ms)); };
+  LATER
   note("waits", !place.updynViewer); // folded
   updynReport.reveal("viewer");
   place.scrollIntoView({ behavior: "instant" });
@@ -99,7 +91,7 @@ ACTIONS = """<script>
   note("requests", performance.getEntriesByType("resource").map((entry) => entry.name));
   note("done", true);
 })();
-</script></body>""".replace("PIXELS", PIXELS)
+</script></body>""".replace("PIXELS", PIXELS).replace("LATER", LATER)
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,7 @@ from pages_read import settled, told
 from updyn.report.templates import asset
 from updyn.viewer import Body, Colouring, Scene, model_scene, page
 from updyn.viewer.colourings import scale_of_changes
-from viewer_case import PIXELS, block, block_scene
+from viewer_case import LATER, PIXELS, block, block_scene
 
 pytestmark = pytest.mark.needs("browser")
 
@@ -21,7 +21,7 @@ ACTIONS = """<script>
 (async () => {
   const root = document.documentElement, place = document.querySelector("[data-scene]");
   const note = (name, value) => { root.dataset[name] = typeof value === "string" ? value : JSON.stringify(value); };
-  const later = (ms) => new Promise((done) => requestAnimationFrame(() => setTimeout(done, ms)));
+  LATER
   while (!place.updynViewer) await later(50);
   const viewer = place.updynViewer, { stage, panel } = viewer;
   note("playing", viewer.clock.playing);
@@ -70,6 +70,7 @@ def opened(scene, tmp_path, *switches, actions=ACTIONS, last="done"):
     """Return what the page of a scene noted, `last` at its end."""
     text = page(scene).replace("</head>", f"<script>{asset('watch.js')}</script></head>")
     path = tmp_path / "viewer.html"
+    actions = actions.replace("LATER", LATER)
     path.write_text(actions.join(text.rsplit("</body>", 1)), encoding="utf-8")
     return settled(path, tmp_path / "profile", last, *switches)
 
@@ -112,7 +113,8 @@ def test_it_draws_moves_and_picks(tmp_path):
 CORNER = """<script>
 (async () => {
   const place = document.querySelector("[data-scene]");
-  while (!place.updynViewer) await new Promise((done) => requestAnimationFrame(() => setTimeout(done, 50)));
+  LATER
+  while (!place.updynViewer) await later(50);
   const { stage } = place.updynViewer;
   PIXELS
   document.documentElement.dataset.corner = JSON.stringify([...pixels().slice(0, 3)]);
@@ -124,14 +126,17 @@ CORNER = """<script>
 def test_the_ground_of_the_picture_is_that_of_the_page(tmp_path, look, ground):
     text = page(block_scene()).replace("<html ", f'<html data-look="{look}" ')
     path = tmp_path / "viewer.html"
-    path.write_text(CORNER.join(text.rsplit("</body>", 1)), encoding="utf-8")
+    path.write_text(
+        CORNER.replace("LATER", LATER).join(text.rsplit("</body>", 1)), encoding="utf-8"
+    )
     assert told(settled(path, tmp_path / "profile", "corner"), "corner") == ground
 
 
 FILLED = """<script>
 (async () => {
   const place = document.querySelector("[data-scene]"), root = document.documentElement;
-  while (!place.updynViewer) await new Promise((done) => requestAnimationFrame(() => setTimeout(done, 50)));
+  LATER
+  while (!place.updynViewer) await later(50);
   const bottom = (name) => document.querySelector(name).getBoundingClientRect().bottom;
   root.dataset.below = innerHeight - bottom(".v-low");
   root.dataset.high = bottom(".v-stage canvas") / innerHeight;
@@ -159,9 +164,8 @@ def test_without_webgl_a_line_says_so(tmp_path):
     look = """<script>
       (async () => {
         const place = document.querySelector("[data-scene]");
-        while (!place.innerText.trim()) {
-          await new Promise((done) => requestAnimationFrame(() => setTimeout(done, 50)));
-        }
+        LATER
+        while (!place.innerText.trim()) await later(50);
         document.documentElement.dataset.said = place.innerText;
       })();
       </script></body>"""
@@ -174,7 +178,7 @@ def test_without_webgl_a_line_says_so(tmp_path):
 PARTS = """<script>
 (async () => {
   const root = document.documentElement, place = document.querySelector("[data-scene]");
-  const later = (ms) => new Promise((done) => requestAnimationFrame(() => setTimeout(done, ms)));
+  LATER
   while (!place.updynViewer) await later(50);
   const viewer = place.updynViewer, [body] = viewer.bodies;
   root.dataset.bar = viewer.panel.top.hidden;
@@ -231,7 +235,7 @@ LOOKS = """<script>
 (async () => {
   const root = document.documentElement, place = document.querySelector("[data-scene]");
   const note = (name, value) => { root.dataset[name] = JSON.stringify(value); };
-  const later = (ms) => new Promise((done) => requestAnimationFrame(() => setTimeout(done, ms)));
+  LATER
   while (!place.updynViewer) await later(50);
   const viewer = place.updynViewer, { stage, panel, base } = viewer, [body] = viewer.bodies;
   viewer.clock.play(false);
