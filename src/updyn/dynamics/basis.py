@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
+import scipy.linalg
 
 from updyn.arrays import IndexArray, RealArray
 from updyn.dynamics.affine import AffineSystem
 from updyn.dynamics.settings import BASIS
 
-__all__ = ["Basis"]
+__all__ = ["Basis", "whiten"]
+
+
+def whiten(gram: RealArray) -> RealArray:
+    """Return T, shape (r, k), with T^T G T = 1 for a Gram matrix G of the same span."""
+    sizes = 1.0 / np.sqrt(np.maximum(np.diag(gram), np.finfo(np.float64).tiny))
+    square, axes = np.linalg.eigh(sizes[:, None] * gram * sizes)
+    kept = square > BASIS.independent_share * square.max(initial=0.0)
+    return np.asarray(sizes[:, None] * axes[:, kept] / np.sqrt(square[kept]))
 
 
 @dataclass(slots=True, eq=False)
@@ -56,22 +64,12 @@ class Basis:
 
     def combine_last(self, size: int, C: RealArray) -> Basis:
         """Return a basis of the first `size` vectors and combinations of the others, W C."""
+        T = scipy.linalg.block_diag(np.eye(size), C)
         out = self.take_leading(size)
-        others = np.hstack([self._blocks[0][:, :0], *self._split_off(size)])
-        out._blocks.append(others @ C)
-        out.terms = [
-            np.block([[A[:size, :size], A[:size, size:] @ C],
-                      [C.T @ A[size:, :size], C.T @ A[size:, size:] @ C]])
-            for A in self.terms
-        ]  # fmt: skip
+        out._blocks.append(self.expand(T[:, size:]))
+        out.terms = [T.T @ A @ T for A in self.terms]
         out._is_normal = False
         return out
-
-    def _split_off(self, size: int) -> Iterator[RealArray]:
-        """Yield the vectors after the first `size`, in blocks."""
-        for block in self._blocks:
-            yield block[:, min(size, block.shape[1]) :]
-            size = max(size - block.shape[1], 0)
 
     def expand(self, coordinates: RealArray) -> RealArray:
         """Return V q for real coordinates q, shape (r, k), as (N, k)."""
@@ -105,11 +103,8 @@ class Basis:
 
     def _normaliser(self) -> RealArray:
         """Return T, shape (r, k), for which V T is orthonormal and has the span of V."""
-        gram = np.hstack([self.project(self.weight[:, None] ** 2 * b) for b in self._blocks])
-        sizes = 1.0 / np.sqrt(np.maximum(np.diag(gram), np.finfo(np.float64).tiny))
-        square, axes = np.linalg.eigh(sizes[:, None] * gram * sizes)
-        kept = square > BASIS.independent_share * square[-1]
-        return np.asarray(sizes[:, None] * axes[:, kept] / np.sqrt(square[kept]))
+        gram = [self.project(self.weight[:, None] ** 2 * b) for b in self._blocks]
+        return whiten(np.hstack(gram))
 
     def extend(self, W: RealArray) -> None:
         """Add columns unchanged, shape (N, k), and project the model's matrices on them."""

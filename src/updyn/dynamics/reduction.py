@@ -32,7 +32,7 @@ import scipy.linalg
 
 from updyn.arrays import ComplexArray, IndexArray, RealArray
 from updyn.dynamics.affine import AffineSystem, State
-from updyn.dynamics.basis import Basis
+from updyn.dynamics.basis import Basis, whiten
 from updyn.dynamics.certificate import Certificate, ErrorEstimate, square_norms
 from updyn.dynamics.fields import split_into_blocks
 from updyn.dynamics.line_residuals import ChannelDofs, LineResiduals
@@ -502,14 +502,11 @@ class Reduction:
         gram = joined_basis.weighted_sum(self.shifted.weights(state, -self.shifted.top))
         if not gram.size:
             return W
-        scale = 1.0 / np.sqrt(np.maximum(np.diag(gram), np.finfo(np.float64).tiny))
-        size, axes = np.linalg.eigh(scale[:, None] * gram * scale)
-        kept = np.flatnonzero(size > BASIS.independent_share * size[-1])[::-1]
-        C = scale[:, None] * axes[:, kept] / np.sqrt(size[kept])
+        C = whiten(gram)[:, ::-1]  # the largest first
         for first in range(0, len(W), BASIS.rows_per_step):
             part = slice(first, first + BASIS.rows_per_step)
-            W[part, : len(kept)] = W[part] @ C
-        return W[:, : len(kept)]
+            W[part, : C.shape[1]] = W[part] @ C
+        return W[:, : C.shape[1]]
 
     def _omit_rounding_errors(self, size: int, state: State) -> None:
         """Omit combinations of missing directions that consist of rounding errors.
@@ -518,15 +515,13 @@ class Reduction:
         were it not for rounding errors.
         """
         P = self.basis.weighted_sum(self.shifted.weights(state, -self.shifted.top))
-        scale = 1.0 / np.sqrt(np.maximum(np.diag(P), np.finfo(np.float64).tiny))
-        P *= scale[:, None] * scale
-        square, axes = np.linalg.eigh(P[:size, :size])
-        known = square > BASIS.independent_share * square.max(initial=0.0)
-        inside = (axes[:, known] / np.sqrt(square[known])).T @ P[:size, size:]
-        outside, axes = np.linalg.eigh(P[size:, size:] - inside.T @ inside)
+        scale = 1.0 / np.sqrt(np.maximum(np.diag(P)[size:], np.finfo(np.float64).tiny))
+        inside = whiten(P[:size, :size]).T @ P[:size, size:]
+        rest = P[size:, size:] - inside.T @ inside
+        outside, axes = np.linalg.eigh(scale[:, None] * rest * scale)
         kept = outside > BASIS.outside_share
         if not kept.all():
-            self.basis = self.basis.combine_last(size, scale[size:, None] * axes[:, kept])
+            self.basis = self.basis.combine_last(size, scale[:, None] * axes[:, kept])
 
     def _estimate(
         self, definite: Factorised, state: State, freq: RealArray, size: int

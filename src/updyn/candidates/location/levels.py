@@ -30,8 +30,8 @@ class LevelData:
 
     `part` has the model without elements, its unknowns, and the first of the `tests`; `errors` are
     the weights of each, as for a fit. `receptances`, `weights` (n_l, n_f, n_i, n_j) and `levels`
-    (n_l, n_f) are the data in
-    m/N, the square roots of 2 / E|dH|^2 in N/m, and the amplitudes of the force in N.
+    (n_l, n_f) are the data in m/N, the square roots of 2 / E|dH|^2 in N/m, and the amplitudes of
+    the force in N, or the RMS of a random one.
     `depends_on_level` is the result of `detect_nonlinearity`.
     """
 
