@@ -325,12 +325,11 @@ def response_like(
     tier: str | None = None,
     backend: str | None = None,
     accuracy: float = REDUCTION.accuracy,
-    certified: bool = True,
 ) -> FRF:
     """Return the FRF of a model in the channels, quantity and excitation of a measurement.
 
     `freq` are other lines than those of the measurement, in Hz. Options and errors are those of
-    `response`. Unless `certified`, the accuracy of a reduced model is checked at some lines only.
+    `response`.
     """
     lines = frf.freq if freq is None else check_lines(freq)
     blank = np.zeros((len(lines), *frf.values.shape[1:]))
@@ -338,7 +337,7 @@ def response_like(
     frf = replace(frf, freq=lines, values=blank, coherence=None, variance=None, averages=None)
     model.dofs.match(frf.references, "reference")
     system = AffineSystem.compile(model).with_decay(frf.decay)
-    solver, source = _solver(system, frf, tier, backend, accuracy, certified=certified)
+    solver, source = _solver(system, frf, tier, backend, accuracy)
     channels = find_channels(solver, frf)
     # By symmetry, the forces can act on the side with fewer DOFs.
     loaded, read = channels.columns, channels.rows
@@ -373,15 +372,13 @@ def _solver(
     tier: str | None,
     backend: str | None,
     accuracy: float,
-    *,
-    certified: bool,
 ) -> tuple[FieldSolver, str]:
     """Return the solver, and a description of it as the source of the FRF."""
     excitation = find_excitation(system.dofs, frf)
     if excitation is not None:
         system = excitation.hold(system, float(frf.freq[-1]))
     if tier == "reduced":
-        solver, source = _reduce(system, frf, excitation, backend, accuracy, certified=certified)
+        solver, source = _reduce(system, frf, excitation, backend, accuracy)
     else:
         solver, source = LineSolver.choose(system, tier, backend), "model"
     return (solver if excitation is None else DrivenSolver(solver, excitation)), source
@@ -393,8 +390,6 @@ def _reduce(
     excitation: Excitation | None,
     backend: str | None,
     accuracy: float,
-    *,
-    certified: bool,
 ) -> tuple[FieldSolver, str]:
     """Return the solver of a reduced model, and its description."""
     rows, columns = (system.dofs.match(dofs).index for dofs in (frf.responses, frf.references))
@@ -410,9 +405,6 @@ def _reduce(
         T = solver.at(solver.solve(c, solver.drive, frf.freq), rows)
         largest = max(largest, float(np.abs(T).max()))
         reduction.accuracy /= largest
-    if not certified:
-        reduction.enrich_until_accurate([system.start], frf.freq)
-        return reduction.solver(), f"model, reduced to {reduction.basis.size} basis vectors"
     found = reduction.certify(system.start, frf.freq)
     error = largest * found.error
     if error > accuracy:
