@@ -109,14 +109,25 @@ class EquivalentForward(ElementForward):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Nearest:
+    """The solutions x (m, n_e, n_c) of the evaluation nearest to the measured values so far.
+
+    `distance` is the sum of the relative distances of all lines.
+    """
+
+    x: RealArray
+    distance: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class PeriodicForward(ElementForward):
     """The first harmonic of the periodic response at the level of the data.
 
     At a line with several solutions, the stable one nearest to the measured values is used. If
-    there is a `memory`, evaluations begin at the last solutions by reference.
+    there is a `memory`, evaluations begin at its solutions by reference.
     """
 
-    memory: dict[int, RealArray] | None = None
+    memory: dict[int, Nearest] | None = None
 
     @property
     def fourier(self) -> Fourier:
@@ -206,7 +217,8 @@ class PeriodicForward(ElementForward):
             nearer = distance < best[at]
             x[at[nearer]], best[at[nearer]] = candidate[nearer], distance[nearer]
 
-        near = None if self.memory is None else self.memory.get(j)
+        known = None if self.memory is None else self.memory.get(j)
+        near = None if known is None else known.x
         for candidate, is_solved in balance.find_all(near):
             compare(candidate[is_solved], lines[is_solved])
         far = np.flatnonzero(best > LEVELS.far)
@@ -221,7 +233,7 @@ class PeriodicForward(ElementForward):
             missing = part.frf.freq[int(np.argmin(np.isfinite(best)))]
             raise SolverError(f"no periodic response was found at {missing:g} Hz")
         tried: set[tuple[int, int, float]] = set()
-        # The branches of the last solutions were looked for at the first evaluation.
+        # The branches of known solutions were looked for at the first evaluation.
         for _ in range(LINE_BALANCE.jump_passes if near is None else 0):
             before, jumps = best.sum(), balance.jumps(x)
             for at, source in ((jumps + 1, jumps), (jumps, jumps + 1)):
@@ -235,8 +247,10 @@ class PeriodicForward(ElementForward):
                 compare(candidate[is_solved], at[is_solved])
             if best.sum() == before:
                 break
-        if self.memory is not None:
-            self.memory[j] = x
+        distance = float(best.sum())
+        # A rejected step may end on other branches, which must not become those of the next one.
+        if self.memory is not None and (known is None or distance <= known.distance):
+            self.memory[j] = Nearest(x, distance)
         return balance, balance.evaluate(x, lines)
 
 

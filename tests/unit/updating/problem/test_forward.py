@@ -163,3 +163,20 @@ def test_parameters_of_elements_are_changed_by_name() -> None:
     assert changed.groups["arm"].stiffness[0, 0] == 2e4
     with pytest.raises(ModelError, match=r"no parameter 'coefficients_2'.*'coefficients_"):
         model.scaled({"joint": {"coefficients_2": 1.0}})
+
+
+def test_a_response_remembers_the_branch_through_a_step_to_another_one():
+    """A step to a softer base, on which the data's branch ends, must not change the response."""
+    model = build(updyn.CubicSpring(1e8))
+    freq, ends = np.linspace(5.0, 30.0, 60), ["1:X", "2:X"]
+    frf = updyn.response(model, freq, ends, ["2:X"], level=5.0).frf
+    part = FRFPart.build(model, frf, updyn.parameters(model, stiffness="base"))
+    part = replace(part, forward=replace(part.forward, memory={}))
+    x = part.coordinates.start
+
+    def respond(change: float):
+        return part.block(x + change, slice(0, len(freq)), derivatives=False).H
+
+    start = respond(0.0)
+    assert np.abs(respond(-0.2) - start).max() > 0.9 * np.abs(start).max()
+    np.testing.assert_allclose(respond(0.0), start, rtol=0, atol=1e-6 * np.abs(start).max())
