@@ -279,7 +279,7 @@ class Parameter:
     @property
     def is_channel(self) -> bool:
         """Whether the unknown is a calibration factor of sensors, not of the model."""
-        return not self.of_element and self.acts_on[0].quantity in CHANNELS
+        return not self.of_element and self._first_quantity in CHANNELS
 
     @property
     def value_of(self) -> str | None:
@@ -289,10 +289,15 @@ class Parameter:
         """
         if self.of_element:
             return self.quantity
-        quantity = self.acts_on[0].quantity
+        quantity = self._first_quantity
         if quantity not in VALUES:
             return None
         return quantity
+
+    @property
+    def _first_quantity(self) -> str:
+        """Quantity of the first of `acts_on`."""
+        return self.drives[0].quantity if self.drives else self.quantity
 
     @property
     def value_unit(self) -> str:

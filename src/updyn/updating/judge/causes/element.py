@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Self
 
 import numpy as np
@@ -20,7 +21,7 @@ from updyn.updating.judge.causes.labels import list_unsigned_labels
 from updyn.updating.problem.channels import Gains
 from updyn.updating.problem.problem import FRFPart, LineBlock
 
-__all__ = ["AddedElement", "ElementVectors", "MeasuredDofs", "Receptances"]
+__all__ = ["AddedElement", "ElementEffect", "ElementVectors", "MeasuredDofs", "Receptances"]
 
 
 #: Power of s in the dynamic stiffness of an element.
@@ -125,7 +126,7 @@ class MeasuredDofs:
         return [self.labels.index(label) for label in labels]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)  # no slots, for the cached property
 class Receptances:
     """Receptances between the DOFs of measured nodes, shape (n_f, m, m) in m/N; `s` is in 1/s.
 
@@ -151,47 +152,62 @@ class Receptances:
 
     def log_change(self, element: AddedElement) -> ComplexArray:
         """Return ln(H' / H) at the channels, shape (n_f, n_i, n_j); 0 where either is 0."""
-        H, added = self._response_and_reduction(element)
-        usable = (H != 0.0) & (added != H)
-        return np.asarray(np.log1p(-np.where(usable, added, 0.0) / np.where(usable, H, 1.0)))
+        return self.find_effect(element).evaluate(element.value)[0]
 
     def slope(self, element: AddedElement) -> ComplexArray:
         """Return the derivative of ln H' by the size of the element, shape (n_f, n_i, n_j)."""
-        U, at = element.incidence, self.dofs.find_positions(element.labels)
-        left, right = self._cross_receptances(at, U)
-        unit = element.unit_stiffness(self.s)[:, None, None]
-        if element.value == 0.0:
-            H = self._channel_response()
-            return np.asarray(-unit * (left @ right) / np.where(H == 0.0, 1.0, H))
-        k = U.shape[1]
-        own_receptance = np.eye(k) + element.value * unit * (U.T @ self.H[:, at][:, :, at] @ U)
-        by_size = -unit * (
-            np.linalg.solve(own_receptance.swapaxes(1, 2), left.swapaxes(1, 2)).swapaxes(1, 2)
-            @ np.linalg.solve(own_receptance, right)
-        )
-        H, added = self._response_and_reduction(element)
-        altered = H - added
-        return np.asarray(by_size / np.where(altered == 0.0, 1.0, altered))
+        return self.find_effect(element).evaluate(element.value)[1]
 
-    def _cross_receptances(self, at: list[int], U: RealArray) -> tuple[ComplexArray, ComplexArray]:
+    def find_effect(self, element: AddedElement) -> ElementEffect:
+        """Return the effect of an element, of any size."""
+        U, at = element.incidence, np.array(self.dofs.find_positions(element.labels))
         rows, columns = self.dofs.rows, self.dofs.columns
-        places = np.array(at)
-        return self.H[:, rows[:, None], places] @ U, U.T @ self.H[:, places[:, None], columns]
+        return ElementEffect(
+            element.unit_stiffness(self.s)[:, None, None],
+            U.T @ self.H[:, at[:, None], at] @ U,
+            self.H[:, rows[:, None], at] @ U,
+            U.T @ self.H[:, at[:, None], columns],
+            self.channel_response,
+        )
 
-    def _channel_response(self) -> ComplexArray:
+    @cached_property
+    def channel_response(self) -> ComplexArray:
+        """Receptances of the channels, shape (n_f, n_i, n_j)."""
         return np.asarray(self.H[:, self.dofs.rows[:, None], self.dofs.columns])
-
-    def _response_and_reduction(self, element: AddedElement) -> tuple[ComplexArray, ComplexArray]:
-        """Return H and H - H' at the channels."""
-        U, at = element.incidence, self.dofs.find_positions(element.labels)
-        left, right = self._cross_receptances(at, U)
-        G = element._effective_stiffness(U.T @ self.H[:, at][:, :, at] @ U, self.s)
-        return self._channel_response(), left @ G @ right
 
     def derive_by_product(self, unit_stiffness: ComplexArray) -> ComplexArray:
         """Return the slope of ln H' at size 0 over (h_i u) (u^T h_j), shape (n_f, n_i, n_j)."""
-        H = self._channel_response()
+        H = self.channel_response
         return np.asarray(-unit_stiffness[:, None, None] / np.where(H == 0.0, 1.0, H))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ElementEffect:
+    """Receptances of the channels with an element, as a function of its size.
+
+    With the incidence vectors U of the element: its dynamic stiffness `unit` for size 1, shape
+    (n_f, 1, 1), `own` U^T H U (n_f, k, k), `left` H U (n_f, n_i, k), `right` U^T H (n_f, k, n_j),
+    and `response` H (n_f, n_i, n_j).
+    """
+
+    unit: ComplexArray
+    own: ComplexArray
+    left: ComplexArray
+    right: ComplexArray
+    response: ComplexArray
+
+    def evaluate(self, size: float) -> tuple[ComplexArray, ComplexArray]:
+        """Return ln(H' / H), 0 where either is 0, and its derivative, shape (n_f, n_i, n_j)."""
+        unity = np.eye(self.own.shape[1])
+        # Motion of the DOFs of the element over that without it.
+        relative = np.linalg.solve(unity + size * self.unit * self.own, unity)
+        left, H = self.left @ relative, self.response
+        added = left @ (size * self.unit * self.right)
+        altered = H - added
+        usable = (H != 0.0) & (altered != 0.0)
+        change = np.log1p(-np.where(usable, added, 0.0) / np.where(usable, H, 1.0))
+        product = left @ (-self.unit * (relative @ self.right))
+        return np.asarray(change), product / np.where(altered == 0.0, 1.0, altered)
 
 
 class ElementVectors:
@@ -231,10 +247,14 @@ class ElementVectors:
 
     def sum_products(self, factor: ComplexArray) -> RealArray:
         """Return the real part of the sum of factor (h_i u) (u^T h_j) for each element."""
-        weighted = factor @ self.right.swapaxes(1, 2)
-        n = self.left.shape[2]
-        left, weighted = self.left.reshape(-1, n), weighted.reshape(-1, n)
-        G = left.real.T @ weighted.real - left.imag.T @ weighted.imag
+        # The sum over lines and the shorter side of the channels is the product of two matrices.
+        n, by_reference = self.left.shape[2], self.right.swapaxes(1, 2)
+        if factor.shape[1] < factor.shape[2]:
+            pair = self.left, factor @ by_reference
+        else:
+            pair = factor.swapaxes(1, 2) @ self.left, by_reference
+        left, right = (one.reshape(-1, n) for one in pair)
+        G = left.real.T @ right.real - left.imag.T @ right.imag
         return np.asarray(np.add.reduceat(self._form(G), self.starts))
 
     def sum_squares(self, factor: ComplexArray, chunk: int) -> RealArray:

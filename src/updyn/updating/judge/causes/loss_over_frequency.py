@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Container, Iterable, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any, ClassVar, Self
 
@@ -157,8 +157,10 @@ class LossOverFrequency(AlteringFault):
         if len(groups_by_name) > 1:
             groups_by_name[f"{ALL}.loss_factor"] = ()
         mid_frequency, n_places = math.sqrt(lines[0] * lines[-1]), _VARIANTS * len(groups_by_name)
+        slopes = evidence.slopes_by_rate
+        n_viscous_places = len(list(list_directed_places(evidence.frf))) + len(slopes)
         for name, groups in groups_by_name.items():
-            viscous = _list_viscous_damping(groups, evidence)
+            viscous = _list_viscous_damping(groups, slopes, n_viscous_places)
             about = (groups, mid_frequency, lines, 0.0, viscous)
             plain = cls((name,), 0.0, *about, n_places=n_places)
             yield plain
@@ -291,16 +293,15 @@ def _list_loss_factors(part: FRFPart) -> Sequence[tuple[int, Parameter]]:
 
 
 def _list_viscous_damping(
-    groups: Sequence[str], evidence: Evidence
+    groups: Sequence[str], missing: Container[str], n_places: int
 ) -> tuple[ProportionalDamping, ...]:
-    """Return the viscous damping of a group, or else of all groups, that is not an unknown."""
+    """Return the viscous damping of a group, or else of all groups, among missing coefficients."""
     if len(groups) > 1:
         return ()
-    n_places = len(list(list_directed_places(evidence.frf))) + len(evidence.slopes_by_rate)
     group, found = groups[0] if groups else ALL, []
     for quantity in MATRICES:
         names = (f"{group}.{quantity}", f"{ALL}.{quantity}")
-        found += [name for name in names if name in evidence.slopes_by_rate][:1]
+        found += [name for name in names if name in missing][:1]
     return tuple(ProportionalDamping((name,), n_places=n_places) for name in found)
 
 

@@ -18,7 +18,7 @@ from updyn.updating.judge.causes.misfit import add_perfect_fit
 from updyn.updating.judge.causes.quadratic import QuadraticMisfit
 from updyn.updating.judge.causes.settings import CAUSE_MISFIT
 
-__all__ = ["ChannelRows", "FirstOrderFit", "FirstOrderModel"]
+__all__ = ["ChannelRows", "Effect", "FirstOrderFit", "FirstOrderModel"]
 
 
 _Fault = TypeVar("_Fault", bound=Fault)
@@ -57,6 +57,36 @@ class ChannelRows:
     prior: RealArray
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Effect(Generic[_Fault]):
+    """A fault and its effect on the misfit of its channels, in units of the rms misfit.
+
+    `misfit` is that of the data without the fault, `slope` its derivative by the size of the fault,
+    None without a free size; both have the shape (k,) of the rows.
+    """
+
+    fault: _Fault
+    rows: ChannelRows
+    misfit: RealArray
+    slope: RealArray | None
+
+    @property
+    def changes_data(self) -> bool:
+        """Whether the misfit differs from that of the data as they are."""
+        return self.misfit is not self.rows.misfit
+
+    @property
+    def change(self) -> RealArray:
+        """Change of the misfit, shape (k,)."""
+        return self.misfit - self.rows.misfit
+
+    @property
+    def vectors(self) -> list[RealArray]:
+        """The change, if any, and the slope, if any."""
+        vectors = [self.change] if self.changes_data else []
+        return vectors if self.slope is None else [*vectors, self.slope]
+
+
 @dataclass(frozen=True, eq=False)
 class FirstOrderModel:
     """Model and data of one test about a point, to first order, to compare faults."""
@@ -74,20 +104,51 @@ class FirstOrderModel:
 
     def fit(self, fault: _Fault) -> FirstOrderFit[_Fault]:
         """Return the fault with the best size, with all unknowns adapted."""
+        (found,) = self.fit_all([self.find_effect(fault)])
+        return found
+
+    def find_effect(self, fault: _Fault) -> Effect[_Fault]:
+        """Return the effect of a fault of the given size; SolverError if it has none."""
         rows, unit = self.find_rows(fault.changed_channels), self.evidence.rms_misfit
-        evidence, misfit = rows.evidence, rows.misfit
+        evidence, misfit, slope = rows.evidence, rows.misfit, None
         if not (fault.has_free_size and fault.value == 0.0):
             frf = fault.repair_with_model(evidence)
             misfit = evidence.misfit(frf) / unit
             if (frf.responses, frf.references) != (evidence.frf.responses, evidence.frf.references):
                 rows = self._exchange_rows(rows, frf)
-        change = misfit - rows.misfit
-        coefficients = rows.coefficients + change @ rows.basis
-        squared = self.squared_misfit + float(change @ (misfit + rows.misfit))
-        slope, squared_slope, along = np.zeros_like(coefficients), 0.0, 0.0
         if fault.has_free_size:
-            d = stack_real_imag(evidence.weight * fault.slope(evidence)) / unit
-            slope, squared_slope, along = d @ rows.basis, float(d @ d), float(d @ misfit)
+            slope = stack_real_imag(evidence.weight * fault.slope(evidence)) / unit
+        return Effect(fault, rows, misfit, slope)
+
+    def fit_all(self, effects: Sequence[Effect[_Fault]]) -> list[FirstOrderFit[_Fault]]:
+        """Return faults with the best sizes, with all unknowns adapted, from their effects."""
+        # Effects on the same rows are projected together, because a basis of many rows is read
+        # from memory for each product.
+        together: dict[int, list[int]] = {}
+        for i, one in enumerate(effects):
+            together.setdefault(id(one.rows), []).append(i)
+        found: dict[int, FirstOrderFit[_Fault]] = {}
+        for same in together.values():
+            vectors = [vector for i in same for vector in effects[i].vectors]
+            products = iter(np.array(vectors) @ effects[same[0]].rows.basis if vectors else ())
+            for i in same:
+                along_basis = [next(products) for _ in effects[i].vectors]
+                found[i] = self._fit_effect(effects[i], along_basis)
+        return [found[i] for i in range(len(effects))]
+
+    def _fit_effect(
+        self, effect: Effect[_Fault], along_basis: Sequence[RealArray]
+    ) -> FirstOrderFit[_Fault]:
+        """Return the fault with the best size; `along_basis` are the products of its `vectors`."""
+        fault, rows, products = effect.fault, effect.rows, iter(along_basis)
+        coefficients, squared = rows.coefficients, self.squared_misfit
+        if effect.changes_data:
+            coefficients = coefficients + next(products)
+            squared += float(effect.change @ (effect.misfit + rows.misfit))
+        slope, squared_slope, along = np.zeros_like(coefficients), 0.0, 0.0
+        if effect.slope is not None:
+            d = effect.slope
+            slope, squared_slope, along = next(products), float(d @ d), float(d @ effect.misfit)
             free = squared_slope - float(slope @ slope)
             # An effect that the unknowns can produce is attributed to them.
             if free > CAUSE_MISFIT.dependent_share**2 * squared_slope:

@@ -68,7 +68,8 @@ class _Screening:
             return vectors.sum_products(np.asarray((real - 1j * imaginary).reshape(c.shape) * c))
 
         along = np.maximum(multiply(evidence.adapted_misfit), 0.0)
-        imitated = sum(multiply(v) ** 2 for v in evidence.orthonormal_basis[0].T)
+        basis = np.ascontiguousarray(evidence.orthonormal_basis[0].T)
+        imitated = sum(multiply(v) ** 2 for v in basis)
         size = vectors.sum_squares(c, MISSING_ELEMENT.chunk)
         least = CAUSE_MISFIT.dependent_share**2 * size + _TINY
         return np.asarray(along**2 / np.maximum(size - imitated, least))
@@ -77,11 +78,10 @@ class _Screening:
         """Return the element with the trial size that leaves the least residual after a step."""
         # With P the projection by which the unknowns adapt and b the adapted misfit, P b = b, the
         # residual of a change c and a step t of the slope d is b - P c - t P d.
-        evidence, R = self.evidence, self.evidence.receptances
+        evidence = self.evidence
         sizes = np.array(MISSING_ELEMENT.sizes) * unit
-        elements = [replace(element, value=float(size)) for size in sizes]
-        slopes = [R.slope(one) for one in elements]
-        changes = [R.log_change(one) if one.value else np.zeros_like(slopes[0]) for one in elements]
+        effect = evidence.receptances.find_effect(element)
+        changes, slopes = zip(*(effect.evaluate(size) for size in sizes.tolist()), strict=True)
         weighted = [stack_real_imag(evidence.weight * one) for one in (*slopes, *changes)]
         V, b = np.array(weighted) / evidence.rms_misfit, evidence.adapted_misfit
         n = V.shape[1]
@@ -93,7 +93,8 @@ class _Screening:
         step = np.clip(along / np.maximum(d_d, _TINY), *self._limit_step(sizes))
         squared = b @ b - 2.0 * along_b[k:] + c_c - 2.0 * step * along + step**2 * d_d
         best = int(np.argmin(squared))
-        return _ScreenedElement(elements[best], float(squared[best]))
+        chosen = replace(element, value=float(sizes[best]))
+        return _ScreenedElement(chosen, float(squared[best]))
 
     @staticmethod
     def _limit_step(sizes: RealArray) -> tuple[RealArray, RealArray]:

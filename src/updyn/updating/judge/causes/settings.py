@@ -16,6 +16,8 @@ class CauseSearchSettings:
     #: [values] Values of the data in the search from which on it has fewer lines, down to
     #: `fewest_lines`. Effort: a sensor of many references has enough values.
     most_values: int = 20_000
+    #: [values] Values of the effects of faults that are fitted together. Effort: limit of memory.
+    together_values: int = 1_000_000
     #: [lines] Least number of lines of the search. Why: a rule of thumb; delays and filters differ
     #: over the band.
     fewest_lines: int = 20

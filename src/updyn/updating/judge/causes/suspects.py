@@ -17,8 +17,8 @@ from updyn.updating.judge.causes.channel_costs import (
 )
 from updyn.updating.judge.causes.evidence import Evidence, find_held
 from updyn.updating.judge.causes.fault import Fault
-from updyn.updating.judge.causes.score import FirstOrderFit, FirstOrderModel
-from updyn.updating.judge.causes.settings import CAUSE_CANDIDATES
+from updyn.updating.judge.causes.score import Effect, FirstOrderFit, FirstOrderModel
+from updyn.updating.judge.causes.settings import CAUSE_CANDIDATES, CAUSE_SEARCH
 from updyn.updating.problem.problem import FRFPart
 
 __all__ = ["ScoredFault", "score_faults", "select_likeliest"]
@@ -84,10 +84,17 @@ def _propose_faults(kind: type[Fault], evidence: Evidence) -> list[Fault]:
 
 def _fit_each(model: FirstOrderModel, faults: Sequence[Fault]) -> Iterator[FirstOrderFit[Fault]]:
     """Yield the fits of faults that can be solved."""
+    effects: list[Effect[Fault]] = []
+    n_values = 0
     for fault in faults:
         model.evidence.part.session.check(often=True)
         with suppress(SolverError):  # a resonance without damping, under that hypothesis
-            yield model.fit(fault)
+            effects.append(model.find_effect(fault))
+            n_values += effects[-1].misfit.size
+        if n_values > CAUSE_SEARCH.together_values:
+            yield from model.fit_all(effects)
+            effects, n_values = [], 0
+    yield from model.fit_all(effects)
 
 
 def _compare_at_once(
