@@ -311,11 +311,11 @@ class FRFPart:
         """Return the cache key of an evaluation at x."""
         if not self._digest:
             frf = self.frf
-            content = (frf.s, frf.values, self.rows, self.columns, self.sign, frf.quantity)
+            data = (frf.s, frf.values, self.rows, self.columns, self.sign, frf.quantity)
             forward = self.forward.key(frf)
             unknowns = "\n".join(self.coordinates.parameters.names)
             self._digest.append(
-                digest((self.name, self.solver.label, unknowns, *content, *forward))
+                digest((self.name, self.solver.label, self.as_read, unknowns, *data, *forward))
             )
         return [kind, self._digest[0], x, *about]
 

@@ -1,11 +1,14 @@
 """Calibration factors of sensors, and masses of sensors, as unknowns."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import updyn
 from updyn.errors import OptionError, ParameterError
 from updyn.updating.problem.problem import FRFPart
+from updyn.updating.problem.session import RecentCache, Session
 from updyn.updating.result import estimated_gains
 
 FREQ = np.linspace(1.0, 40.0, 60)
@@ -256,3 +259,13 @@ def test_a_prediction_is_that_of_the_structure_unless_a_measurement_is_meant(cas
     plain = updyn.response(found.model, FREQ, ["3:X"], ["1:X"], "accelerance").values
     assert of_structure.frf.values == pytest.approx(plain, rel=1e-9)
     assert as_read.frf.values == pytest.approx(plain * found.values["3:X.calibration"], rel=1e-9)
+
+
+def test_cached_responses_are_those_with_or_without_calibration_factors(case):
+    model, _, frf = case
+    unknowns = updyn.parameters(model, stiffness="all") + updyn.calibration(frf, references="all")
+    session = Session(cache=RecentCache())
+    part = FRFPart.build(model, frf, unknowns, session=session)
+    x = part.coordinates.to_x(unknowns.start) + 0.1
+    measured, plain = part.responses(x), replace(part, as_read=False).responses(x)
+    assert measured == pytest.approx(plain * np.exp(0.1) * np.exp(0.1), rel=1e-13)
