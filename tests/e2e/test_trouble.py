@@ -47,7 +47,7 @@ def window(chromium, tmp_path_factory):
 def workers(server):
     """The processes of tasks that this server has begun."""
     found = subprocess.run(
-        ["ps", "-o", "pid=,args=", "--ppid", str(server.process.pid)],
+        ["ps", "-o", "pid=,args=", "--ppid", str(server.pid)],
         capture_output=True,
         text=True,
         check=False,
@@ -59,7 +59,7 @@ def workers(server):
 def no_file_beyond(server, size):
     """As on a full disk: neither the server nor what it begins meanwhile writes more bytes into a file."""
     resource = pytest.importorskip("resource")
-    pid = server.process.pid
+    pid = server.pid
     before = resource.prlimit(pid, resource.RLIMIT_FSIZE, (size, resource.RLIM_INFINITY))
     try:
         yield

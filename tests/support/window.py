@@ -4,19 +4,25 @@ from __future__ import annotations
 
 import os
 import signal
-import subprocess
-import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import TextIO
 from urllib.parse import urlsplit
 
 import pytest
 
+from forked_server import start_server
 from programs import program
 
 #: Of a page on a loaded machine, in ms.
 PATIENCE = 300_000
+#: Spinners and transitions off: drawing them takes a third of a core for as long as a run lasts.
+_STILL = """
+const still = new CSSStyleSheet();
+still.replaceSync("*, ::before, ::after { animation: none !important; transition: none !important }");
+document.adoptedStyleSheets.push(still);
+"""
 #: What Chromium says of its own drawing by software.
 _OF_THE_BROWSER = ("GPU stall", "swiftshader", "SwiftShader", "GroupMarkerNotSet")
 
@@ -24,10 +30,9 @@ _OF_THE_BROWSER = ("GPU stall", "swiftshader", "SwiftShader", "GroupMarkerNotSet
 class Server:
     """A running server: its address with the token, and the folder of the project."""
 
-    def __init__(self, process: subprocess.Popen[str], folder: Path) -> None:
-        self.process, self.folder = process, folder
-        assert process.stdout is not None
-        self.address = process.stdout.readline().strip()
+    def __init__(self, pid: int, printed: TextIO, folder: Path) -> None:
+        self.pid, self.folder = pid, folder
+        self.address = printed.readline().strip()
         self.base = self.address.partition("/?")[0]
 
     def shows(self, text: str) -> bool:
@@ -39,11 +44,11 @@ class Server:
     @contextmanager
     def halted(self) -> Iterator[None]:
         """Let the server not answer meanwhile, as on a computer that is busy or asleep."""
-        self.process.send_signal(signal.SIGSTOP)
+        os.kill(self.pid, signal.SIGSTOP)
         try:
             yield
         finally:
-            self.process.send_signal(signal.SIGCONT)
+            os.kill(self.pid, signal.SIGCONT)
 
     @property
     def port(self) -> int:
@@ -53,29 +58,21 @@ class Server:
 @contextmanager
 def serving(folder: Path, *arguments: str) -> Iterator[Server]:
     """Start `updyn serve --no-open` in a folder; it is ended by Ctrl-C."""
-    command = [sys.executable, "-m", "updyn", "serve", *arguments]
     if "--no-open" not in arguments:
-        command.append("--no-open")
-    process = subprocess.Popen(
-        command,
-        cwd=folder,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        encoding="utf-8",
-        env={**os.environ, "OMP_NUM_THREADS": "1"},
-    )
-    try:
-        server = Server(process, folder)
-        assert server.address.startswith("http://127.0.0.1:"), process.communicate(timeout=60)
-        yield server
-    finally:
-        process.send_signal(signal.SIGINT)
+        arguments = (*arguments, "--no-open")
+    process, printed = start_server(folder, arguments)
+    assert process.pid is not None
+    with printed:
         try:
-            process.communicate(timeout=120)
-        except subprocess.TimeoutExpired:
+            server = Server(process.pid, printed, folder)
+            assert server.address.startswith("http://127.0.0.1:"), printed.read()
+            yield server
+        finally:
+            with suppress(ProcessLookupError):
+                os.kill(process.pid, signal.SIGINT)
+            process.join(120)
             process.kill()
-            process.communicate()
+            process.join()
 
 
 class Heard:
@@ -133,6 +130,7 @@ def browsing(
     """Open the window in Chromium; give the page, and its errors and requests."""
     context = chromium.new_context(viewport={"width": width, "height": height})
     context.set_default_timeout(PATIENCE)
+    context.add_init_script(_STILL)
     page = context.new_page()
     heard = Heard()
     heard.listen(page)
