@@ -122,6 +122,17 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
             terminalreporter.write_line(line)
 
 
+@pytest.fixture(autouse=True, scope="session")
+def write_without_waiting_for_the_disk() -> Iterator[None]:
+    """Files are not forced onto the disk: a run does it 25 times, for some milliseconds each.
+
+    No test cuts the power; tests of the calls put their own function in this place.
+    """
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(os, "fsync", lambda number: None)
+        yield
+
+
 @pytest.fixture(autouse=True)
 def read_foreign_files_here(request: pytest.FixtureRequest) -> Iterator[None]:
     """Files of other programs are read in this process: a child takes half a second for each.
