@@ -184,16 +184,15 @@ class Reduction:
         """Add the basis vectors of a shift; return it and the number of modes below, if known."""
         shift, factorised, X = self.shifted.solve(state, shift, loads)
         damping, inertial = self._damping_weights(state), self._mass_weights(state)
-        lost = None
+        vectors, lost = [X], None
         if lossy and damping.any():
             lost = factorised.solve(self.system.multiply(damping, X))
-        self.basis.append(X.copy())
         self.poll()
         for _ in range(depth - 1):
-            X = factorised.solve(self.system.multiply(inertial, X))
-            self.basis.append(X.copy())
+            vectors.append(factorised.solve(self.system.multiply(inertial, vectors[-1])))
         if lost is not None:
-            self.basis.append(lost)
+            vectors.append(lost)
+        self.basis.append(np.hstack(vectors))
         return shift, factorised.negative
 
     def _find_gap(self, state: State, below: dict[float, int | None]) -> tuple[float, float] | None:
@@ -246,11 +245,13 @@ class Reduction:
         self._truncate(state, gram, 0.01 * self.accuracy)
 
     @use_one_thread
-    def compress_around(self, states: Sequence[State], freq: RealArray, share: float) -> RealArray:
+    def compress_around(
+        self, states: Sequence[State], freq: RealArray, share: float, largest: int | None = None
+    ) -> RealArray:
         """Reduce the basis to fields at many states; return rms changes, shape (n_rows, n_columns).
 
         `share` is the root of the share of the energy that may be dropped, on the scale of the
-        first state.
+        first state; more is dropped if more than `largest` vectors remained.
         """
         # Each field of a reference is accompanied by one of a random combination of the sensors,
         # because the accuracy of a receptance depends on both. Each state uses every n-th line,
@@ -277,7 +278,7 @@ class Reduction:
             gram += q.real @ q.real.T + q.imag @ q.imag.T
             total += q.shape[1]
             self.poll()
-        self._truncate(states[0], gram, share**2 * total)
+        self._truncate(states[0], gram, share**2 * total, largest)
         return self._measure_changes(before)
 
     def _measure_changes(self, before: Sequence[_Response]) -> RealArray:
@@ -291,13 +292,20 @@ class Reduction:
         shares = np.concatenate(found, axis=1)
         return np.asarray(np.sqrt((shares**2).sum(axis=1) / max(shares.shape[1], 1)))
 
-    def _truncate(self, state: State, gram: RealArray, allowed: float) -> None:
-        """Drop the directions of least energy in P up to a total, for fields with a Gram matrix."""
+    def _truncate(
+        self, state: State, gram: RealArray, allowed: float, largest: int | None = None
+    ) -> None:
+        """Drop the directions of least energy in P up to a total, for fields with a Gram matrix.
+
+        More are dropped if more than `largest` remained.
+        """
         C = np.linalg.cholesky(
             self.basis.weighted_sum(self.shifted.weights(state, -self.shifted.top))
         )
         energy, axes = np.linalg.eigh(C.T @ gram @ C)
-        dropped = np.searchsorted(np.cumsum(np.maximum(energy, 0.0)), allowed)
+        dropped = int(np.searchsorted(np.cumsum(np.maximum(energy, 0.0)), allowed))
+        if largest is not None:
+            dropped = max(dropped, len(energy) - largest)
         self.basis.rotate(
             scipy.linalg.solve_triangular(C, axes[:, dropped:], lower=True, trans="T")
         )

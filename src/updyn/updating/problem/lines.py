@@ -159,8 +159,8 @@ def _information(part: FRFPart, item: tuple[RealArray, RealArray, slice]) -> Rea
     block = part.block(x, lines)
     assert block.dH is not None
     weight = 1.0 / np.hypot(np.abs(block.H), floor)
-    J = (block.dH * weight).reshape(part.n, len(block.H), -1)
-    return np.asarray(np.einsum("pfm,qfm->fpq", J, J.conj(), optimize=True).real)
+    J = (block.dH * weight).reshape(part.n, len(block.H), -1).view(np.float64).swapaxes(0, 1)
+    return np.asarray(J @ J.swapaxes(1, 2))
 
 
 Lines = str | ArrayLike | None

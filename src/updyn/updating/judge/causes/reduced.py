@@ -83,10 +83,7 @@ class ReducedModels:
         )
         self._reduction.build_around([part.state(x) for x in points] + loose, across=across)
         states = [part.state(x) for x in samples] + loose
-        for dropped in CAUSE_MODEL.dropped:
-            self._reduction.compress_around(states, freq, dropped)
-            if self._reduction.basis.size <= CAUSE_MODEL.large_basis:
-                break
+        self._reduction.compress_around(states, freq, CAUSE_MODEL.dropped, CAUSE_MODEL.most_vectors)
         self._error = np.zeros(part.frf.values.shape)
         self._supports = ModelSupports.of(part.solver.system)
         self._solver = self._make_solver("reduced, causes")

@@ -249,13 +249,13 @@ class CauseModelSettings:
     largest_whole: int = 100
     #: [points] Points about the start whose solutions form a basis, and the same number whose
     #: solutions select from it. Effort: a rule of thumb.
-    points: int = 12
-    #: [1] Root of the share of the energy that compression of a basis drops: first, and again if
-    #: the basis is large. Effort: the error is certified afterwards.
-    dropped: tuple[float, ...] = (1e-4, 1e-2)
-    #: [vectors] Size of a basis above which it is compressed once more. Effort: it grows with the
-    #: cube of the size.
-    large_basis: int = 150
+    points: int = 8
+    #: [1] Root of the share of the energy that compression of a basis drops. Effort: the error is
+    #: certified afterwards.
+    dropped: float = 1e-4
+    #: [vectors] Largest size of a basis after compression. Effort: it grows with the cube of the
+    #: size.
+    most_vectors: int = 100
     #: [1] Shifts of the points in turn, in squares of the highest frequency. Effort: spread over
     #: the band; the error is certified afterwards.
     shifts: tuple[float, ...] = (0.2, 0.5, 0.8)
