@@ -37,18 +37,18 @@ __all__ = [
 
 
 class Reporter(Protocol):
-    """Hears how far a task is."""
+    """Receives the progress of a task."""
 
     def __call__(self, progress: Progress) -> bool:
-        """Hear of a step; True asks the task to stop."""
+        """Receive a step; return True to stop the task."""
         ...
 
     def announce(self, stages: Sequence[RunStage]) -> None:
-        """Hear of the stages of the task, before the first."""
+        """Receive the stages of the task, before the first one."""
         ...
 
     def say(self, text: str) -> None:
-        """Hear a sentence."""
+        """Receive a message."""
         ...
 
 
