@@ -79,16 +79,23 @@ def choose_parameters(
 
 
 def fit_kind(
-    model: Model, name: str, place: PlaceFit, dofs: Place, kind: Kind, data: LevelData
+    model: Model,
+    name: str,
+    place: PlaceFit,
+    dofs: Place,
+    kind: Kind,
+    data: LevelData,
+    *,
+    in_parallel: bool = False,
 ) -> KindFit | None:
     """Return the best fit of a kind from its starts; None if none can be evaluated.
 
-    `name` is that of the new element.
+    `name` is that of the new element; `in_parallel` as for `fit_element`.
     """
     fits, motion = [], data.motion(place.element.amplitude)
     for start in kind.starts(find_scale(place.element, motion)):
         unknowns = choose_parameters(model, name, kind, start, dofs)
-        found = fit_element(place.element, start, unknowns, motion)
+        found = fit_element(place.element, start, unknowns, motion, in_parallel=in_parallel)
         if found is not None:
             element, misfit = found
             about = place.x, np.zeros(0), misfit, place.cost + misfit
@@ -97,9 +104,18 @@ def fit_kind(
 
 
 def fit_element(
-    place: MeasuredElement, start: NonlinearElement, unknowns: ParameterSet, motion: Motion
+    place: MeasuredElement,
+    start: NonlinearElement,
+    unknowns: ParameterSet,
+    motion: Motion,
+    *,
+    in_parallel: bool = False,
 ) -> tuple[NonlinearElement, float] | None:
-    """Return the element that fits the force by its describing function, and its misfit."""
+    """Return the element that fits the force by its describing function, and its misfit.
+
+    With `in_parallel`, a constant complex stiffness is fitted, too: the error of a linear unknown
+    at the place.
+    """
     coordinates, names = Coordinates(unknowns), [p.quantity for p in unknowns]
     measured = place.stiffness
     error = LOCATION.describing_error * np.abs(measured)
@@ -113,6 +129,8 @@ def fit_element(
 
     def residual(x: RealArray) -> RealArray:
         r = weight * (motion.describe(element_at(x)) - measured)
+        if in_parallel:
+            r -= weight * (np.sum(weight * r) / np.sum(weight**2))
         return np.concatenate([r.real.ravel(), r.imag.ravel()])
 
     def evaluate(x: RealArray) -> Local | None:

@@ -305,8 +305,19 @@ class Search:
         return [replace(fit, others=others) for fit in fits if fit is not None]
 
     def _fit_jointly(self, found: Sequence[KindFit]) -> list[KindFit]:
-        """Return the kinds at a place fitted together with the linear unknowns."""
-        fits = [self._problem(kind).fit_describing() for kind in found]
+        """Return the kinds at a place fitted together with the linear unknowns.
+
+        The force may contain that of an error of a linear stiffness at the place, to which a kind
+        must not be fitted: each is also fitted in parallel with one.
+        """
+        model, name, dofs = self.base.model, self.base.new_name, self.places[found[0].place.name]
+        fits = []
+        for one in found:
+            about = model, name, one.place, dofs, one.kind, self.data
+            other = fit_kind(*about, in_parallel=True)
+            starts = [one] if other is None else [one, replace(other, others=one.others)]
+            jointly = [self._problem(start).fit_describing() for start in starts]
+            fits.append(min(jointly, key=lambda fit: fit.misfit))
         return sorted(fits, key=lambda fit: fit.misfit)
 
     def _fit_candidates(self, ranked: Sequence[Sequence[KindFit]]) -> list[ExactFit]:
