@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -21,7 +22,8 @@ from updyn.updating.problem.local_elements import LocalElements
 from updyn.updating.problem.parameters import no_unknowns
 
 N = 6
-FREQ = np.linspace(1.0, 9.0, 60)
+N_LINES = 40
+FREQ = np.linspace(1.0, 9.0, N_LINES)
 SENSORS = ["2:X", "4:X", "6:X"]
 NOISE = {"relative": 0.01, "floor": 0.001}
 LEVELS = (0.5, 5.0)
@@ -46,15 +48,30 @@ def chain() -> updyn.Model:
 MODEL = chain()
 
 
-def measure(element, place, noise=NOISE, levels=LEVELS, seed=0, sensors=SENSORS, **how):
+@cache
+def simulate(element, place, level, sensors, excitation, n_lines):
+    """FRFs of the chain with an element at a level."""
+    freq = np.linspace(FREQ[0], FREQ[-1], n_lines)
+    if element is None:
+        return updyn.response(MODEL, freq, sensors, ["6:X"]).with_level(level)
+    true = MODEL.with_elements({"x": (element, place)})
+    return updyn.response(true, freq, sensors, ["6:X"], level=level, excitation=excitation).frf
+
+
+def measure(
+    element,
+    place,
+    noise=NOISE,
+    levels=LEVELS,
+    seed=0,
+    sensors=SENSORS,
+    excitation="sine",
+    n_lines=N_LINES,
+):
     """Noisy FRFs of the chain with an element at several levels."""
     rng, tests = np.random.default_rng(seed), []
-    true = MODEL if element is None else MODEL.with_elements({"x": (element, place)})
     for level in levels:
-        if element is None:
-            frf = updyn.response(true, FREQ, sensors, ["6:X"]).with_level(level)
-        else:
-            frf = updyn.response(true, FREQ, sensors, ["6:X"], level=level, **how).frf
+        frf = simulate(element, tuple(place), level, tuple(sensors), excitation, n_lines)
         H = frf.values
         rms = np.sqrt(np.mean(np.abs(H) ** 2))
         size = np.hypot(noise.get("relative", 0.0) * np.abs(H), noise.get("floor", 0.0) * rms)
@@ -197,13 +214,15 @@ def test_a_linear_structure_needs_no_element():
 
 def test_noise_is_estimated_if_it_is_not_stated():
     element, dofs, place = CASES["cubic-spring"]
-    found = updyn.locate_nonlinearity(MODEL, measure(element, dofs), kinds=["cubic-spring"])
+    tests = measure(element, dofs, n_lines=60)  # the noise is estimated from differences of lines
+    found = updyn.locate_nonlinearity(MODEL, tests, kinds=["cubic-spring"])
     assert (found.best.place, found.best.kind) == (place, "cubic-spring")
     assert found.best.element.coefficient == pytest.approx(element.coefficient, rel=0.05)
 
 
 def test_the_force_of_a_linear_spring_is_its_stiffness():
-    tests = measure(updyn.PolynomialSpring({1: 300.0}), ["4:X", "5:X"], noise={}, levels=(1.0, 2.0))
+    true = MODEL.with_elements({"x": (updyn.PolynomialSpring({1: 300.0}), ["4:X", "5:X"])})
+    tests = [updyn.response(true, FREQ, SENSORS, ["6:X"], level=level).frf for level in (1.0, 2.0)]
     data = LevelData.of(MODEL, tests, no_unknowns(), NOISE)
     placed = MODEL.with_elements({ELEMENT: (updyn.CubicSpring(1.0), ["4:X", "5:X"])})
     fit = PlaceProblem("x", LocalElements.find(placed, no_unknowns()), data).fit(np.zeros(0))
@@ -311,7 +330,7 @@ def test_a_wrong_linear_model_is_no_nonlinearity() -> None:
     true = updyn.Model.from_groups(
         groups | {"springs": updyn.Group(stiff, loss_factor=0.03)}, labels
     )
-    clean = updyn.response(true, np.linspace(8.0, 40.0, 60), labels, ["2:X"])
+    clean = updyn.response(true, np.linspace(8.0, 40.0, 30), labels, ["2:X"])
     rng = np.random.default_rng(0)
 
     def repeat(level: float) -> updyn.FRF:
