@@ -85,11 +85,10 @@ def module_of(path: Path, root: Path = SRC) -> str:
     return ".".join([root.name, *parts])
 
 
-@functools.cache
 def imports_of(path: Path) -> tuple[tuple[int, str, str | None], ...]:
     """Return the imports of a file of the package, as `imports`."""
     source = path.read_text(encoding="utf-8")
-    return tuple(imports(source, module_of(path), path.name == "__init__.py"))
+    return imports(source, module_of(path), path.name == "__init__.py")
 
 
 def modules_imported(path: Path) -> set[str]:
@@ -143,8 +142,15 @@ def room_of(module: str) -> str | None:
     return PRIVATE.get(parts[1], parts[1])
 
 
-def imports(source: str, module: str, is_package: bool) -> Iterator[tuple[int, str, str | None]]:
-    """Yield line, module and (for ``from`` imports) name of every import, type-checking ones left out."""
+@functools.cache
+def imports(source: str, module: str, is_package: bool) -> tuple[tuple[int, str, str | None], ...]:
+    """Return line, module and (for ``from`` imports) name of every import, type-checking ones left out."""
+    return tuple(_find_imports(source, module, is_package))
+
+
+def _find_imports(
+    source: str, module: str, is_package: bool
+) -> Iterator[tuple[int, str, str | None]]:
     tree = ast.parse(source)
     typing_only = {
         id(inner)
