@@ -147,8 +147,11 @@ class Base:
         parts = [_build(self.model, test, self.unknowns, session, self.solver) for test in tests]
         return Likelihood(Problem.of(parts), OutputErrorSet(tuple(self.data.errors), ()))
 
-    def fit(self) -> BaseFit | None:
-        """Return the model fitted to all levels; None if it cannot be solved."""
+    def fit(self, least: float = np.inf) -> BaseFit | None:
+        """Return the model fitted to all levels; None if it cannot be solved.
+
+        It is given up early if its cost remains far above `least`, that of a better model.
+        """
         if not self.model.nonlinear:
             return self._fit_linear()
         likelihood = self.likelihood()
@@ -159,7 +162,8 @@ class Base:
                 return None
             nothing = Local(cost, np.zeros((0, 0)), np.zeros(0))
             return BaseFit(problem.coordinates, self.x, nothing, _split(likelihood, self.x))
-        x = _descend(likelihood, np.clip(self.x, *problem.coordinates.bounds))
+        x = np.clip(self.x, *problem.coordinates.bounds)
+        x = _descend(likelihood, x, LOCATION.hopeless_ratio * least)
         local = likelihood.residual.local(problem, x)
         if local is None:
             return None

@@ -178,7 +178,8 @@ class Search:
     """The search for place and kind of an element in addition to those of a model.
 
     `lowest` are the unknowns of groups fitted to the lowest level; `refits` are exact fits that are
-    repeated if no candidate leaves a residual like noise.
+    repeated if no candidate leaves a residual like noise; `least` is the cost of a better model
+    than that without the element.
     """
 
     base: Base
@@ -186,6 +187,7 @@ class Search:
     kinds: Sequence[Kind]
     lowest: RealArray
     refits: int = LOCATION.refits
+    least: float = math.inf
 
     @property
     def data(self) -> LevelData:
@@ -194,7 +196,7 @@ class Search:
 
     def find(self) -> Location:
         """Return the candidates, the best first."""
-        linear = self.base.fit()
+        linear = self.base.fit(self.least)
         if linear is not None and self.base.model.nonlinear:
             return replace(self, base=replace(self.base, x=linear.x))._find(linear)
         return self._find(linear)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Self
@@ -138,10 +139,13 @@ class _Selection:
         found = {**self.found, best.problem.base.new_name: location}
         return replace(self, base=base, fit=best, found=found)
 
-    def search_next(self) -> Location | None:
-        """Return the search for a further element; None if no candidate can be solved."""
+    def search_next(self, least: float = math.inf) -> Location | None:
+        """Return the search for a further element; None if no candidate can be solved.
+
+        `least` is the cost of a better model than that without it.
+        """
         try:
-            return replace(self.start, base=self.base).find()
+            return replace(self.start, base=self.base, least=least).find()
         except SolverError:
             return None
 
@@ -165,8 +169,10 @@ class _Selection:
 
     def _revise_one(self, name: str) -> Self:
         others = replace(self, base=self.base.without(name), found=_leave_out(self.found, name))
-        location = others.search_next()
-        if location is None or self.fit is None:
+        if self.fit is None:
+            return self
+        location = others.search_next(self.fit.cost)
+        if location is None:
             return self
         if not location.is_supported and location.base is not None:
             x = location.base.x
@@ -190,9 +196,11 @@ class _Selection:
 
     def _log_odds(self, name: str) -> tuple[float, BaseFit | None]:
         """Return the log odds of an element over the model without it, and the fit of that."""
-        fit = self.base.without(name).fit()
-        if fit is None or self.fit is None:
-            return float("inf"), fit
+        if self.fit is None:
+            return math.inf, None
+        fit = self.base.without(name).fit(self.fit.cost)
+        if fit is None:
+            return math.inf, None
         inflation = self.fit.inflation(self.base.data.n_numbers)
         return compare_fits(self.fit, fit, inflation), fit
 
