@@ -16,6 +16,7 @@ from updyn.model import Model
 from updyn.updating.judge.levels.detect import check_levels, detect_nonlinearity
 from updyn.updating.judge.levels.homogeneity import scatter_variance, stated_variance
 from updyn.updating.problem.noise import NoiseChoice
+from updyn.updating.problem.noise.known import smooth_variance
 from updyn.updating.problem.parameters import ParameterSet, collect_unknowns
 from updyn.updating.problem.problem import FRFPart
 from updyn.updating.problem.random_forward import find_spread
@@ -32,7 +33,8 @@ class LevelData:
     the weights of each, as for a fit. `receptances`, `weights` (n_l, n_f, n_i, n_j) and `levels`
     (n_l, n_f) are the data in m/N, the square roots of 2 / E|dH|^2 in N/m, and the amplitudes of
     the force in N, or the RMS of a random one.
-    `depends_on_level` is the result of `detect_nonlinearity`.
+    `depends_on_level` is the result of `detect_nonlinearity`. `scatter` are the variances E|dH|^2
+    of the tests by the scatter of neighbouring lines, if their noise is not stated: bounds of it.
     """
 
     part: FRFPart
@@ -42,6 +44,7 @@ class LevelData:
     weights: RealArray
     levels: RealArray
     depends_on_level: bool
+    scatter: Sequence[RealArray] | None = None
 
     @classmethod
     def of(
@@ -53,14 +56,51 @@ class LevelData:
             raise DataError("a nonlinearity is located by FRFs at two levels or more, found one")
         linear = collect_unknowns(p for p in unknowns if not p.of_element)
         part = FRFPart.build(replace(model, nonlinear={}), ordered[0], linear)
-        variances = [_find_variance(test, noise) for test in ordered]
-        rate = (part.frf.s**part.frf.power)[:, None, None]
+        rate = _rate(part)
         receptances = np.array([test.values * part.sign / rate for test in ordered])
-        weights = np.sqrt(2.0 / np.array(variances)) * np.abs(rate) * np.abs(part.sign)
         levels = np.array([test.level for test in ordered])
-        errors = [OutputError(np.sqrt(2.0 / variance)) for variance in variances]
+        stated = [stated_variance(test, noise) for test in ordered]
+        is_stated = all(variance is not None for variance in stated)
         depends = detect_nonlinearity(ordered, noise=noise).is_nonlinear
-        return cls(part, ordered, errors, receptances, weights, levels, depends)
+        variances = [
+            scatter_variance(test) if variance is None else variance
+            for test, variance in zip(ordered, stated, strict=True)
+        ]
+        scatter = None if is_stated else variances
+        blank = np.zeros_like(receptances.real)
+        data = cls(part, ordered, (), receptances, blank, levels, depends, scatter)
+        return data._weigh(variances)
+
+    def _weigh(self, variances: Sequence[RealArray]) -> LevelData:
+        """Return the data with the weights of variances E|dH|^2 of the tests."""
+        least, rate = np.finfo(np.float64).tiny, np.abs(_rate(self.part))
+        variances = [np.maximum(variance, least) for variance in variances]
+        errors = [OutputError(np.sqrt(2.0 / variance)) for variance in variances]
+        weights = np.sqrt(2.0 / np.array(variances)) * rate * np.abs(self.part.sign)
+        return replace(self, errors=errors, weights=weights)
+
+    def estimate_noise(self, squares: RealArray) -> LevelData:
+        """Return the data with noise by squared residuals of a fit, (n_l, n_f, n_i, n_j) in m2/N2.
+
+        Between lines that are wider apart than peaks, the scatter is that of the response; it
+        remains an upper bound. The lower one is the error of computed periodic responses.
+        """
+        assert self.scatter is not None
+        variances = []
+        for test, scatter, one in zip(self.tests, self.scatter, squares, strict=True):
+            size = np.abs(test.values)
+            law = smooth_variance(one * np.abs(_rate(self.part)) ** 2, size, 1)
+            least = (LOCATION.least_noise * np.hypot(size, np.sqrt(np.mean(size**2)))) ** 2
+            variances.append(np.maximum(np.minimum(scatter, law.at(size)), least))
+        return self._weigh(variances)
+
+    def detect_dependence(self) -> LevelData:
+        """Return the data with the dependence on the level that their noise permits to detect."""
+        tests = [
+            replace(test, variance=2.0 / error.weight**2, coherence=None)
+            for test, error in zip(self.tests, self.errors, strict=True)
+        ]
+        return replace(self, depends_on_level=detect_nonlinearity(tests).is_nonlinear)
 
     @property
     def omega(self) -> RealArray:
@@ -111,10 +151,6 @@ def _without_zero(test: FRF) -> FRF:
     return test if test.freq[0] > 0.0 else test.select(lines=test.freq[1:])
 
 
-def _find_variance(test: FRF, noise: NoiseChoice) -> RealArray:
-    """Return E|dH|^2, stated or from the scatter of neighbouring lines."""
-    found = stated_variance(test, noise)
-    if found is None:
-        found = scatter_variance(test)
-    least = np.finfo(np.float64).tiny
-    return np.asarray(np.maximum(found, least))
+def _rate(part: FRFPart) -> ComplexArray:
+    """Return the factor from receptance to the quantity of the data, (n_f, 1, 1)."""
+    return np.asarray((part.frf.s**part.frf.power)[:, None, None])

@@ -72,8 +72,9 @@ def locate_nonlinearity(
         Unknowns of the model that are fitted, too, those of its elements included; by default the
         model is used as it is.
     noise : None, str or mapping
-        As for `updyn.update`. If the data do not state it, it is estimated from the scatter of
-        neighbouring lines.
+        As for `updyn.update`. If the data do not state it, it is estimated from the residual with
+        an element of any kind at the best place; the scatter of neighbouring lines is an upper
+        bound.
 
     Returns
     -------
@@ -196,6 +197,24 @@ class Search:
 
     def find(self) -> Location:
         """Return the candidates, the best first."""
+        if self.data.scatter is not None and not np.isfinite(self.least):
+            return self._estimate_noise()._find_from_base()
+        return self._find_from_base()
+
+    def _estimate_noise(self) -> Search:
+        """Return the search with the noise of the residual of the best place."""
+        base, best = self.base, ""
+        for _ in range(LOCATION.noise_rounds):
+            place = replace(self, base=base)._rank_places()[0]
+            if place.name == best:
+                break
+            best = place.name
+            data = base.data.estimate_noise(place.problem.square_residual(place.x))
+            base = replace(base, data=data)
+        return replace(self, base=replace(base, data=base.data.detect_dependence()))
+
+    def _find_from_base(self) -> Location:
+        """Return the same with the noise of the data."""
         linear = self.base.fit(self.least)
         if linear is not None and self.base.model.nonlinear:
             return replace(self, base=replace(self.base, x=linear.x))._find(linear)

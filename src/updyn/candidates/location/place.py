@@ -138,6 +138,20 @@ class PlaceProblem:
         found = _describe(H[:, :n], forces.solve(r), forces.deviations, data.levels)
         return PlaceFit(self, x, 0.5 * float(squares), found[-1], found[:-1])
 
+    def square_residual(self, x: RealArray) -> RealArray:
+        """Return squared residuals with the best forces at x, (n_l, n_f, n_i, n_j) in m2/N2.
+
+        They are as large as the noise: each is divided by the share that the forces leave of it.
+        """
+        data, n_i = self.data, self.data.receptances.shape[2]
+        _, _, forces, r = self._evaluate(x, derivatives=False)
+        share = 1.0 - np.sum(np.abs(forces.U[..., :n_i, :]) ** 2, axis=-1)
+        # A channel of which the forces leave little tells little about its noise.
+        found = np.abs(forces.project(r)[..., :n_i]) ** 2 / np.maximum(share, 1.0 / n_i)
+        weights = data.weights.transpose(0, 1, 3, 2)
+        safe = np.where(weights > 0.0, weights, 1.0)
+        return np.asarray((found / safe**2).transpose(0, 1, 3, 2))
+
     def _project(self, x: RealArray) -> Local | None:
         """Return the least-squares problem in the linear unknowns, with the best forces."""
         data, n = self.data, len(self.local.elements)

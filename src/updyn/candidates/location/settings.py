@@ -57,6 +57,12 @@ class LocationSettings:
     #: [places] Places with the smallest residuals at which further starts are tried. Effort: only
     #: if no place leaves a residual like noise.
     most_searched: int = 10
+    #: [rounds] Rounds of the estimate of unstated noise by the residual of the best place. Effort:
+    #: they end when that place remains the best.
+    noise_rounds: int = 4
+    #: [1] Smallest estimated noise relative to |H| and to its rms. Why: harmonics that periodic
+    #: responses neglect change the first one by less (a slider: 4e-6).
+    least_noise: float = 1e-5
     #: [starts] Further starts of the linear unknowns. Effort: the same.
     starts: int = 8
     #: [1] Largest distance of these starts, in the logarithm of a factor and in loss factors.

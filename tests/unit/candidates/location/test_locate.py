@@ -22,8 +22,7 @@ from updyn.updating.problem.local_elements import LocalElements
 from updyn.updating.problem.parameters import no_unknowns
 
 N = 6
-N_LINES = 40
-FREQ = np.linspace(1.0, 9.0, N_LINES)
+FREQ = np.linspace(1.0, 9.0, 40)
 SENSORS = ["2:X", "4:X", "6:X"]
 NOISE = {"relative": 0.01, "floor": 0.001}
 LEVELS = (0.5, 5.0)
@@ -49,13 +48,12 @@ MODEL = chain()
 
 
 @cache
-def simulate(element, place, level, sensors, excitation, n_lines):
+def simulate(element, place, level, sensors, excitation):
     """FRFs of the chain with an element at a level."""
-    freq = np.linspace(FREQ[0], FREQ[-1], n_lines)
     if element is None:
-        return updyn.response(MODEL, freq, sensors, ["6:X"]).with_level(level)
+        return updyn.response(MODEL, FREQ, sensors, ["6:X"]).with_level(level)
     true = MODEL.with_elements({"x": (element, place)})
-    return updyn.response(true, freq, sensors, ["6:X"], level=level, excitation=excitation).frf
+    return updyn.response(true, FREQ, sensors, ["6:X"], level=level, excitation=excitation).frf
 
 
 def measure(
@@ -66,12 +64,11 @@ def measure(
     seed=0,
     sensors=SENSORS,
     excitation="sine",
-    n_lines=N_LINES,
 ):
     """Noisy FRFs of the chain with an element at several levels."""
     rng, tests = np.random.default_rng(seed), []
     for level in levels:
-        frf = simulate(element, tuple(place), level, tuple(sensors), excitation, n_lines)
+        frf = simulate(element, tuple(place), level, tuple(sensors), excitation)
         H = frf.values
         rms = np.sqrt(np.mean(np.abs(H) ** 2))
         size = np.hypot(noise.get("relative", 0.0) * np.abs(H), noise.get("floor", 0.0) * rms)
@@ -213,11 +210,23 @@ def test_a_linear_structure_needs_no_element():
 
 
 def test_noise_is_estimated_if_it_is_not_stated():
+    """Peaks are narrower than the spacing of lines, whose scatter is up to 340 times the noise."""
     element, dofs, place = CASES["cubic-spring"]
-    tests = measure(element, dofs, n_lines=60)  # the noise is estimated from differences of lines
-    found = updyn.locate_nonlinearity(MODEL, tests, kinds=["cubic-spring"])
+    found = updyn.locate_nonlinearity(MODEL, measure(element, dofs), kinds=["cubic-spring"])
     assert (found.best.place, found.best.kind) == (place, "cubic-spring")
-    assert found.best.element.coefficient == pytest.approx(element.coefficient, rel=0.05)
+    assert found.is_likely
+    assert found.best.residual == pytest.approx(1.0, abs=0.15)
+    error = found.best.element.coefficient - element.coefficient
+    assert abs(error) < 4.0 * found.best.std["coefficient"] < 0.2 * element.coefficient
+
+
+def test_the_error_of_periodic_responses_is_the_least_noise():
+    element, dofs, place = CASES["jenkins"]
+    tests = measure(element, dofs, noise={})
+    found = updyn.locate_nonlinearity(MODEL, tests, {place: dofs}, ["jenkins"])
+    assert found.is_adequate
+    assert found.best.residual == pytest.approx(0.4, rel=0.4)
+    assert found.best.element.slip_force == pytest.approx(3.0, rel=1e-4)
 
 
 def test_the_force_of_a_linear_spring_is_its_stiffness():

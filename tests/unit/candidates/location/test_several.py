@@ -64,6 +64,13 @@ def test_two_elements_are_found_with_their_parameters():
     assert not found.further.is_likely
 
 
+def test_noise_that_is_not_stated_is_estimated_anew_with_each_element():
+    found = updyn.locate_nonlinearities(MODEL, measure("ab"), PLACES, KINDS)
+    named = {(one.place, one.kind) for one in found}
+    assert named == {("joint", "cubic-spring"), ("end", "quadratic-damper")}
+    assert found.residual == pytest.approx(1.0, abs=0.1)
+
+
 def test_two_elements_are_found_in_random_tests():
     tests = measure("ab", "random")
     found = updyn.locate_nonlinearities(MODEL, tests, PLACES, KINDS, noise=NOISE, most=2)
