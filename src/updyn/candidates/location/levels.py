@@ -33,8 +33,8 @@ class LevelData:
     the weights of each, as for a fit. `receptances`, `weights` (n_l, n_f, n_i, n_j) and `levels`
     (n_l, n_f) are the data in m/N, the square roots of 2 / E|dH|^2 in N/m, and the amplitudes of
     the force in N, or the RMS of a random one.
-    `depends_on_level` is the result of `detect_nonlinearity`. `scatter` are the variances E|dH|^2
-    of the tests by the scatter of neighbouring lines, if their noise is not stated: bounds of it.
+    `depends_on_level` is the result of `detect_nonlinearity`. `scatter` is the variance E|dH|^2 of
+    each test by the scatter of neighbouring lines, a bound of its noise; None if that is stated.
     """
 
     part: FRFPart
@@ -44,7 +44,7 @@ class LevelData:
     weights: RealArray
     levels: RealArray
     depends_on_level: bool
-    scatter: Sequence[RealArray] | None = None
+    scatter: Sequence[RealArray | None]
 
     @classmethod
     def of(
@@ -60,16 +60,22 @@ class LevelData:
         receptances = np.array([test.values * part.sign / rate for test in ordered])
         levels = np.array([test.level for test in ordered])
         stated = [stated_variance(test, noise) for test in ordered]
-        is_stated = all(variance is not None for variance in stated)
-        depends = detect_nonlinearity(ordered, noise=noise).is_nonlinear
-        variances = [
-            scatter_variance(test) if variance is None else variance
+        scatter = [
+            scatter_variance(test) if variance is None else None
             for test, variance in zip(ordered, stated, strict=True)
         ]
-        scatter = None if is_stated else variances
+        variances = [
+            one for pair in zip(stated, scatter, strict=True) for one in pair if one is not None
+        ]
+        depends = detect_nonlinearity(ordered, noise=noise).is_nonlinear
         blank = np.zeros_like(receptances.real)
         data = cls(part, ordered, (), receptances, blank, levels, depends, scatter)
         return data._weigh(variances)
+
+    @property
+    def is_noise_stated(self) -> bool:
+        """Whether the noise of all tests is stated."""
+        return all(variance is None for variance in self.scatter)
 
     def _weigh(self, variances: Sequence[RealArray]) -> LevelData:
         """Return the data with the weights of variances E|dH|^2 of the tests."""
@@ -85,9 +91,12 @@ class LevelData:
         Between lines that are wider apart than peaks, the scatter is that of the response; it
         remains an upper bound. The lower one is the error of computed periodic responses.
         """
-        assert self.scatter is not None
         variances = []
-        for test, scatter, one in zip(self.tests, self.scatter, squares, strict=True):
+        about = zip(self.tests, self.errors, self.scatter, squares, strict=True)
+        for test, error, scatter, one in about:
+            if scatter is None:
+                variances.append(2.0 / error.weight**2)
+                continue
             size = np.abs(test.values)
             law = smooth_variance(one * np.abs(_rate(self.part)) ** 2, size, 1)
             least = (LOCATION.least_noise * np.hypot(size, np.sqrt(np.mean(size**2)))) ** 2

@@ -197,9 +197,10 @@ class Search:
 
     def find(self) -> Location:
         """Return the candidates, the best first."""
-        if self.data.scatter is not None and not np.isfinite(self.least):
-            return self._estimate_noise()._find_from_base()
-        return self._find_from_base()
+        # If a better model is known, the noise is that of its residual.
+        is_known = self.data.is_noise_stated or math.isfinite(self.least)
+        search = self if is_known else self._estimate_noise()
+        return search._find_from_base()
 
     def _estimate_noise(self) -> Search:
         """Return the search with the noise of the residual of the best place."""

@@ -220,6 +220,19 @@ def test_noise_is_estimated_if_it_is_not_stated():
     assert abs(error) < 4.0 * found.best.std["coefficient"] < 0.2 * element.coefficient
 
 
+def test_stated_noise_is_kept_next_to_noise_that_is_estimated():
+    element, dofs, _ = CASES["cubic-spring"]
+    low, high = measure(element, dofs)
+    stated = (0.02 * np.abs(low.values)) ** 2
+    data = LevelData.of(MODEL, [replace(low, variance=stated), high], no_unknowns(), None)
+    assert not data.is_noise_stated
+    squares = (0.01 * np.abs(data.receptances)) ** 2
+    found = data.estimate_noise(squares)
+    np.testing.assert_allclose(2.0 / found.errors[0].weight ** 2, stated)
+    ratio = 2.0 / found.errors[1].weight ** 2 / (0.01 * np.abs(high.values)) ** 2
+    assert 0.8 < np.median(ratio) < 1.3
+
+
 def test_the_error_of_periodic_responses_is_the_least_noise():
     element, dofs, place = CASES["jenkins"]
     tests = measure(element, dofs, noise={})
