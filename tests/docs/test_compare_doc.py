@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib.util
 import re
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +12,7 @@ import pytest
 from cause_search import no_cause_search
 from pages import ROOT, blocks, run_python
 from updyn.cli import main
-from updyn.comparison import Comparison, fewest
+from updyn.comparison import Comparison
 from updyn.comparison.table import COLUMNS
 from updyn.updating.fit.methods import METHODS
 
@@ -37,24 +36,11 @@ MAKE = tool()
 
 @pytest.fixture(scope="module")
 def both(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Comparison]:
-    return {name: compared(tmp_path_factory.mktemp(name), name) for name in MAKE.JOBS}
-
-
-def compared(folder: Path, name: str) -> Comparison:
-    """The comparison of a job, which tries few numbers of lines."""
-    few = replace(fewest.FEWEST_LINES, counts=tried_counts(name))
-    # A search for causes changes no figure of the tables.
-    with no_cause_search(), pytest.MonkeyPatch.context() as patch:
-        patch.setattr(fewest, "FEWEST_LINES", few)
-        return MAKE.compared(folder, name, methods_of(name))
-
-
-def tried_counts(name: str) -> tuple[int, ...]:
-    """The numbers of lines on the page, and of each the next smaller one, with which it fails."""
-    counts = fewest.FEWEST_LINES.counts
-    on_page = {int(row[-1]) for row in shown(name)[2:] if row[-1].isdigit()}
-    before = {counts[max(counts.index(count) - 1, 0)] for count in on_page}
-    return tuple(sorted(on_page | before))
+    with no_cause_search():  # it changes no figure of the tables
+        return {
+            name: MAKE.compared(tmp_path_factory.mktemp(name), name, methods_of(name))
+            for name in MAKE.JOBS
+        }
 
 
 def methods_of(name: str) -> list[str]:

@@ -56,34 +56,25 @@ class LevelData:
             raise DataError("a nonlinearity is located by FRFs at two levels or more, found one")
         linear = collect_unknowns(p for p in unknowns if not p.of_element)
         part = FRFPart.build(replace(model, nonlinear={}), ordered[0], linear)
-        rate = _rate(part)
-        receptances = np.array([test.values * part.sign / rate for test in ordered])
+        receptances = np.array([test.values * part.sign / _rate(part) for test in ordered])
         levels = np.array([test.level for test in ordered])
         stated = [stated_variance(test, noise) for test in ordered]
         scatter = [
             scatter_variance(test) if variance is None else None
             for test, variance in zip(ordered, stated, strict=True)
         ]
-        variances = [
+        known = [
             one for pair in zip(stated, scatter, strict=True) for one in pair if one is not None
         ]
+        errors = [_make_error(variance) for variance in known]
         depends = detect_nonlinearity(ordered, noise=noise).is_nonlinear
-        blank = np.zeros_like(receptances.real)
-        data = cls(part, ordered, (), receptances, blank, levels, depends, scatter)
-        return data._weigh(variances)
+        weights = _weigh(part, errors)
+        return cls(part, ordered, errors, receptances, weights, levels, depends, scatter)
 
     @property
     def is_noise_stated(self) -> bool:
         """Whether the noise of all tests is stated."""
         return all(variance is None for variance in self.scatter)
-
-    def _weigh(self, variances: Sequence[RealArray]) -> LevelData:
-        """Return the data with the weights of variances E|dH|^2 of the tests."""
-        least, rate = np.finfo(np.float64).tiny, np.abs(_rate(self.part))
-        variances = [np.maximum(variance, least) for variance in variances]
-        errors = [OutputError(np.sqrt(2.0 / variance)) for variance in variances]
-        weights = np.sqrt(2.0 / np.array(variances)) * rate * np.abs(self.part.sign)
-        return replace(self, errors=errors, weights=weights)
 
     def estimate_noise(self, squares: RealArray) -> LevelData:
         """Return the data with noise by squared residuals of a fit, (n_l, n_f, n_i, n_j) in m2/N2.
@@ -91,17 +82,17 @@ class LevelData:
         Between lines that are wider apart than peaks, the scatter is that of the response; it
         remains an upper bound. The lower one is the error of computed periodic responses.
         """
-        variances = []
+        errors = []
         about = zip(self.tests, self.errors, self.scatter, squares, strict=True)
         for test, error, scatter, one in about:
             if scatter is None:
-                variances.append(2.0 / error.weight**2)
+                errors.append(error)
                 continue
             size = np.abs(test.values)
             law = smooth_variance(one * np.abs(_rate(self.part)) ** 2, size, 1)
             least = (LOCATION.least_noise * np.hypot(size, np.sqrt(np.mean(size**2)))) ** 2
-            variances.append(np.maximum(np.minimum(scatter, law.at(size)), least))
-        return self._weigh(variances)
+            errors.append(_make_error(np.maximum(np.minimum(scatter, law.at(size)), least)))
+        return replace(self, errors=errors, weights=_weigh(self.part, errors))
 
     def detect_dependence(self) -> LevelData:
         """Return the data with the dependence on the level that their noise permits to detect."""
@@ -158,6 +149,17 @@ class LevelData:
 def _without_zero(test: FRF) -> FRF:
     """Return a test without a line at 0 Hz, where no level is stated."""
     return test if test.freq[0] > 0.0 else test.select(lines=test.freq[1:])
+
+
+def _make_error(variance: RealArray) -> OutputError:
+    """Return the weights of a test with the variance E|dH|^2."""
+    return OutputError(np.sqrt(2.0 / np.maximum(variance, np.finfo(np.float64).tiny)))
+
+
+def _weigh(part: FRFPart, errors: Sequence[OutputError]) -> RealArray:
+    """Return the weights of the receptances of all tests, (n_l, n_f, n_i, n_j) in N/m."""
+    weights = np.array([error.weight for error in errors])
+    return np.asarray(weights * np.abs(_rate(part)) * np.abs(part.sign))
 
 
 def _rate(part: FRFPart) -> ComplexArray:

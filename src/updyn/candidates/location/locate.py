@@ -215,7 +215,7 @@ class Search:
         return replace(self, base=replace(base, data=base.data.detect_dependence()))
 
     def _find_from_base(self) -> Location:
-        """Return the same with the noise of the data."""
+        """Return the candidates for the weights that the data have."""
         linear = self.base.fit(self.least)
         if linear is not None and self.base.model.nonlinear:
             return replace(self, base=replace(self.base, x=linear.x))._find(linear)
@@ -321,22 +321,26 @@ class Search:
 
     def _fit_kinds_at(self, place: PlaceFit) -> list[KindFit]:
         """Return the kinds at a place with the other elements from their forces."""
-        model, name = self.base.model, self.base.new_name
-        dofs, others = self.places[place.name], self.base.fit_others(place)
-        fits = [fit_kind(model, name, place, dofs, kind, self.data) for kind in self.kinds]
+        others = self.base.fit_others(place)
+        fits = [self._fit_kind(place, kind) for kind in self.kinds]
         return [replace(fit, others=others) for fit in fits if fit is not None]
+
+    def _fit_kind(
+        self, place: PlaceFit, kind: Kind, *, in_parallel: bool = False
+    ) -> KindFit | None:
+        """Return a kind at a place by its describing function; `in_parallel` as for `fit_kind`."""
+        about = self.base.model, self.base.new_name, place, self.places[place.name], kind
+        return fit_kind(*about, self.data, in_parallel=in_parallel)
 
     def _fit_jointly(self, found: Sequence[KindFit]) -> list[KindFit]:
         """Return the kinds at a place fitted together with the linear unknowns.
 
-        The force may contain that of an error of a linear stiffness at the place, to which a kind
-        must not be fitted: each is also fitted in parallel with one.
+        An error of a linear stiffness at the place adds to the force that a kind is fitted to, so
+        each kind is also fitted in parallel with a constant stiffness; the better one is returned.
         """
-        model, name, dofs = self.base.model, self.base.new_name, self.places[found[0].place.name]
         fits = []
         for one in found:
-            about = model, name, one.place, dofs, one.kind, self.data
-            other = fit_kind(*about, in_parallel=True)
+            other = self._fit_kind(one.place, one.kind, in_parallel=True)
             starts = [one] if other is None else [one, replace(other, others=one.others)]
             jointly = [self._problem(start).fit_describing() for start in starts]
             fits.append(min(jointly, key=lambda fit: fit.misfit))

@@ -141,12 +141,12 @@ class PlaceProblem:
     def square_residual(self, x: RealArray) -> RealArray:
         """Return squared residuals with the best forces at x, (n_l, n_f, n_i, n_j) in m2/N2.
 
-        They are as large as the noise: each is divided by the share that the forces leave of it.
+        Each is divided by the share of its variance that remains next to free forces.
         """
         data, n_i = self.data, self.data.receptances.shape[2]
         _, _, forces, r = self._evaluate(x, derivatives=False)
         share = 1.0 - np.sum(np.abs(forces.U[..., :n_i, :]) ** 2, axis=-1)
-        # A channel of which the forces leave little tells little about its noise.
+        # Free forces fit a channel with a small share almost exactly, whatever its noise.
         found = np.abs(forces.project(r)[..., :n_i]) ** 2 / np.maximum(share, 1.0 / n_i)
         weights = data.weights.transpose(0, 1, 3, 2)
         safe = np.where(weights > 0.0, weights, 1.0)

@@ -218,6 +218,7 @@ def test_noise_is_estimated_if_it_is_not_stated():
     assert found.best.residual == pytest.approx(1.0, abs=0.15)
     error = found.best.element.coefficient - element.coefficient
     assert abs(error) < 4.0 * found.best.std["coefficient"] < 0.2 * element.coefficient
+    assert found.best.element.coefficient == pytest.approx(element.coefficient, rel=0.05)
 
 
 def test_stated_noise_is_kept_next_to_noise_that_is_estimated():

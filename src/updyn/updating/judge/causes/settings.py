@@ -253,8 +253,8 @@ class CauseModelSettings:
     #: [1] Root of the share of the energy that compression of a basis drops. Effort: the error is
     #: certified afterwards.
     dropped: float = 1e-4
-    #: [vectors] Largest size of a basis after compression. Effort: it grows with the cube of the
-    #: size.
+    #: [vectors] Largest size of a basis after compression. Effort: the time of a trial grows with
+    #: the cube of the size.
     most_vectors: int = 100
     #: [1] Shifts of the points in turn, in squares of the highest frequency. Effort: spread over
     #: the band; the error is certified afterwards.
