@@ -52,6 +52,8 @@ _SANDBOX = "sandbox allow-scripts allow-downloads allow-popups allow-modals"
 
 def add_pages(app: FastAPI, workspace: Workspace) -> None:
     """Add all pages and embedded pages to an application."""
+    # At the end of a transition, a list that was closed takes the focus from the next entry.
+    ui.select.default_props("transition-duration=0")
     places = {place: name for place, (name, _) in PAGES.items()}
     steps = {place: (STEPS[place], fill) for place, fill in _STEP_PAGES.items()}
     for place, (name, fill) in {**PAGES, **steps, **_OPENED}.items():
