@@ -1,4 +1,4 @@
-"""`updyn serve` in a process that is forked from one that has imported the pages, which takes 1.5 s."""
+"""Processes forked from one that has imported their modules, which takes a second or two: `updyn serve`, desks."""
 
 from __future__ import annotations
 
@@ -7,18 +7,32 @@ import os
 import sys
 from collections.abc import Mapping, Sequence
 from multiprocessing.connection import Connection
-from multiprocessing.context import ForkServerProcess
+from multiprocessing.context import ForkServerContext, ForkServerProcess
 from pathlib import Path
 from typing import TextIO
 
-#: Modules that `updyn serve` imports.
-_IMPORTED = ["updyn.cli.commands", "updyn.web.command", "updyn.web.server"]
+#: Modules that `updyn serve` and the processes of its desks import.
+_IMPORTED = [
+    "updyn.cli.commands",
+    "updyn.job",
+    "updyn.updating.diagnose",
+    "updyn.updating.update",
+    "updyn.web.command",
+    "updyn.web.looking",
+    "updyn.web.server",
+]
+
+
+def forked_context() -> ForkServerContext:
+    """Return the context whose processes have imported these modules."""
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(_IMPORTED)
+    return context
 
 
 def start_server(folder: Path, arguments: Sequence[str]) -> tuple[ForkServerProcess, TextIO]:
     """Start the command in a folder; return the process, and what it prints."""
-    context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(_IMPORTED)
+    context = forked_context()
     printed, out = context.Pipe(duplex=False)
     environment = {**os.environ, "OMP_NUM_THREADS": "1"}
     process = context.Process(target=_serve, args=(folder, arguments, environment, out))

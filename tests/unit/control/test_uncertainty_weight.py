@@ -21,7 +21,7 @@ OTHER_LINES = np.unique(
 
 @pytest.fixture(scope="module")
 def family() -> PlantFamily:
-    return drawn()
+    return drawn(6)
 
 
 @pytest.fixture(scope="module", params=["multiplicative", "additive"])
@@ -68,7 +68,7 @@ def test_a_member_of_another_kind_is_refused(family) -> None:
         PlantFamily(drive(), (drive(), drive().channel("load", "torque")))
     with pytest.raises(ModelError, match="at least one member"):
         PlantFamily(drive(), ())
-    with pytest.raises(ModelError, match=r"values has shape \(1, 2\); expected \(12, 2\)"):
+    with pytest.raises(ModelError, match=r"values has shape \(1, 2\); expected \(6, 2\)"):
         replace(family, values=np.ones((1, 2)))
 
 

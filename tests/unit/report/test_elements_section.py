@@ -17,7 +17,7 @@ from updyn.report.settings import REPORT_COMPUTATION
 from updyn.updating.level_model import LevelModel
 
 ENDS = ["1:X", "2:X"]
-FREQ = np.linspace(7.0, 14.0, 41)
+FREQ = np.linspace(7.0, 14.0, 22)
 NOISE = {"relative": 0.01, "floor": 0.001}
 LEVELS = (0.5, 2.0, 5.0)
 STIFFNESS, SLIP = 4e3, 2.0

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import shutil
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
+from forked_server import forked_context
 from updyn.demos import chain
 
 pytest.importorskip("nicegui")
@@ -25,3 +27,13 @@ def chain_project(chain_made: Path, tmp_path: Path) -> Path:
     folder = tmp_path / "project"
     shutil.copytree(chain_made, folder)
     return folder
+
+
+@pytest.fixture(autouse=True)
+def fork_processes_of_desks(
+    request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A new interpreter imports for a second; tests of the process itself start one."""
+    if request.path.name not in ("test_confinement.py", "test_desk.py"):
+        forked = SimpleNamespace(get_context=lambda _: forked_context())
+        monkeypatch.setattr("updyn.web.desk.multiprocessing", forked)
