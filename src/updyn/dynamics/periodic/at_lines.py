@@ -25,7 +25,7 @@ from updyn.dynamics.periodic.settings import LINE_BALANCE
 from updyn.nonlinear.element import NonlinearElement
 from updyn.nonlinear.over_lines import LineForces, describe_first_harmonic
 
-__all__ = ["LineBalance", "LineEvaluation"]
+__all__ = ["DeflatedBalance", "LineBalance", "LineEvaluation"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -148,6 +148,12 @@ class LineBalance:
         """Return residual, (k, n_e n_c), Jacobian and relative size of the residual, (k,)."""
         now = self.evaluate(x, at, share)
         return now.residual.reshape(len(at), -1), now.jacobian, now.size
+
+    def deflate(self, known: RealArray, at: IndexArray) -> DeflatedBalance:
+        """Return the balance whose iterations avoid known solutions at the lines `at`."""
+        every = np.zeros((len(self.omega), *known.shape[1:]))
+        every[at] = known
+        return DeflatedBalance(self.elements, self.fourier, self.omega, self.level, self.H, every)
 
     def linear(self) -> RealArray:
         """Return the deformations without the elements, (m, n_e, n_c)."""
@@ -363,6 +369,31 @@ class LineBalance:
         rows = self.to_coordinates(right.reshape(p * m, *right.shape[2:])).reshape(p, m, size)
         X = np.linalg.solve(J, rows.transpose(1, 2, 0))
         return np.asarray(X.transpose(2, 0, 1).reshape(p, m, n, size // n))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DeflatedBalance(LineBalance):
+    """The balance times 1 + 1 / d^2 with the distance d from solutions that are known.
+
+    `known` (m, n_e, n_c) has one at each line; d is in amplitudes of its elements. Iterations near
+    it lead to another solution (Farrell, Birkisson & Funke, SIAM J. Sci. Comput. 37 (2015) A2026,
+    eq. (3.4) with p = 2).
+    """
+
+    known: RealArray
+
+    def _balance(
+        self, x: RealArray, at: IndexArray, share: RealArray
+    ) -> tuple[RealArray, RealArray, RealArray]:
+        R, J, size = LineBalance._balance(self, x, at, share)
+        known = self.known[at]
+        scale = _amplitudes(known)
+        y = ((x - known) / scale).reshape(len(at), -1)
+        d2 = np.maximum(np.sum(y**2, axis=1, keepdims=True), np.finfo(np.float64).tiny)
+        slope = -2.0 * y / d2**2 / np.broadcast_to(scale, x.shape).reshape(y.shape)
+        factor = 1.0 + 1.0 / d2
+        J = factor[:, :, None] * J + R[:, :, None] * slope[:, None, :]
+        return factor * R, J, factor[:, 0] * size
 
 
 @dataclass(frozen=True, slots=True, eq=False)

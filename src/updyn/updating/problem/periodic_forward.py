@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
@@ -223,12 +223,8 @@ class PeriodicForward(ElementForward):
             compare(candidate[is_solved], lines[is_solved])
         far = np.flatnonzero(best > LEVELS.far)
         if len(far) and len(part.rows) >= n:
-            # The measured motion may lie on a branch that neither amplitudes nor neighbours reach.
-            Q = np.zeros((len(far), n, len(self.fourier.harmonics)), dtype=np.complex128)
-            first = self.fourier.first
-            Q[:, :, first] = self.local.estimate(part, found.H[:, first])[far, :, j]
-            candidate, is_solved = balance.solve(balance.to_coordinates(Q), far)
-            compare(candidate[is_solved], far[is_solved])
+            for candidate, at in self._solve_near_data(part, balance, found.H, far, j):
+                compare(candidate, at)
         if not np.isfinite(best).all():
             missing = part.frf.freq[int(np.argmin(np.isfinite(best)))]
             raise SolverError(f"no periodic response was found at {missing:g} Hz")
@@ -252,6 +248,29 @@ class PeriodicForward(ElementForward):
         if self.memory is not None and (known is None or distance <= known.distance):
             self.memory[j] = Nearest(x, distance)
         return balance, balance.evaluate(x, lines)
+
+    def _solve_near_data(
+        self, part: FRFPart, balance: LineBalance, H: ComplexArray, far: IndexArray, j: int
+    ) -> Iterator[tuple[RealArray, IndexArray]]:
+        """Yield solutions near the measured motion at some lines, and these lines.
+
+        The measured motion may lie on a branch that neither amplitudes nor neighbours reach.
+        """
+        first = self.fourier.first
+        Q = np.zeros((len(far), balance.n_elements, len(self.fourier.harmonics)), np.complex128)
+        Q[:, :, first] = self.local.estimate(part, H[:, first])[far, :, j]
+        motion = balance.to_coordinates(Q)
+        found, is_solved = balance.solve(motion, far)
+        found, motion, far = found[is_solved], motion[is_solved], far[is_solved]
+        if not len(far):
+            return
+        yield found, far
+        # Near a turning point, it may be the unstable one of a pair of solutions.
+        pair = ~balance.is_stable(balance.evaluate(found, far))
+        if pair.any():
+            deflated = balance.deflate(found[pair], far[pair])
+            other, is_solved = deflated.solve(motion[pair], far[pair])
+            yield other[is_solved], far[pair][is_solved]
 
 
 def _distances(part: FRFPart, H: ComplexArray, j: int, at: IndexArray) -> RealArray:
