@@ -17,7 +17,7 @@ from updyn.planning.settings import CANDIDATE_REDUCTION, SCREENING
 from updyn.store.planning import plan_to_json
 from updyn.updating.problem.settings import EVALUATION
 
-HOW = {"n_sensors": 3, "n_references": 2, "lines": 40, "robust": 2, "compare": True}
+HOW = {"n_sensors": 3, "n_references": 2, "lines": 20, "robust": 2, "compare": True}
 BANDS = [(1.0, 40.0), (1.0, 20.0)]
 
 
