@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import shutil
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ import updyn
 from updyn.cli import main
 from updyn.control.files.plant_file import PLANT_FORMATS
 from updyn.control.job.tables import PLANT_SUFFIXES
+from updyn.control.weight import uncertainty_weight
 from updyn.demos import find_demo
 from updyn.elements.masses import add_masses
 
@@ -332,7 +334,12 @@ def test_the_plant_of_one_of_several_tests(
     assert "did you mean 'plain'" in " ".join(capsys.readouterr().err.split())
 
 
-def test_the_family_is_of_the_draws_that_there_are(folder: Path) -> None:
+def test_the_family_is_of_the_draws_that_there_are(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # The search for the order of a weight takes seconds; the tests of sections on plants have it.
+    of_order_2 = partial(uncertainty_weight, order=2)
+    monkeypatch.setattr("updyn.control.job.plant_result.uncertainty_weight", of_order_2)
     job = folder / "job.toml"
     text = (
         job.read_text()
@@ -340,9 +347,7 @@ def test_the_family_is_of_the_draws_that_there_are(folder: Path) -> None:
         .replace("sampling =", "family = 2\nsampling =")
     )
     text = re.sub(r"outputs = .*\nquantity = .*\n", 'outputs = ["12:X"]\n', text)
-    text = text.replace(
-        "band = [1.0, 30.0]", "band = [1.0, 5.0]"
-    )  # one resonance: its weight is found at once
+    text = text.replace("band = [1.0, 30.0]", "band = [1.0, 5.0]")
     job.write_text(text + '[uncertainty]\nkind = "bootstrap"\nn = 3\n')
     assert main(["run", str(job)]) == 3
     draws = updyn.read_uncertainty(folder / "job" / "uncertainty.nc")
