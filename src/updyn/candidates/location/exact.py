@@ -263,9 +263,37 @@ class ExactProblem:
             start = self._choose_start(share)
             if start is not None:
                 likelihood, x = start
+                if self._lacks_branches(x):
+                    likelihood, x = self._fit_most_lines(likelihood, x)
                 x = _descend(likelihood, x, LOCATION.hopeless_ratio * least)
                 return self._end(likelihood, x)
         return None
+
+    def _lacks_branches(self, x: RealArray) -> bool:
+        """Return whether responses are much farther from the data than by describing functions."""
+        residual = OutputErrorSet(tuple(self.data.soften(LOCATION.describing_error)), ())
+        cost = replace(self.likelihood, residual=residual).cost(x)
+        return cost > LOCATION.branch_misfit * self._equivalent(x, residual).cost(x)
+
+    def _fit_most_lines(self, likelihood: Likelihood, x: RealArray) -> tuple[Likelihood, RealArray]:
+        """Return a likelihood, and a descent with the weight of each line reduced by its residual.
+
+        A line at which the model at x lacks the measured branch would hide the others. Weights are
+        those of Cauchy (Holland & Welsch, Commun. Stat. Theory Methods 6 (1977) 813).
+        """
+        for _ in range(LOCATION.branch_rounds):
+            errors = [
+                OutputError(error.weight / np.sqrt(1.0 + cost / test.values[0].size)[:, None, None])
+                for error, test, cost in zip(
+                    self.data.errors, self.data.tests, _split(likelihood, x), strict=True
+                )
+            ]
+            robust = replace(self.whole.likelihood(), residual=OutputErrorSet(tuple(errors), ()))
+            moved, other = _descend(robust, x), self.whole.likelihood()
+            if not np.isfinite(other.cost(moved)):
+                break
+            likelihood, x = other, moved
+        return likelihood, x
 
     def _choose_start(self, share: float) -> tuple[Likelihood, RealArray] | None:
         """Return the unknowns from which an exact fit starts, and its likelihood; None if none.

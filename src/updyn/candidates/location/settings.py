@@ -89,6 +89,12 @@ class LocationSettings:
     #: in this order, if there is no periodic motion at one of the lines. Effort: a weaker element
     #: has one.
     start_shares: tuple[float, ...] = (1.0, 0.8, 0.5, 0.2)
+    #: [1] Misfit of the response at the start over that by describing functions, from which lines
+    #: are taken to lack the measured branch. Effort: neglected harmonics cause less.
+    branch_misfit: float = 4.0
+    #: [rounds] Descents with the weights of such lines reduced. Effort: the second is near the
+    #: minimum.
+    branch_rounds: int = 3
     #: [places] Places at which the best kind is fitted exactly. Effort: see `most_places`.
     fitted_places: int = 5
     #: [places] The best of these, at which other kinds are fitted exactly, too. Effort: the same.
