@@ -270,13 +270,16 @@ class ExactProblem:
         return None
 
     def _lacks_branches(self, x: RealArray) -> bool:
-        """Return whether responses are much farther from the data than by describing functions."""
+        """Return whether lines lack the measured branch at x.
+
+        Responses are then much farther from the data than those by describing functions.
+        """
         residual = OutputErrorSet(tuple(self.data.soften(LOCATION.describing_error)), ())
         cost = replace(self.likelihood, residual=residual).cost(x)
         return cost > LOCATION.branch_misfit * self._equivalent(x, residual).cost(x)
 
     def _fit_most_lines(self, likelihood: Likelihood, x: RealArray) -> tuple[Likelihood, RealArray]:
-        """Return a likelihood, and a descent with the weight of each line reduced by its residual.
+        """Return a likelihood, and the end of descents with weights of lines by their residuals.
 
         A line at which the model at x lacks the measured branch would hide the others. Weights are
         those of Cauchy (Holland & Welsch, Commun. Stat. Theory Methods 6 (1977) 813).
