@@ -48,7 +48,7 @@ def test_gap_friction_and_groups_are_recovered(result: updyn.JointResult) -> Non
 
 
 def test_the_true_limit_cycle_is_within_the_predicted_interval(result: updyn.JointResult) -> None:
-    (found,) = predict_cycles(result, n=10)
+    (found,) = predict_cycles(result, n=20)
     (true,) = predict_cycles(loose_train.true_model())
     low, high = found.amplitude_interval
     assert low < true.amplitude < high

@@ -156,7 +156,7 @@ def test_h1_of_a_simulated_random_test_agrees_within_its_statistical_error(name)
     linear = updyn.Model.from_groups(groups, labels)
     model = linear.with_elements(elements)
     freq = np.arange(4, 160) / 314.0
-    H, error = simulate_random(model, np.asarray(K), C, freq, 0.4, realisations=20, steps=4000)
+    H, error = simulate_random(model, np.asarray(K), C, freq, 0.4, realisations=40, steps=4000)
     found = updyn.response(model, freq, labels, labels[:1], level=0.4, excitation="random")
 
     def chi_square(values):

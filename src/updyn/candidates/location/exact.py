@@ -263,34 +263,28 @@ class ExactProblem:
             start = self._choose_start(share)
             if start is not None:
                 likelihood, x = start
-                if self._lacks_branches(x):
+                if self._lacks_branches(likelihood, x):
                     likelihood, x = self._fit_most_lines(likelihood, x)
                 x = _descend(likelihood, x, LOCATION.hopeless_ratio * least)
                 return self._end(likelihood, x)
         return None
 
-    def _lacks_branches(self, x: RealArray) -> bool:
+    def _lacks_branches(self, likelihood: Likelihood, x: RealArray) -> bool:
         """Return whether lines lack the measured branch at x.
 
         Responses are then much farther from the data than those by describing functions.
         """
         residual = OutputErrorSet(tuple(self.data.soften(LOCATION.describing_error)), ())
-        cost = replace(self.likelihood, residual=residual).cost(x)
+        cost = replace(likelihood, residual=residual).cost(x)
         return cost > LOCATION.branch_misfit * self._equivalent(x, residual).cost(x)
 
     def _fit_most_lines(self, likelihood: Likelihood, x: RealArray) -> tuple[Likelihood, RealArray]:
         """Return a likelihood, and the end of descents with weights of lines by their residuals.
 
-        A line at which the model at x lacks the measured branch would hide the others. Weights are
-        those of Cauchy (Holland & Welsch, Commun. Stat. Theory Methods 6 (1977) 813).
+        A line at which the model at x lacks the measured branch would hide the others.
         """
         for _ in range(LOCATION.branch_rounds):
-            errors = [
-                OutputError(error.weight / np.sqrt(1.0 + cost / test.values[0].size)[:, None, None])
-                for error, test, cost in zip(
-                    self.data.errors, self.data.tests, _split(likelihood, x), strict=True
-                )
-            ]
+            errors = self.data.reduce_weights(_split(likelihood, x))
             robust = replace(self.whole.likelihood(), residual=OutputErrorSet(tuple(errors), ()))
             moved, other = _descend(robust, x), self.whole.likelihood()
             if not np.isfinite(other.cost(moved)):

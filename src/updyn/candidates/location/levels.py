@@ -140,6 +140,18 @@ class LevelData:
             for error, test in zip(self.errors, self.tests, strict=True)
         ]
 
+    def reduce_weights(self, costs: RealArray) -> list[OutputError]:
+        """Return the weights of the tests, reduced at lines with large residuals.
+
+        `costs` (n_l, n_f) are half the weighted sums of squares. Weights are those of Cauchy
+        (Holland & Welsch, Commun. Stat. Theory Methods 6 (1977) 813).
+        """
+        mean_squares = costs / self.tests[0].values[0].size
+        return [
+            OutputError(error.weight / np.sqrt(1.0 + one)[:, None, None])
+            for error, one in zip(self.errors, mean_squares, strict=True)
+        ]
+
     @property
     def n_numbers(self) -> int:
         """Number of real data."""

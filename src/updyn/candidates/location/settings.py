@@ -92,7 +92,7 @@ class LocationSettings:
     #: [1] Misfit of the response at the start over that by describing functions, from which lines
     #: are taken to lack the measured branch. Effort: neglected harmonics cause less.
     branch_misfit: float = 4.0
-    #: [rounds] Descents with the weights of such lines reduced. Effort: the second is near the
+    #: [rounds] Descents with the weights of such lines reduced. Effort: the third is near the
     #: minimum.
     branch_rounds: int = 3
     #: [places] Places at which the best kind is fitted exactly. Effort: see `most_places`.

@@ -376,8 +376,8 @@ class DeflatedBalance(LineBalance):
     """The balance times 1 + 1 / d^2 with the distance d from solutions that are known.
 
     `known` (m, n_e, n_c) has one at each line; d is in amplitudes of its elements. Iterations near
-    it lead to another solution (Farrell, Birkisson & Funke, SIAM J. Sci. Comput. 37 (2015) A2026,
-    eq. (3.4) with p = 2).
+    it lead to another solution (shifted deflation: Farrell, Birkisson & Funke, SIAM J. Sci. Comput.
+    37 (2015) A2026).
     """
 
     known: RealArray

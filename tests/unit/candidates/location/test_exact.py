@@ -54,6 +54,11 @@ def test_a_line_far_from_the_data_does_not_hide_the_others(tests):
 
 def test_the_measured_branch_is_missing_if_the_spring_is_twice_as_soft(tests):
     problem = make_problem(tests)
-    assert not problem._lacks_branches(start_at(problem, 1.0))
-    assert not problem._lacks_branches(start_at(problem, 1.1))
-    assert problem._lacks_branches(start_at(problem, 2.0))
+
+    def lacks_branches(ratio: float) -> bool:
+        return problem._lacks_branches(problem.whole.likelihood(), start_at(problem, ratio))
+
+    assert not lacks_branches(1.0)
+    assert not lacks_branches(1.6)
+    assert lacks_branches(2.0)
+    assert lacks_branches(3.0)
